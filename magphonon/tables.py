@@ -74,26 +74,14 @@ class Table:
 
 def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, float]], needed: Collection[str],
                blank: Collection[str] = (), others: bool = True, layout: str = '', most: int = MOST_BYTES) -> Table:
-    """Read a table of text.
+    """Read a table of text, of at most `most` bytes.
 
     Its header names the columns; it is the first line, or the comment (#) above the rows.  Columns are separated by commas,
     semicolons, tabs or spaces; beside another separator, or in quotation marks, numbers may have decimal commas.
 
-    Parameters
-    ----------
-    path : path-like
-    columns : dict of str to dict
-        The quantities that such a table may hold, with the units that may end their names: {'x': LENGTH} allows x_m and x_mm.
-    needed : collection of str
-        Those that it must hold.
-    blank : collection of str
-        Those in which a cell may be empty or nan, which gives NaN.
-    others : bool
-        Whether columns of other names are passed over, or refused.
-    layout : str
-        What such a table looks like, for messages.
-    most : int
-        Largest size in bytes.
+    `columns` are the quantities that such a table may hold, with the units that may end their names: {'x': LENGTH} allows x_m and
+    x_mm.  It must hold those that are `needed`; in those that may be `blank` an empty cell or nan gives NaN; without `others`
+    columns of other names are refused.  `layout` says in messages what such a table looks like.
     """
     refuse_endless(path, most)
     layout = f'; {layout}' if layout else ''

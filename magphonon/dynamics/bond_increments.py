@@ -207,31 +207,17 @@ class Increments:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Polynomials of one kind of bond.
+    """Polynomials of one kind of bond."""
 
-    Attributes
-    ----------
-    per_increment : float
-        (w - 1)/e.
-    low, high : float
-        Between which w may lie, from the start of a piece of an octave to the end of one.
-    first : int
-        Bits of the octave piece that starts at `low`.
-    child : ndarray of int, shape (pieces,)
-        The lower half of a piece that was halved, the upper one follows it; -1 for others.  Those of the octaves come first.
-    centre : ndarray, shape (pieces,)
-        Where it is halved, or the middle.
-    coefficients : ndarray, shape (pieces, DEGREE + 1)
-        Coefficients of Q in powers of w - centre, in N/mm.
-    """
-
-    per_increment: float
-    low: float
+    per_increment: float  # (w - 1)/e
+    low: float  # low to high: between which w may lie, from the start of a piece of an octave to the end of one
     high: float
-    first: int
+    first: int  # bits of the octave piece that starts at `low`
+    # shape (pieces,): the lower half of a piece that was halved, the upper one follows it; -1 for others.  Those of the octaves
+    # come first
     child: np.ndarray
-    centre: np.ndarray
-    coefficients: np.ndarray
+    centre: np.ndarray  # shape (pieces,): where it is halved, or the middle
+    coefficients: np.ndarray  # shape (pieces, DEGREE + 1): coefficients of Q in powers of w - centre, in N/mm
 
 
 def octave_piece(w: ArrayLike) -> NDArray[np.int_]:
@@ -251,16 +237,8 @@ def _start_of(piece: ArrayLike) -> Any:
 def pieces(increments: Increments, kind: int, shortest: float, longest: float) -> Pieces | None:
     """The law of one kind of bond from the length `shortest` to `longest`, in rest lengths.
 
-    Parameters
-    ----------
-    increments : Increments
-    kind : int
-
-    Returns
-    -------
-    Pieces or None
-        None for a law that needs too many, or that ends in the piece next to rest.  Where the law ends before, so do the pieces
-        that lie in it as a whole.
+    None for a law that needs too many, or that ends in the piece next to rest.  Where the law ends before, so do the pieces that
+    lie in it as a whole.
     """
     own, r0 = increments.at(kind), increments.r0[kind]
     per_increment, power = (0.5, 1) if increments.model == 'conventional' else (1.0, 2)

@@ -20,14 +20,8 @@ if TYPE_CHECKING:
 class SiteForces:
     """What a `SiteLaw` adds to constant springs at the time t: of Travelling springs `-(cos Wt A + sin Wt B)(slack + u)`.
 
-    Of others `-g(t) V'(slack + u) + V'(slack)`, as static forces count the last term already.
-
-    Attributes
-    ----------
-    waves : ndarray, shape (2, 2, slots), or None
-        A and B in N/mm along x and y; None for other laws, which know no such form.
-    slack : ndarray, shape (2, slots)
-        Displacements from the anchors at rest in mm.
+    Of others `-g(t) V'(slack + u) + V'(slack)`, as static forces count the last term already.  `waves`, shape (2, 2, slots), are
+    A and B in N/mm along x and y, None of others; `slack`, shape (2, slots), are displacements from the anchors at rest in mm.
     """
 
     def __init__(self, calc: MagneticRepulsion, layout: Layout) -> None:

@@ -67,16 +67,6 @@ def engine_costs(particles: int, steps: int) -> str:
 
     Compiled steps are the fastest on one machine at every size.  LAMMPS spreads a patch over several machines, where one is
     too small for it.
-
-    Parameters
-    ----------
-    particles, steps : int
-
-    Examples
-    --------
-    >>> from magphonon.planning.plan import engine_costs
-    >>> engine_costs(10**6, 10**4).partition(', ')[0]
-    '1000000 particles in 10000 steps take about 1 min and 1.4 GiB by compiled steps (numba)'
     """
     compiled, numpy, lammps = (_duration(engine.run(particles, steps)) for engine in (COMPILED, NUMPY, LAMMPS))
     return (f'{particles} particles in {steps} steps take about {compiled} and {particles * COMPILED.bytes / 2**30:.2g} GiB by '

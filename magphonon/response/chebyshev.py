@@ -161,22 +161,10 @@ def sizes(shapes: sparse.csr_array) -> NDArray[np.float64]:
 
 def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], rows: Any,
                      terms: int | None = None) -> Iterator[NDArray[np.float64]]:
-    """The vectors T_n(X) s, n = 0, 1, 2 ..., until they grow (`Outside`); a bar shows how many there are on a terminal.
+    """The vectors T_n(X) s at the entries `rows`, n = 0, 1, 2 ..., until they grow (`Outside`), in arrays (BLOCK, columns, rows).
 
-    Parameters
-    ----------
-    K : sparse array, shape (size, size), Matrix or Stencil
-    interval : Interval
-    s : ndarray, shape (size, columns)
-    rows : index
-        The entries that are wanted.
-    terms : int, optional
-        About how many vectors will be, for the bar.
-
-    Yields
-    ------
-    ndarray, shape (BLOCK, columns, rows)
-        One array for all blocks, which the next one overwrites: the operating system would clear the pages of each new one.
+    It is one array for all blocks, which the next one overwrites: the operating system would clear the pages of each new one.  A
+    bar shows on a terminal how many of about `terms` there are.
     """
     X2 = _products(K).scaled(2 / interval.radius, interval.centre)
     length = (s**2).sum(axis=0)
@@ -195,17 +183,9 @@ def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], ro
 
 def spectrum_of(system: LinearSystem, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,
                 progress: tqdm | None = None) -> SpectralMoments:
-    """Moments of start vectors, on the interval from zero, or from the lowest square where that is negative.
+    """So many moments of start vectors, on the interval from zero, or from the lowest square where that is negative.
 
-    Parameters
-    ----------
-    system : LinearSystem
-    starts : function
-        Returns the start vectors, in arrays of the shape (size, columns).
-    count : int
-        Number of moments.
-    progress : tqdm, optional
-        Counts start vectors.
+    `starts` returns the start vectors, in arrays of the shape (size, columns); `progress` counts them.
     """
     K = products_of(system)
     try:
@@ -224,19 +204,9 @@ def _moments_on(interval, K, starts, count, progress):
 
 
 def moments(X2: Matrix | Stencil, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Moments `s.T_n(X) s` of each column s separately, from half as many products as moments; `Outside` if the vectors grow.
+    """Moments `s.T_n(X) s` of each column s separately, shape (count, columns); `Outside` if the vectors grow.
 
-    Parameters
-    ----------
-    X2 : Matrix or Stencil
-        Twice the matrix X, whose spectrum lies within -1 and 1.
-    s : ndarray, shape (size, columns)
-    count : int
-        Even, at least 2.
-
-    Returns
-    -------
-    ndarray, shape (count, columns)
+    From half as many products as moments, an even number, with X2, twice the matrix X, whose spectrum lies within -1 and 1.
     """
     before, now, terms = X2.enter(s), X2.enter(np.zeros_like(s)), count // 2
     first = X2.advance(before, now) / np.array([4.0, 2.0])[:, None, None]
@@ -260,17 +230,10 @@ def jackson(count: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class SpectralMoments:
-    """Moments of start vectors, from which densities follow at any frequency.
+    """Moments of start vectors, from which densities follow at any frequency."""
 
-    Attributes
-    ----------
-    interval : Interval
-        Interval that contains all squared frequencies, rad^2/ms^2.
-    moments : ndarray, shape (count, columns)
-    """
-
-    interval: Interval
-    moments: NDArray[np.float64]
+    interval: Interval  # that contains all squared frequencies, rad^2/ms^2
+    moments: NDArray[np.float64]  # shape (count, columns)
 
     @property
     def grid(self) -> NDArray[np.float64]:
