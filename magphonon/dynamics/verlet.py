@@ -30,10 +30,11 @@ from ase.md.verlet import VelocityVerlet
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from ..errors import finite, not_negative, one_of, positive, whole
+from ..errors import not_negative, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
 from ..stiffness.site_laws import SiteLaw
+from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
 from .drives import forces_and_walls, refuse_held_drives
 from .engine import Blocks, can_compile, half_step, not_compiled, refusal, refuse_long_step, refuse_turns
@@ -191,7 +192,8 @@ class DrivenVerlet(VelocityVerlet):
         try:
             if self.splitting.stages > 1:
                 return self._in_stages(t, forces)
-            self._decay(0)
+            E = self._half_step()
+            self._decay(E, 0)
             self._kick(t)
             if self._walls:
                 forces = self.atoms.get_forces(md=True) if forces is None else forces
@@ -201,7 +203,7 @@ class DrivenVerlet(VelocityVerlet):
             self._inspect(t_next)  # the calculator's words for particles that coincide or left for infinity
             raise error
         self._kick(t_next)
-        self._decay(1)
+        self._decay(E, 1)
         return forces
 
     def _in_stages(self, t, forces):
@@ -234,9 +236,8 @@ class DrivenVerlet(VelocityVerlet):
             raise ValueError('the noise of a temperature belongs to damping, in steps of order 2: give damping=..., and order=2')
         return Bath(self.temperature_mJ, self.atoms.get_masses(), E, self.seed, getattr(self.atoms.calc, 'dim', 3))
 
-    def _decay(self, half):
-        """The first (0) or the second half of what losses, gyration and noise do in a step."""
-        E = self._half_step()
+    def _decay(self, E, half):
+        """The first (0) or the second half of what losses and gyration, which leave E of velocities, and noise do in a step."""
         if E is None:
             return
         p = self.atoms.get_momenta()
@@ -418,13 +419,10 @@ def threads_for(particles: int) -> int:
 
 def _damping_of(damping, count, splitting):
     """The damping of each of `count` particles, as an array that nobody else can change."""
-    damping = finite('damping', damping)
-    if damping.shape not in ((), (count,)) or (damping < 0).any():
-        raise ValueError(f'damping must be zero or positive, one number or one for each of the {count} particles, '
-                         f'not {damping}')
-    if splitting.stages > 1 and np.ptp(damping):
+    rates = site_damping(damping, count)
+    if splitting.stages > 1 and np.ptp(rates):
         raise ValueError('steps of order 4 and 6 need one damping for all particles, not one for each; use order=2')
-    return np.broadcast_to(damping.copy(), count)
+    return np.broadcast_to(rates.copy(), count)
 
 
 class EnergyLog(MDLogger):

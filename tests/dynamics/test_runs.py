@@ -99,7 +99,7 @@ def test_a_law_that_no_polynomial_fits_is_evaluated_itself(reach):
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     ({'timestep': 0}, 'timestep must be a positive number in ms, not 0'),
-    ({'damping': -1}, 'damping must be zero or positive'),
+    ({'damping': -1}, 'damping must be a zero or positive number in 1/ms'),
     ({'damping': [1, 2]}, 'one for each of the 49 particles'),
     ({'engine': 'fast'}, "engine must be one of 'auto', 'ase', 'numpy', 'compiled', not 'fast'"),
     ({'drives': [3]}, 'a drive must be'),
