@@ -43,7 +43,9 @@ from .thermostat import Bath
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 ENOUGH = 20_000  # number of particles from which on another thread pays
-COMPILING_PAYS = 5e7  # number of particle-steps above which the compiled kernel saves the second that it takes to load
+COMPILING_PAYS = 3e6
+"""Number of particle-steps from which compiled steps save, in a patch of a thousand, the 0.4 s that they take to load; the three
+seconds that they take to be compiled, once on a machine, are saved in ten such runs."""
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
 SHOWN = 8 * BLOCK  # largest number of steps after which the atoms follow blocks, for who iterates
 

