@@ -56,6 +56,7 @@ from magphonon.response import (
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness import LinearSystem, elastic_moduli, for_ase_tools
 from magphonon.stiffness.defects import Scatter, scattered, without
+from magphonon.waves import send, site
 
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
@@ -667,6 +668,19 @@ def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monk
     monkeypatch.setattr('magphonon.cli.modes.MOST_TURNING', 10)
     assert main(asked) == 2
     assert 'take a smaller patch' in capsys.readouterr().err
+
+
+def test_bursts_reach_the_branches_above_all_stiffness():
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=3.0)
+    patch = lattices.half_hexagon(cell, 8.0)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0, gyration=3.0)
+    place, stiffest = site(cell, patch, 'point'), highest_frequency(patch)
+    top = modes(patch).omega[-1]
+    assert top > 1.1 * stiffest
+    send(patch, place, place.burst((0, 1), 1e-6, 0.99 * top, 3), 0.0, 10.0)
+    with pytest.raises(ValueError, match='above the highest frequency'):
+        send(patch, place, place.burst((0, 1), 1e-6, 1.2 * top, 3), 0.0, 10.0)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from warnings import warn
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.linalg import expm
 
@@ -92,9 +92,9 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
 
 
-def fastest(square: float, gyration: NDArray[np.float64]) -> float:
+def fastest(square: float, gyration: ArrayLike) -> float:
     """Bound of |s| of all motion e^{st} whose squared frequencies are within +-square: `g/2 + sqrt(g^2/4 + square)`."""
-    g = abs(gyration).max() / 2
+    g = np.max(np.abs(gyration)) / 2
     return float(g + np.sqrt(g**2 + square))
 
 

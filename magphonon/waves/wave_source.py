@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..dynamics.drives import ToneBurst
-from ..dynamics.engine import highest_frequency
+from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.lammps import run_lammps
 from ..dynamics.motion import Motion
 from ..dynamics.recorder import Recorder
@@ -226,10 +226,11 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     not_negative('damping', damping, '1/ms')
     patch = _at_rest(patch)
     top = highest_frequency(patch)
-    if drive.omega > top:
+    highest = fastest(top**2, patch.calc.gyration)
+    if drive.omega > highest:
         model = patch.calc.parameters.model
         raise ValueError(f'the carrier of {units.hertz(drive.omega):.6g} Hz lies above the highest frequency of the '
-                         f'patch in the {model} model, {units.hertz(top):.6g} Hz, where nothing propagates; lower it'
+                         f'patch in the {model} model, {units.hertz(highest):.6g} Hz, where nothing propagates; lower it'
                          + (' (the conventional model reaches higher)' if model == 'complete' else ''))
     dt = STEP_FRACTION * 2 / top
     period = 2 * np.pi / drive.omega / dt
