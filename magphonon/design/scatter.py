@@ -29,6 +29,7 @@ from ..response.frf import Place, resolvents
 from ..response.normal_modes import Modes, modes, natural_frequencies
 from ..stiffness.bond import stiffness_change
 from ..stiffness.defects import Scatter, scattered
+from ..stiffness.factors import inverse
 from ..stiffness.matrices import hessian
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem, freedom
@@ -103,7 +104,7 @@ class SiteSlopes:
     def _statics(self):
         P = self.system.free
         Phi = P.T @ self._hessian @ P
-        return sparse.linalg.splu(sparse.csc_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1])))
+        return inverse(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1]))
 
     def __call__(self, x: NDArray[Any], y: NDArray[Any], inertia: Any) -> NDArray[np.complex128]:
         """Derivatives of `x.(H + inertia M) y` by logarithms of masses, strengths and springs, and by places.
@@ -119,7 +120,7 @@ class SiteSlopes:
         w, place = np.zeros(x.shape), push
         if not self.at_rest:
             along = P.T @ push
-            w = (P @ (self._statics.solve(along.real) + 1j * self._statics.solve(along.imag))).reshape(x.shape)
+            w = (P @ self._statics(along)).reshape(x.shape)
             pulled = push - self._hessian @ w.ravel()
             place = (calc.foundation * w).ravel() + pulled - P @ (P.T @ pulled)
         each = np.einsum('bx,bxy,by->b', ex, K, ey) - np.einsum('bx,bx->b', pull, C @ w)

@@ -28,6 +28,7 @@ from ..bands.bloch import bloch_modes
 from ..interactions.pair_laws import InversePower, PairLaw, Yukawa
 from ..response.frf import resolvents
 from ..stiffness.bond import model_stiffness, stiffness_change
+from ..stiffness.factors import inverse
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED, LinearSystem
 from ..stiffness.sites import Foundation
@@ -233,8 +234,7 @@ def hessian_changes(system: LinearSystem, changes: Collection[Change]) -> list[s
     for change, push, moves in zip(changes, pushes, moved, strict=True):
         dK = _stiffness_change(calc, change, calc.model)
         if moves:
-            statics = sparse.csc_array(P.T @ calc.rest_hessian() @ P)
-            motion = (P @ sparse.linalg.spsolve(statics, P.T @ push.ravel())).reshape(push.shape)
+            motion = (P @ inverse(P.T @ calc.rest_hessian() @ P)(P.T @ push.ravel())).reshape(push.shape)
             dK = dK + stiffness_change(R, C @ motion, calc.interaction, calc.model)
         found.append(hessian(calc.bonds, dK, change.foundation))
     return found

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from .. import units
 from ..errors import finite, positive
 from ..files import Saved
+from ..stiffness.factors import inverse
 from ..stiffness.lowest import ROUND_OFF
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
 
 EPS = np.finfo(float).eps
 MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
-FACTORISATION = 15.0
-"""Products with a sparse matrix that take as long as factors of it, over the root of its size: measured from 800 to 120 000 free
-directions, within a factor of 1.5."""
+FACTORISATION = 6.0
+"""Products with a sparse matrix that take as long as factors of it, over the root of its size: measured from 2000 to 190 000 free
+directions, within a factor of 2."""
 ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
 
 
@@ -168,7 +169,6 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     its arguments and errors are those of `harmonic_response`.
     """
     from scipy import sparse
-    from scipy.sparse.linalg import splu
 
     system = LinearSystem.of(atoms, gyrating=True).moving()
     n = len(system)
@@ -180,7 +180,7 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
     for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
         try:
-            solve = splu(sparse.csc_array(system.stiffness - w**2 * M + 1j * w * C)).solve
+            solve = inverse(system.stiffness - w**2 * M + 1j * w * C)
         except RuntimeError as error:
             raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
                              'damp it or move the frequency') from error

@@ -16,6 +16,7 @@ from .. import units
 from ..bands.bloch import wavevectors
 from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
+from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import J, LinearSystem
 from ..stiffness.site_laws import springs_of
@@ -226,10 +227,7 @@ def _edge(q):
 
 def _solve(D, g):
     if D.shape[0] > DENSE:
-        # pivots off the diagonal would fill the factors; one step of refinement recovers the accuracy that diagonal pivots cost
-        factors = sparse.linalg.splu(sparse.csc_array(D), 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
-        found = factors.solve(g)
-        return found + factors.solve(g - D @ found)
+        return inverse(D)(g)
     # least squares: without a foundation uniform translations have neither stiffness nor force
     return np.linalg.lstsq(_full(D), g)[0]
 

@@ -8,11 +8,12 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 
+from .factors import Factors, factorised
+
 if TYPE_CHECKING:
     from typing import Any
 
     from numpy.typing import NDArray
-    from scipy.sparse.linalg import LinearOperator, SuperLU
 
 DENSE = 200  # largest size of a matrix that is diagonalised completely
 INVERSE = 800
@@ -53,17 +54,17 @@ def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]
     highest = float(abs(D).sum(axis=1).max())  # Gershgorin
     if not highest:
         return 0.0, 0.0, np.eye(1, size)[0]
-    shift, inverse = _inverse_close_below(D, highest)
+    shift, factors = _factors_close_below(D, highest)
     tolerance = 0.0
     while True:
         try:
-            values, vectors = sparse.linalg.eigsh(D, k=1, sigma=shift, OPinv=inverse, v0=_start(size), maxiter=FEW_RESTARTS,
-                                                  tol=tolerance)
+            values, vectors = sparse.linalg.eigsh(D, k=1, sigma=shift, OPinv=factors.operator, v0=_start(size),
+                                                  maxiter=FEW_RESTARTS, tol=tolerance)
             return float(values[0]), highest, vectors[:, 0]
         except sparse.linalg.ArpackNoConvergence:
             # Eigenvalues are crowded here, as in a flat band.  A closer shift separates them, and its distance is accurate
             # enough.
-            shift, inverse, distance = _closer(D, shift, inverse, highest)
+            shift, factors, distance = _closer(D, shift, factors, highest)
             tolerance = ROUGH if distance <= ROUND_OFF * highest else 0.0
 
 
@@ -92,11 +93,11 @@ def lowest_eigenpairs(D: sparse.csr_array, count: int,
     highest = float(abs(D).sum(axis=1).max())  # Gershgorin
     if highest and inverse_pays(D.shape[0], count, not np.iscomplexobj(D)):
         if near is None:
-            shift, inverse = _inverse_close_below(D, highest)
+            shift, factors = _factors_close_below(D, highest)
         else:
-            shift, inverse = inverse_below(D, near[0], max(BELOW * (near[-1] - near[0]), SHIFT * highest))
-        found = _by_lanczos(D, count, shift, inverse)
-        if found is not None and _none_missed(D, *found, CERTAIN * highest):
+            shift, factors = factors_below(D, near[0], max(BELOW * (near[-1] - near[0]), SHIFT * highest))
+        found = _by_lanczos(D, count, shift, factors)
+        if found is not None and _none_missed(D, *found, CERTAIN * highest, factors.order):
             return found
     return eigh(D.toarray(), subset_by_index=(0, count - 1))
 
@@ -106,20 +107,21 @@ def inverse_pays(size: int, count: int, real: bool) -> bool:
     return size > (INVERSE if real else INVERSE // 2) and count <= size // FEW
 
 
-def _inverse_close_below(D, highest):
-    """`inverse_below` with a shift close below the lowest eigenvalue."""
+def _factors_close_below(D, highest):
+    """`factors_below` with a shift close below the lowest eigenvalue."""
     # Lanczos iterations on D itself fail if stiffnesses differ by 1e4, because eigenvalues are crowded near the lowest one.
-    # Those on an inverse converge.  The first shift is below all discs of Gershgorin, the second close below the first
-    # estimate, which is not below the eigenvalue.
-    least = float((2 * D.diagonal().real - abs(D).sum(axis=1)).min())
-    return _closer(D, *inverse_below(D, least, SHIFT * highest), highest)[:2]
+    # Those on an inverse converge.  The first shift is below all discs of Gershgorin, so that no sign of a pivot needs to be
+    # seen, the second close below the first estimate, which is not below the eigenvalue.
+    far = float((2 * D.diagonal().real - abs(D).sum(axis=1)).min()) - SHIFT * highest
+    return _closer(D, far, factorised(_shifted(D, -far)), highest)[:2]
 
 
-def _closer(D, far, inverse, highest):
-    """A shift below the lowest eigenvalue, a thousand times closer than `far`, with the inverse there and its distance."""
-    near = sparse.linalg.eigsh(D, k=1, sigma=far, OPinv=inverse, v0=_start(D.shape[0]), tol=ROUGH, return_eigenvectors=False)[0]
+def _closer(D, far, factors, highest):
+    """A shift below the lowest eigenvalue, a thousand times closer than `far`, with the factors there and its distance."""
+    near = sparse.linalg.eigsh(D, k=1, sigma=far, OPinv=factors.operator, v0=_start(D.shape[0]), tol=ROUGH,
+                               return_eigenvectors=False)[0]
     distance = max(ROUGH * (near - far), ROUND_OFF * highest)
-    return *inverse_below(D, near, distance), distance
+    return *factors_below(D, near, distance, factors.order), distance
 
 
 def _start(size):
@@ -127,10 +129,10 @@ def _start(size):
     return np.random.default_rng(0).normal(size=size)
 
 
-def _by_lanczos(D, count, shift, inverse):
+def _by_lanczos(D, count, shift, factors):
     """Lowest eigenvalues, by a shift below all of them, ascending, with their eigenvectors; None without convergence."""
     try:
-        _, vectors = sparse.linalg.eigsh(D, k=count, sigma=shift, OPinv=inverse, v0=_start(D.shape[0]), maxiter=RESTARTS)
+        _, vectors = sparse.linalg.eigsh(D, k=count, sigma=shift, OPinv=factors.operator, v0=_start(D.shape[0]), maxiter=RESTARTS)
     except sparse.linalg.ArpackNoConvergence:
         return None
     # SciPy's iterations for complex matrices do not use that D is Hermitian: eigenvectors of equal eigenvalues are not
@@ -140,21 +142,22 @@ def _by_lanczos(D, count, shift, inverse):
     return values, basis @ turn
 
 
-def _none_missed(D, values, vectors, error):
+def _none_missed(D, values, vectors, error, order):
     """Whether these are eigenvalues, and all that are below the last one by more than an error."""
     residuals = np.linalg.norm(D @ vectors - vectors * values, axis=0)
     below = values[-1] - error
-    return residuals.max() <= error and count_below(D, below) == (values < below).sum()
+    return residuals.max() <= error and count_below(D, below, order) == (values < below).sum()
 
 
-def inverse_below(D: sparse.csr_array, near: float, below: float) -> tuple[float, LinearOperator]:
-    """A shift below all eigenvalues of a symmetric sparse matrix, and the inverse of D - shift.
+def factors_below(D: sparse.csr_array, near: float, below: float,
+                  order: NDArray[np.int_] | None = None) -> tuple[float, Factors]:
+    """A shift below all eigenvalues of a symmetric sparse matrix, and the factors of D - shift.
 
     The shift is `near - below`, or lower; the signs of the pivots prove that it is below all eigenvalues.
     """
-    while (factors := _positive_factors(D, below - near)) is None:
+    while (factors := _positive_factors(D, below - near, order)) is None:
         below *= 4
-    return near - below, sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
+    return near - below, factors
 
 
 def none_negative(D: sparse.csr_array) -> bool:
@@ -177,7 +180,7 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
         if not count:
             return np.zeros(0), np.zeros((size, 0))
         if count < size // 2:
-            inverse = sparse.linalg.LinearOperator(D.shape, _factors(D, -middle).solve, dtype=D.dtype)
+            inverse = factorised(_shifted(D, -middle)).operator
             values, vectors = sparse.linalg.eigsh(D, k=count, sigma=middle, OPinv=inverse, v0=_start(size))
             order = np.argsort(values)
             if not ((low <= values) & (values <= high)).all():
@@ -189,32 +192,31 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
     return values[within], vectors[:, within]
 
 
-def count_below(D: sparse.csr_array, value: float) -> int:
+def count_below(D: sparse.csr_array, value: float, order: NDArray[np.int_] | None = None) -> int:
     """Number of eigenvalues of a symmetric or Hermitian sparse matrix below a number.
 
     It equals the number of negative pivots of D - value (Sylvester).  An eigenvalue equal to it within round-off counts as above.
+    `order` is that of factors of the same pattern.
     """
     highest = float(abs(D).sum(axis=1).max(initial=0.0))
     while True:
         try:
-            factors = _factors(D, -value)
-            if np.array_equal(factors.perm_r, factors.perm_c):
-                return int((factors.U.diagonal().real < 0).sum())
+            count = factorised(_shifted(D, -value), order).negative()
+            if count is not None:
+                return count
         except RuntimeError:  # a pivot is zero
             pass
         value -= ROUND_OFF * max(highest, 1.0)
 
 
-def _factors(D, shift):
-    """Factors of D + shift with its diagonal as pivots."""
-    shifted = (D + shift * sparse.eye_array(D.shape[0])).tocsc()
-    return sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
+def _shifted(D, shift):
+    return D + shift * sparse.eye_array(D.shape[0], format='csr')
 
 
-def _positive_factors(D: sparse.csr_array, shift: float) -> SuperLU | None:
+def _positive_factors(D, shift, order=None):
     """Factors of D + shift if all its eigenvalues are positive, which the signs of the pivots prove; otherwise None."""
     try:
-        factors = _factors(D, shift)
+        factors = factorised(_shifted(D, shift), order)
     except RuntimeError:  # a pivot is zero
         return None
-    return factors if (factors.U.diagonal().real > 0).all() and np.array_equal(factors.perm_r, factors.perm_c) else None
+    return factors if factors.negative() == 0 else None

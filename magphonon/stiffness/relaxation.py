@@ -19,6 +19,7 @@ from ..errors import Unstable, positive, whole
 from ..lattices.bonds import Bonds, pairs_within
 from ..units import hertz
 from .bond import model_stiffness, sizes
+from .factors import inverse
 from .lowest import lowest_mode
 from .matrices import hessian, signed_root
 from .repulsion import repulsion_of
@@ -208,7 +209,7 @@ class _Descent:
         for _ in range(POLISHES):
             H = self.stiffness(y)
             regular = H + REGULAR * abs(H).sum(axis=1).max() * sparse.eye_array(len(y))
-            better = y - sparse.linalg.spsolve(sparse.csc_array(regular), self.slope(y))
+            better = y - inverse(regular)(self.slope(y))
             if not self.residual(better) < self.residual(y):
                 break
             y = better

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from .. import units
 from ..bands.bloch import bloch_modes, wavevectors
@@ -30,6 +29,7 @@ from ..dynamics.verlet import DrivenVerlet
 from ..errors import PhysicsError, finite, positive
 from ..files import Saved
 from ..lattices.bonds import image_of
+from ..stiffness.factors import factorised
 from ..stiffness.rest import LinearSystem
 from .fields import hull_window
 
@@ -187,9 +187,7 @@ def _waves(system, cell, q, particles):
 def _compliant(system, waves):
     """Static displacements by forces like `waves`, shape (wavevectors, rows, rows of the structure), the last two swapped."""
     P, forces = system.free, waves.reshape(-1, waves.shape[-1]).T
-    factors = sparse.linalg.splu(sparse.csc_array(system.stiffness), 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
-                                 options={'SymmetricMode': True})
-    moved = P @ (factors.solve(P.T @ forces.real) + 1j * factors.solve(P.T @ forces.imag))
+    moved = P @ factorised(system.stiffness).solve(P.T @ forces)
     return moved.T.reshape(waves.shape).swapaxes(1, 2)
 
 

@@ -123,7 +123,7 @@ def test_what_lanczos_iterations_miss_is_noticed(failing, complex_, monkeypatch)
     turn = sparse.kron(sparse.eye_array(430), np.array([[0.6, 0.8j], [0.8j, 0.6]] if complex_ else [[0.6, 0.8], [-0.8, 0.6]]))
     D = sparse.csr_array(turn.conj().T @ sparse.diags_array(values) @ turn)
     monkeypatch.setattr('scipy.sparse.linalg.eigsh', lambda D, **options: failing(A=D, **options))
-    monkeypatch.setattr(lowest, '_inverse_close_below', lambda D, highest: lowest.inverse_below(D, 0.0, 0.1))
+    monkeypatch.setattr(lowest, '_factors_close_below', lambda D, highest: lowest.factors_below(D, 0.0, 0.1))
     assert_allclose(lowest_eigenpairs(D, 4)[0], [1, 2, 2, 2], rtol=1e-12)
     monkeypatch.setattr(lowest, '_none_missed', lambda *_: True)
     if failing is losing:

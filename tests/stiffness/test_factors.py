@@ -1,0 +1,125 @@
+"""Sparse factors by nested dissection, on structures drawn at random, against SciPy's own order and dense algebra."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon.response import modes_below
+from magphonon.stiffness import LinearSystem, factors
+from magphonon.stiffness.factors import elimination_order, factorised, inverse
+from magphonon.stiffness.lowest import count_below, lowest_mode
+
+
+def drawn(seed):
+    """K of one of: a patch with holes, a torus, a lattice in space, pieces far apart, pairs of columns that coincide, a strip."""
+    rng = np.random.default_rng(seed)
+    planar = (lattices.triangular, lattices.square, lattices.honeycomb)[rng.integers(3)](1.0, 1.0)
+    match seed % 6:
+        case 0:
+            atoms = lattices.hexagon(planar, rng.uniform(7, 9))
+            atoms = atoms[np.sort(rng.permutation(len(atoms))[: int(0.9 * len(atoms))])]
+        case 1:
+            atoms = planar.repeat((*rng.integers(8, 11, 2), 1))
+        case 2:
+            atoms = (lattices.fcc, lattices.bcc)[rng.integers(2)](1.0, 1.0).repeat(rng.integers(4, 6, 3))
+            atoms.set_constraint(FixAtoms(rng.permutation(len(atoms))[:9]))
+        case 3:
+            atoms = lattices.hexagon(planar, rng.uniform(4, 6))
+            far = atoms.copy()
+            far.positions[:, 0] += 100
+            atoms = atoms + far[: len(far) // 2]
+        case 4:
+            atoms = lattices.parallelogram(planar, *rng.integers(6, 9, 2))
+        case 5:
+            atoms = lattices.parallelogram(planar, 4, int(rng.integers(40, 60)))
+    atoms.set_masses(rng.uniform(0.5, 1.5, len(atoms)))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, rng.uniform(1.5, 6)), cutoff=1.2, foundation=rng.uniform(0, 3))
+    K = LinearSystem.about(atoms.calc, atoms).K
+    if seed % 6 == 4:  # a second particle at each place, with the same neighbours and none of its own
+        K = sparse.csr_array(sparse.kron(np.eye(2), K) + sparse.kron([[0, 1], [1, 0]], 0.1 * sparse.eye_array(K.shape[0])))
+    return K
+
+
+@pytest.fixture
+def dissected(monkeypatch):
+    """Matrices of all sizes are dissected."""
+    monkeypatch.setattr(factors, 'LARGE', 0)
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_dissected_factors_tell_the_same(seed, dissected):
+    """Solutions, real and complex, definite and not, and counts at shifts drawn between the eigenvalues of dense algebra."""
+    K, rng = drawn(seed), np.random.default_rng(seed)
+    size = K.shape[0]
+    assert_array_equal(np.sort(elimination_order(K)), np.arange(size))
+    squares = np.linalg.eigvalsh(K.toarray())
+    apart = np.flatnonzero(np.diff(squares) > 1e-6 * squares[-1])
+    b = rng.normal(size=(size, 2)) @ [1, 1j]
+    for k in rng.choice(apart, 2):
+        shift = squares[[k, k + 1]].mean()
+        assert count_below(K, shift) == k + 1
+        for A in (K - shift * sparse.eye_array(size), K + (0.1j - shift) * sparse.eye_array(size)):
+            there = np.linalg.solve(A.toarray(), b)
+            assert_allclose(inverse(A)(b), there, rtol=0, atol=1e-9 * abs(there).max())
+    several = rng.normal(size=(size, 3))
+    assert_allclose(A @ inverse(A)(several), several, atol=1e-9)
+    low, _, mode = lowest_mode(K)
+    assert low == pytest.approx(squares[0], abs=1e-12 * squares[-1])
+    assert_allclose(K @ mode, low * mode, atol=1e-10 * squares[-1])
+
+
+def test_one_magnet_and_no_bonds(dissected):
+    for diagonal in ([2.0], [2.0, -3.0, 4.0], np.arange(1.0, 100)):
+        A = sparse.csr_array(sparse.diags_array(diagonal))
+        assert_allclose(inverse(A)(np.ones(len(diagonal))), 1 / np.array(diagonal), rtol=1e-15)
+        assert_array_equal(np.sort(elimination_order(A)), np.arange(len(diagonal)))
+
+
+def test_diagonal_pivots_that_fail_are_replaced(dissected):
+    """Those of two rows next to nothing; the control: without other pivots the answer is wrong."""
+    A = sparse.csr_array([[1e-18, 1.0, 0], [1.0, 1e-18, 1.0], [0, 1.0, 1.0]])
+    b = np.array([1.0, 2.0, 3.0])
+    there = np.linalg.solve(A.toarray(), b)
+    assert_allclose(inverse(A)(b), there, atol=1e-12)
+    lone = factorised(A)
+    assert abs(lone.solve(b) - there).max() > 1e-3
+    with pytest.raises(RuntimeError, match='singular'):
+        inverse(sparse.csr_array(np.ones((2, 2))))
+
+
+def fill(K, order=None):
+    """Entries of L and U, in the order of SciPy's minimum degree or in one that is given."""
+    A = sparse.csc_array(K if order is None else K[order][:, order])
+    return splu(A, 'MMD_AT_PLUS_A' if order is None else 'NATURAL', diag_pivot_thresh=0.0, options={'SymmetricMode': True}).nnz
+
+
+@pytest.mark.parametrize(('cell', 'pbc'), [(lattices.triangular, False), (lattices.honeycomb, True), (lattices.square, True)])
+def test_fill_is_less_than_by_minimum_degree(cell, pbc):
+    """The controls: rows in a random order, and as they come."""
+    atoms = cell(1.0, 1.0).repeat((40, 40, 1))
+    atoms.pbc = pbc and (True, True, False)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), cutoff=1.2, foundation=9.0)
+    K = LinearSystem.about(atoms.calc, atoms).K
+    least = fill(K, elimination_order(K))
+    assert least < fill(K)
+    assert fill(K, np.arange(K.shape[0])) > 1.5 * least
+    assert fill(K, np.random.default_rng(0).permutation(K.shape[0])) > 4 * least
+
+
+def test_both_sides_of_the_size_that_is_dissected(monkeypatch):
+    """A patch just below and just above it counts its modes alike."""
+    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 9.0)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=0.5)
+    K = LinearSystem.of(patch).K
+    counts = []
+    for large in (K.shape[0] - 1, K.shape[0]):
+        monkeypatch.setattr(factors, 'LARGE', large)
+        sorted_order = np.array_equal(factorised(K).order, np.arange(K.shape[0]))
+        assert sorted_order == (large == K.shape[0])
+        counts.append([modes_below(patch, w) for w in np.linspace(0.5, 4, 9)])
+    assert counts[0] == counts[1]
+    assert 0 < counts[0][4] < K.shape[0]
