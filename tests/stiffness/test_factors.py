@@ -97,17 +97,22 @@ def fill(K, order=None):
     return splu(A, 'MMD_AT_PLUS_A' if order is None else 'NATURAL', diag_pivot_thresh=0.0, options={'SymmetricMode': True}).nnz
 
 
+def springs_of(cell, side, pbc):
+    atoms = cell(1.0, 1.0).repeat((side, side, 1))
+    atoms.pbc = (pbc, pbc, False)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), cutoff=1.2, foundation=9.0)
+    return LinearSystem.about(atoms.calc, atoms).K
+
+
 @pytest.mark.parametrize(('cell', 'pbc'), [(lattices.triangular, False), (lattices.honeycomb, True), (lattices.square, True)])
 def test_fill_is_less_than_by_minimum_degree(cell, pbc):
-    """The controls: rows in a random order, and as they come."""
-    atoms = cell(1.0, 1.0).repeat((40, 40, 1))
-    atoms.pbc = pbc and (True, True, False)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), cutoff=1.2, foundation=9.0)
-    K = LinearSystem.about(atoms.calc, atoms).K
+    """The controls: rows as they come, and, of a smaller one, in a random order."""
+    K = springs_of(cell, 40, pbc)
     least = fill(K, elimination_order(K))
     assert least < fill(K)
     assert fill(K, np.arange(K.shape[0])) > 1.5 * least
-    assert fill(K, np.random.default_rng(0).permutation(K.shape[0])) > 4 * least
+    K = springs_of(cell, 16, pbc)
+    assert fill(K, np.random.default_rng(0).permutation(K.shape[0])) > 2 * fill(K, elimination_order(K))
 
 
 def test_both_sides_of_the_size_that_is_dissected(monkeypatch):
