@@ -220,7 +220,6 @@ REFUSED = {
     'handed on': lambda atoms: LinearSystem.of(LinearSystem.of(atoms, gyrating=True)),
     'other tools': for_ase_tools,
     'phonopy': lambda atoms: finite_displacements(atoms, (3, 3, 1)),
-    'evanescent': lambda atoms: complex_bands(atoms, (1, 0, 0), [2.0]),
     'sound': sound_speeds,
     'moduli': elastic_moduli,
     'Grueneisen': lambda atoms: gruneisen_parameters(atoms, Q),
@@ -311,6 +310,45 @@ def test_bands_are_the_roots_of_the_quadratic_eigenproblem_on_drawn_cells():
         slopes = np.array([(a - b) / (2 * h) for a, b in ends]).reshape(2, 2, -1)  # by fractions of the reciprocal vectors
         expected = np.einsum('xf,qfm->qmx', cell.cell.array[:2, :2].T / (2 * np.pi), slopes)
         assert np.allclose(group_velocities(cell, q[:2]).velocity, expected, atol=1e-7)
+
+
+def test_evanescent_waves_of_drawn_cells_solve_the_equations_and_decay_forwards():
+    """A(xi) u = 0 summed bond by bond; what travels runs forwards, and losses take of it what first order says."""
+    rng, travelling = np.random.default_rng(15), 0
+    for n in 1, 2, 3:
+        cell = lattices.triangular(1.0, 1.0).repeat((n, 1, 1))
+        cell.positions[:, :2] += 0.05 * rng.normal(size=(n, 2)) * (n > 1)
+        cell.set_masses(rng.uniform(0.5, 2, n))
+        g, M = 2 * rng.normal(size=n), np.repeat(cell.get_masses(), 2)
+        cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=9.0, cutoff=1.3, gyration=g).balanced(range(n))
+        bonds, G = cell.calc.bonds, np.kron(np.diag(cell.get_masses() * g), J)
+        omega = [1.0, 2.2, 2.8, 3.4, 4.6]
+        found, lossy = complex_bands(cell, (0, 1, 0), omega), complex_bands(cell, (0, 1, 0), omega, damping=1e-5)
+        assert found.xi.shape == lossy.xi.shape == (5, 2 * n)
+        for w, waves, shapes, damped in zip(omega, found.xi, found.vectors, lossy.xi, strict=True):
+            for xi, v in zip(waves, shapes, strict=True):
+                D = 9.0 * np.eye(2 * n, dtype=complex)
+                for i, j, step, K in zip(bonds.i, bonds.j, bonds.shift[:, 1], cell.calc.rest_stiffness('complete'), strict=True):
+                    i, j, phase = slice(2 * i, 2 * i + 2), slice(2 * j, 2 * j + 2), np.exp(1j * xi * step)
+                    D[i, i] += K
+                    D[j, j] += K
+                    D[i, j] -= phase * K
+                    D[j, i] -= K / phase
+                u, scale = v.ravel() / np.sqrt(M), abs(D).max() * abs(v).max()
+                assert abs(D @ u - w**2 * M * u + 1j * w * G @ u).max() < 1e-11 * scale
+                assert abs(D @ u - w**2 * M * u).max() > 1e-4 * scale  # the control: g left out
+                assert xi.imag >= 0
+                if xi.imag == 0:
+                    q = np.array([[0, (xi.real + h) / (2 * np.pi), 0] for h in (-1e-5, 0, 1e-5)])
+                    bands = bloch_modes(cell, q)[0]
+                    branch = abs(bands[1] - w).argmin()
+                    v_g = (bands[2, branch] - bands[0, branch]) / 2e-5
+                    assert v_g > 0
+                    nearest = damped[abs(damped - xi).argmin()]
+                    turned = (v.ravel().conj() @ np.kron(np.diag(g), -1j * J) @ v.ravel()).real
+                    assert nearest.imag == pytest.approx(1e-5 * w / (2 * w + turned) / v_g, rel=1e-3)  # c/2v where none turns
+                    travelling += 1
+    assert travelling > 5
 
 
 def test_waves_that_grow_have_minus_their_rate_on_drawn_cells_that_stiffness_does_not_hold():

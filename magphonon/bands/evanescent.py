@@ -3,11 +3,11 @@
 Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i s xi}, with a term for each distance that
 bonds bridge, all multiples of s.  At the frequency omega its mass-weighted modes v obey
 
-    sum_p D_p mu^p v = (omega^2 + i omega gamma) v        p = -P ... P
+    sum_p D_p mu^p v = (omega^2 + i omega B) v        B = gamma - g (x) J        p = -P ... P
 
-a polynomial eigenproblem of degree 2 P; gamma is the damping of each particle, and the motion goes as e^{-i omega t}.  Without
-damping, the xi that are real are the bands; complex ones decay as e^{-Im xi} per step: below the cut-off of a foundation, above
-the bands and between them.  With damping every wave decays.
+a polynomial eigenproblem of degree 2 P; gamma and g are the damping and the gyration of each particle, and the motion goes as
+e^{-i omega t}.  Without damping, the xi that are real are the bands; complex ones decay as e^{-Im xi} per step: below the cut-off
+of a foundation, above the bands and between them.  With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
 at zero, in Jordan chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
@@ -47,8 +47,8 @@ INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely ev
 def laurent_roots(A: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots mu of `sum_p A_p mu^p v = 0` that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
-    `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p; what is not coupled must be
-    exactly zero.  The vectors v, shape (roots, n), are of norm one.
+    `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p (of A_0 but for gyration, by
+    which pairs are mu and 1/mu*); what is not coupled must be exactly zero.  The vectors v, shape (roots, n), are of norm one.
     """
     powers, n = len(A) - 1, A.shape[1]
     A = A / abs(A).max()
@@ -139,7 +139,8 @@ class ComplexBands(units.InHertz):
     xi : ndarray of complex, shape (frequencies, waves)
         Phase and decay per step, `e^{i xi}`, the imaginary part zero or positive.  Without damping the real part is so too, and
         each stands for its family xi, -xi and their conjugates; with damping for xi and -xi alone: where the crests of a wave
-        run against its energy, the real part is negative.  Infinite where a wave ends at the particle that moves.
+        run against its energy, the real part is negative.  With gyration those whose energy runs forwards.  Infinite where a wave
+        ends at the particle that moves.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
         where the decay is infinite.
@@ -185,7 +186,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     >>> complex(inside.xi[0, 0].round(3))
     (1.318+0.052j)
     """
-    system = LinearSystem.of(atoms).moving()
+    system = LinearSystem.of(atoms, gyrating=True).moving()
     free = system.free.toarray()
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
@@ -200,18 +201,18 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     for w, dynamic in zip(omega, _dynamic(system, omega, damping), strict=True):
         if (np.linalg.svd(bands - dynamic, compute_uv=False)[:, -1] < 1e-10 * abs(bands).max()).all():
             raise ValueError(f'a band is flat at omega = {w:.9g} rad/ms and holds every wavenumber; move the frequency')
-        waves.append(_waves(D, dynamic, unit))
+        waves.append(_waves(D, dynamic, unit, np.any(damping)))
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
     return ComplexBands(omega, xi, (v @ free.T).reshape(*xi.shape, len(system), system.dim))
 
 
 def _dynamic(system, omega, damping):
-    """The matrices omega^2 + i omega B of the damping, real without it."""
+    """The matrices omega^2 + i omega B of damping and gyration, real without them."""
     gamma, one = site_damping(damping, len(system)), np.eye(system.directions)
-    if not gamma.any():
+    if not (gamma.any() or system.gyration.any()):
         return (omega * abs(omega))[:, None, None] * one
     for w in omega[omega < 0][:1]:
-        raise ValueError(f'with damping omega must be zero or positive, not {w:.9g} rad/ms')
+        raise ValueError(f'with damping or gyration omega must be zero or positive, not {w:.9g} rad/ms')
     return (omega**2)[:, None, None] * one + 1j * omega[:, None, None] * system.B(gamma).toarray()
 
 
@@ -244,18 +245,21 @@ def _laurent(calc, model, exponents):
     return D
 
 
-def _waves(D, dynamic, unit):
+def _waves(D, dynamic, unit, lossy):
     """One xi, with its mode, of each family where sum_p D_p mu^p has the value `dynamic`."""
     n, P = D.shape[1], len(D) // 2
     A = D.astype(dynamic.dtype)
     A[P] -= dynamic
-    lossy = np.iscomplexobj(A)
-    least = LEAST_LOSS if lossy else LEAST_DECAY
+    one_way, least = np.iscomplexobj(A), LEAST_LOSS if lossy else LEAST_DECAY
     mu, v = laurent_roots(A)
     decay, phase = -np.log(abs(mu)), np.angle(mu)
     decay[abs(decay) < least * unit] = 0
     # xi and its conjugate, or xi and -xi if real: keep the half that decays or runs forwards
-    half = np.lexsort((-phase, -decay))[: len(mu) // 2]
+    forwards = phase
+    if one_way and not lossy:  # by d omega/d xi, of which v^+ dA/d xi v has the sign
+        slope = _at(A, np.arange(-P, P + 1), np.log(mu), v)[1]
+        forwards = -np.einsum('ra,rab,rb->r', v.conj(), slope, v).imag
+    half = np.lexsort((-forwards, -decay))[: len(mu) // 2]
     mu, v = polished(A, mu[half], v[half])
     decay, phase = -np.log(abs(mu)) / unit, np.angle(mu) / unit
     decay[abs(decay) < least] = 0
@@ -263,8 +267,8 @@ def _waves(D, dynamic, unit):
     order = order[decay[order] < INFINITE_DECAY]
     xi, modes = np.zeros(P * n, complex), np.zeros((P * n, n), complex)
     xi.imag = np.inf
-    xi[: len(order)] = (phase[order] if lossy else abs(phase[order])) + 1j * decay[order]
-    modes[: len(order)] = v[order] if lossy else np.where(phase[order, None] < 0, v[order].conj(), v[order])
+    xi[: len(order)] = (phase[order] if one_way else abs(phase[order])) + 1j * decay[order]
+    modes[: len(order)] = v[order] if one_way else np.where(phase[order, None] < 0, v[order].conj(), v[order])
     return xi, modes
 
 

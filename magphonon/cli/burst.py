@@ -190,7 +190,7 @@ def _decays(plan, cell, records):
     lines = []
     for name, carrier in zip(plan.names, plan.carriers_Hz, strict=True):
         for model in MODELS:
-            if not any(wave.ridge for wave in records[f'{name}_{model}']) and not np.any(cell.calc.gyration):
+            if not any(wave.ridge for wave in records[f'{name}_{model}']):
                 omega = 2 * np.pi * carrier * units.Hz
                 reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
                 if np.isfinite(reach):
