@@ -18,7 +18,7 @@ from magphonon.dynamics.memory_layout import aligned_zeros
 from magphonon.response.stencil import row, stencil_of
 from magphonon.stiffness import LinearSystem
 
-TAIL = 3e-6
+TAIL = 1e-6
 """What is left out of the series, as a share of a displacement in one step."""
 
 

@@ -700,7 +700,7 @@ def draw_motion(charted, file):
                 ax.loglog(*np.array(runs).T, STYLES[name], label=label, markersize=5)
         ax.set(title=f'strain {strain:g}', xlabel='processor time (s)')
     np.atleast_1d(panels)[0].set_ylabel('error / largest displacement')
-    np.atleast_1d(panels)[-1].legend(fontsize=8)
+    figure.legend(*np.atleast_1d(panels)[-1].get_legend_handles_labels(), loc='outside lower center', ncols=6, fontsize=8)
     figure.suptitle('100 ms of 10 000 magnets: time to an error', fontsize=10)
     figure.savefig(file, dpi=150)
 
