@@ -699,6 +699,7 @@ def draw_motion(charted, file):
                 label = name.replace('order 2', 'order 2 (velocity Verlet)')
                 ax.loglog(*np.array(runs).T, STYLES[name], label=label, markersize=5)
         ax.set(title=f'strain {strain:g}', xlabel='processor time (s)')
+        ax.tick_params(axis='x', which='minor', labelbottom=False)
     np.atleast_1d(panels)[0].set_ylabel('error / largest displacement')
     figure.legend(*np.atleast_1d(panels)[-1].get_legend_handles_labels(), loc='outside lower center', ncols=6, fontsize=8)
     figure.suptitle('100 ms of 10 000 magnets: time to an error', fontsize=10)
