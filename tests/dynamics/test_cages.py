@@ -14,10 +14,19 @@ from ase.md.langevin import Langevin
 from ase.units import kB
 from motion import L0, LAW, MASS, patch
 
-from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, lattices
-from magphonon.dynamics.cages import Cages
+from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, explicit_bonds, lattices
+from magphonon.dynamics.cages import Cages, pairs_without_bond
 
 ENGINES = ['ase', 'numpy', 'compiled']
+
+
+def test_pairs_without_bond_are_told_apart_where_their_numbers_exceed_32_bits():
+    """Of 196 610 particles the pairs (0, 1) and (21 845, 21 847) are numbered 2^32 apart: i n + j."""
+    places = 100.0 * np.arange(196_610)
+    places[[1, 21_847]] = places[[0, 21_845]] + 1
+    atoms = Atoms(numbers=0 * places, positions=np.stack([places, 0 * places, 0 * places], axis=1))
+    other = pairs_without_bond(explicit_bonds(atoms, [(0, 1)]), atoms, 2.0)
+    assert (other.i.tolist(), other.j.tolist()) == ([21_845], [21_847])
 
 
 def shot(speed, degrees, engine, time=16.0, cell=None, law=LAW, foundation=0.0196757):

@@ -10,7 +10,8 @@ from hypothesis import example, given, settings, strategies as st
 from oracles import LATTICES, lattice, neighbour_vectors
 
 from magphonon import explicit_bonds, find_bonds
-from magphonon.lattices.bonds import bonds_within, repeat_bonds
+from magphonon.lattices import bonds as of_bonds
+from magphonon.lattices.bonds import Bonds, bonds_within, repeat_bonds
 from magphonon.lattices.patches import parallelogram
 
 # name: coordination and distance, in spacings, of the first three shells
@@ -302,6 +303,44 @@ def test_shells_are_counted_from_what_is_free(seed, dense):
     atoms.set_constraint()  # the control: what is free crowds
     with pytest.raises(ValueError, match='coincide'):
         find_bonds(atoms)
+
+
+@pytest.mark.parametrize('particles', [46_341, 46_342, 196_610, 2**31 - 1])
+def test_pairs_are_told_apart_where_their_numbers_exceed_32_bits(particles):
+    """The last pair of 46 342 particles has a number above 2^31; of 196 610 particles the pairs (0, 1) and (21 845, 21 847) differ by 2^32."""
+    rng = np.random.default_rng(0)
+    i = np.concatenate([[0, 21_845, particles - 2], rng.integers(0, particles - 1, 50)])
+    j = np.concatenate([[1, 21_847, particles - 1], rng.integers(0, particles, 50)])
+    bonds = Bonds(np.append(i, i[::-1]), np.append(j, j[::-1]), np.zeros((106, 3), int), np.ones((106, 3)), particles)
+    first, second, own = bonds.distinct_pairs
+    assert sorted(zip(first.tolist(), second.tolist(), strict=True)) == sorted({*zip(i.tolist(), j.tolist(), strict=True)})
+    np.testing.assert_array_equal(first[own], bonds.i)
+    np.testing.assert_array_equal(second[own], bonds.j)
+    assert (bonds.i[1], bonds.j[1], bonds.i[2], bonds.j[2]) == (21_845, 21_847, particles - 2, particles - 1)
+
+
+def test_more_particles_than_32_bits_number_are_refused():
+    none = np.zeros((0, 3))
+    Bonds([], [], none, none, 2**31 - 1)
+    with pytest.raises(ValueError, match='at most 2147483647, not 2147483648'):
+        Bonds([], [], none, none, 2**31)
+
+
+@pytest.mark.parametrize('scatter', [0, 1e-9, 1e-6, 1e-2])
+def test_how_many_pairs_are_looked_at_together_does_not_matter(scatter, monkeypatch):
+    def found(atoms, shells):
+        try:
+            bonds = find_bonds(atoms, shells)
+        except ValueError as error:
+            return str(error)
+        return [part.tolist() for part in (bonds.i, bonds.j, bonds.shift, bonds.vectors)]
+
+    atoms = scattered(scatter)[1]
+    together = [found(atoms, shells) for shells in (1, 2)]
+    assert {type(one) for one in together} == {str if scatter > 1e-5 else list}
+    for piece in (1, 7):
+        monkeypatch.setattr(of_bonds, 'PIECE', piece)
+        assert [found(atoms, shells) for shells in (1, 2)] == together
 
 
 def test_a_free_particle_on_a_held_one_is_refused():
