@@ -42,7 +42,8 @@ class Engine:
     seconds : float
         Time for one particle and one time step in s, as `python benchmarks/speed.py "engines 1e4" "patch 1e6"` measures it.
     bytes : float
-        Memory for one particle at the peak, setting up included: 1550 measured for 3e5 magnets, 1460 for 1e6, by compiled steps.
+        Memory for one particle at the peak, setting up included: 690 measured for 3e5 magnets, 700 for 1e6, by compiled steps on
+        a grid, 810 in NumPy; 2600 where no grid is found.
     overhead : float
         Time in s that one step takes in Python besides the particles, measured with patches of 61 to 5000 magnets; negligible
         in larger ones.
@@ -57,8 +58,8 @@ class Engine:
         return steps * (self.overhead + particles * self.seconds)
 
 
-COMPILED = Engine(6e-9, 1500.0, 9e-6)
-NUMPY = Engine(32e-9, 1500.0, 1.1e-4)
+COMPILED = Engine(6e-9, 750.0, 9e-6)
+NUMPY = Engine(32e-9, 850.0, 1.1e-4)
 LAMMPS = Engine(90e-9, 1000.0)
 
 

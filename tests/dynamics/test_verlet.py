@@ -1,5 +1,7 @@
 """DrivenVerlet against ASE's VelocityVerlet, closed forms of the discrete oscillator, and static forces."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from ase import Atoms
@@ -300,3 +302,18 @@ def test_a_toda_soliton_of_large_strain_is_followed_to_second_order(engine):
     assert np.log2(coarse / middle) == pytest.approx(2, abs=0.1)
     assert np.log2(middle / fine) == pytest.approx(2, abs=0.1)
     assert fine < 2e-3
+
+
+def test_bytes_of_a_magnet_at_the_peak():
+    """Of a patch with its calculator, forces and a run in blocks: 720 and 750 were measured, 1350 with lists of 64 bits."""
+    def peak(n):
+        tracemalloc.start()
+        atoms = patch(n)
+        atoms.get_forces()
+        DrivenVerlet(atoms, DT, engine='numpy').run(2)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(5)  # what is loaded, is loaded before
+    assert peak(100) - peak(40) < 850 * (100**2 - 40**2)

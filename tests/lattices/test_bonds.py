@@ -307,7 +307,7 @@ def test_shells_are_counted_from_what_is_free(seed, dense):
 
 @pytest.mark.parametrize('particles', [46_341, 46_342, 196_610, 2**31 - 1])
 def test_pairs_are_told_apart_where_their_numbers_exceed_32_bits(particles):
-    """The last pair of 46 342 particles has a number above 2^31; of 196 610 particles the pairs (0, 1) and (21 845, 21 847) differ by 2^32."""
+    """Numbers i n + j exceed 2^31 from 46 342 particles on; of 196 610 those of (0, 1) and (21 845, 21 847) differ by 2^32."""
     rng = np.random.default_rng(0)
     i = np.concatenate([[0, 21_845, particles - 2], rng.integers(0, particles - 1, 50)])
     j = np.concatenate([[1, 21_847, particles - 1], rng.integers(0, particles, 50)])

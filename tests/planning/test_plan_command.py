@@ -62,7 +62,7 @@ def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('tolerance', 'words'), [
-    (0.1, []), (1e-3, ['1000000 particles in 10000 steps', ' 1 min and 1.4 GiB ', ' 5.4 min ', ' 15 min ']), (1e-9, [])])
+    (0.1, []), (1e-3, ['1000000 particles in 10000 steps', ' 1 min and 0.7 GiB ', ' 5.4 min ', ' 15 min ']), (1e-9, [])])
 def test_the_cost_of_time_steps_is_told_where_they_are_recommended(tolerance, words):
     """A million particles, 10000 steps of 6, 32 and 90 ns, with 9 and 110 us of Python each: 60, 321 and 900 s."""
     methods = (Method('complete linear', 'products', 1.0, 0.01, 0.0, Settings('complete')),
