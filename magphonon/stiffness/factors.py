@@ -34,7 +34,7 @@ class Factors:
     def solve(self, b: NDArray[Any]) -> NDArray[Any]:
         """The x of A x = b, for one right side or for columns of them."""
         if self.real and np.iscomplexobj(b):
-            return self.solve(b.real) + 1j * self.solve(b.imag)
+            return self.solve(np.real(b)) + 1j * self.solve(np.imag(b))
         found = self.lu.solve(b[self.order])
         x = np.empty_like(found)
         x[self.order] = found
