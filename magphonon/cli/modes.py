@@ -78,6 +78,8 @@ def cost(scene: Scene) -> Cost:
     size = 2 * particles_of(scene)
     if size <= MOST_DIRECTIONS:
         memory, work = SHAPES_bytes * size**2, SHAPES_s * size**3
+        if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):  # complex, of twice the size
+            memory, work = 8 * memory, 20 * work
     else:
         memory, work = (FACTOR_bytes + 16 * LOWEST) * size / 2, 30 * FACTOR_s * size
     return Cost('modes', {size_key(scene): PICTURES_bytes + memory}, PICTURES_s + work, 6)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import eigh
 
 from .sites import each_spring, site_blocks
 
@@ -207,7 +208,8 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
     """
     n = K.shape[-1]
     try:
-        omega, z = np.linalg.eigh(first_order(B, K))
+        H = first_order(B, K)
+        omega, z = np.linalg.eigh(H) if K.ndim > 2 else eigh(H, subset_by_index=(n, 2 * n - 1))  # of one alone half is cheaper
     except np.linalg.LinAlgError:
         if K.ndim > 2:
             found = [gyrating_modes(B, one) for one in K.reshape(-1, n, n)]
@@ -219,8 +221,8 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
         omega, modes = np.where(rate > round_off, -rate, abs(turn))[first], z[:n, first]
         order = np.argsort(omega)
         return omega[order], modes[:, order] / np.linalg.norm(modes[:, order], axis=0)
-    modes = z[..., n:, n:]
-    return omega[..., n:], modes / np.linalg.norm(modes, axis=-2, keepdims=True)
+    modes = z[..., n:, -n:]
+    return omega[..., -n:], modes / np.linalg.norm(modes, axis=-2, keepdims=True)
 
 
 def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:
