@@ -37,18 +37,20 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     dim) or (particles, dim, dim), in N/mm; of q in fractions of the reciprocal vectors.  It is real where all components of q are
     multiples of 1/2, and complex elsewhere.
     """
-    b, dim, _ = K.shape
-    incidence = bonds.incidence_at(q) if np.any(q) else bonds.incidence
+    dim, n, i, j = K.shape[1], bonds.particles, bonds.i, bonds.j
+    phase: Any = np.exp(2j * np.pi * (bonds.shift @ np.asarray(q, float)))[:, None, None] if np.any(q) else 1.0
     if not np.any(np.mod(2 * np.asarray(q), 1)):  # all phase factors are +1 or -1
-        incidence = incidence.real
-    C = sparse.kron(incidence, sparse.eye_array(dim), format='csr')
-    D = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
-    if np.ndim(foundation) == 3:
-        n = np.arange(bonds.particles + 1)
-        k = sparse.bsr_array((np.array(site_blocks(foundation, bonds.particles, dim)), n[:-1], n))
-    else:
-        k = sparse.diags_array(each_spring(foundation, bonds.particles, dim))
-    return sparse.csr_array(C.conj().T @ D @ C + k)
+        phase = np.real(phase)
+    to_itself = (i == j)[:, None, None]  # |1 - phase|^2 K: exactly nothing where all particles move alike
+    own = _own(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + np.array(site_blocks(foundation, n, dim))
+    K = np.where(to_itself, 0.0, K)
+    blocks = np.concatenate([own, -K * phase, -K * np.conj(phase)])
+    each, x = np.arange(n, dtype=i.dtype), np.arange(dim, dtype=i.dtype)
+    rows, columns = (dim * np.concatenate([each, *ends])[:, None] + x for ends in ((i, j), (j, i)))
+    places = [np.broadcast_to(at, blocks.shape).ravel() for at in (rows[:, :, None], columns[:, None])]
+    H = sparse.coo_array((blocks.ravel(), places), shape=(n * dim, n * dim)).tocsr()
+    H.eliminate_zeros()
+    return H
 
 
 def condense(H: sparse.csr_array, free: NDArray[np.bool_]) -> sparse.csr_array:
