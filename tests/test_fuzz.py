@@ -345,6 +345,7 @@ def test_many(command, tmp_path):
 
 # --- controls: faults that are put into the package are seen -----------------------------------------------------------
 
+@pytest.mark.slow
 def test_control_of_numbers_and_words(tmp_path, monkeypatch):
     """A check of numbers that fails from 2**64 on, as numpy's does, and refusals that name no key, or in other people's words."""
     def of_numpy(value):

@@ -274,7 +274,8 @@ def killed(desk, out, at):
 
 
 @pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')
-@pytest.mark.parametrize('first', [True, False], ids=['a new folder', 'a folder with results'])
+@pytest.mark.parametrize('first', [pytest.param(True, id='a new folder'),
+                                   pytest.param(False, id='a folder with results', marks=pytest.mark.slow)])
 def test_a_command_killed_at_any_file_operation_harms_nothing_and_can_be_repeated(first, tmp_path):
     mixed = at = 0
     while True:

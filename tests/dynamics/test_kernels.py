@@ -212,7 +212,7 @@ def test_kernels_compute_the_calculators_forces(name, engine):
             assert blocks.engine == engine
 
 
-@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+@pytest.mark.parametrize('engine', ['numpy', pytest.param('compiled', marks=pytest.mark.slow)])
 def test_a_strain_that_comes_and_goes_within_a_block_is_noticed(engine):
     if engine == 'compiled':
         pytest.importorskip('numba')

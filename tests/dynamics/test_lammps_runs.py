@@ -112,6 +112,7 @@ def test_a_stopped_run_goes_on(tmp_path):
     assert apart(run_lammps(atoms, DT, STEPS, **arguments | {'directory': tmp_path / 'wrong'}), whole) > 1e-6
 
 
+@pytest.mark.slow
 def test_the_batch_script_runs_and_goes_on(tmp_path):
     atoms, drive, records = drawn_patch(2)
     folder = tmp_path / 'run'

@@ -61,7 +61,7 @@ def test_a_step_over_the_limit_is_refused_with_both_numbers():
         dyn.run(10)
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy', 'compiled'])
+@pytest.mark.parametrize('engine', ['ase', 'numpy', pytest.param('compiled', marks=pytest.mark.slow)])
 def test_a_run_that_goes_wrong_stops_in_the_last_good_state(engine):
     if engine == 'compiled':
         pytest.importorskip('numba')

@@ -64,6 +64,7 @@ def test_the_response_is_that_of_the_modes():
     assert exact == pytest.approx(np.sum(shapes[k, 0] ** 2 * 1e-6 / (values**2 - omega**2 + 1j * omega * lab.damping)), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_time_steps_move_as_the_modes_do():
     lab = small_lab(damping=40)
     k = int(np.linalg.norm(lab.rest, axis=1).argmin())
