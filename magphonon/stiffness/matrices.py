@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 
-from .sites import each_spring, site_blocks
+from .sites import site_blocks
 
 if TYPE_CHECKING:
     from typing import Any
