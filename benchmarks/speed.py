@@ -393,9 +393,8 @@ def after(atoms, count, engine, drives=(), **damping):
 def large_motion():
     """Motion beyond the reach of the polynomials, against one a thousand times as small, of the same patch.
 
-    In the first, bonds are far near the source only, and the other runs of slots keep a polynomial.  In the second all bonds are
-    spread: a third take the polynomial that reaches furthest, which has four times as many coefficients, and the others the
-    pieces, five coefficients of which are looked up for each bond: these loads are what limits it.
+    In the first, bonds are far near the source only, and the other parts of the patch keep a polynomial.  In the second all bonds
+    are spread: nearly all parts take the polynomial that reaches furthest, of 32 coefficients, which is arithmetic.
     """
     for job, scene, size in (('shaken by 0.5 N', shaken, 0.5), ('all displaced by 5 %', hot, 0.5)):
         small, far, by_law = scene(size / 1000), scene(size), scene(size, 'numpy').displacements

@@ -45,8 +45,13 @@ SHARE = 3
 more copies: of 1e5 slots on two threads 30 % more work in all than on one, with 2 to 4; 70 % with 8."""
 SAME_SHAPE = 1e-14
 """Relative difference of coefficients up to which laws differ by a factor only."""
-NEAR = RANGES[2]
-"""Largest increment |e| in a run whose bonds take a polynomial although others need the pieces."""
+PART = 512
+"""Number of slots of a run whose bonds take one law together, where some need the pieces."""
+FEW = np.uint64(16)
+"""Number of bonds that try a law before the others of their part do: in a hot patch they show that it does not reach."""
+NEARER = RANGES[2], RANGES[4]
+"""Largest increments |e| of a part whose bonds take a polynomial although others need the pieces: of 12 coefficients for bonds that
+repel as magnets do, or of 32, which take half as long as the five that are looked up in the pieces."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True}
 FORGET, MOBILITY, DECAY, CARRY, PUSH = range(5)
 """Rows of what is known of each slot: `v <- carry v + push F`, for accelerations `v <- mobility F`; with carry and push for each
@@ -56,6 +61,7 @@ KICK, COPY, GO_ON = range(3)
 MAGNITUDE = 2**63 - 1
 """Bits of a number without its sign.  As integers they have the order of |x|, nan last, and a maximum that vector units know."""
 
+WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}}
 part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
@@ -213,55 +219,47 @@ class Bonds(NamedTuple):
     strength: np.ndarray | None
 
 
-@part
-def grid_pull(state, b, bonds, law, offset, pad, kind, s, e):
-    """Forces of the bonds of a group that start in the slots s to e, `pad` places later in b; whether one is beyond the law."""
-    vectorise()
-    first, c, (q, t), wide = kind * np.uint64(state.shape[2]), constants(law, kind), bonds.model, False
-    X, Y, g, unit, strength = bonds.Rx, bonds.Ry, bonds.g, bonds.unit, bonds.strength
-    for i in range(s, e):
-        k = first + i
-        Rx, Ry, there = at(X, kind, k), at(Y, kind, k), at(strength, kind, k)  # one that is not strained pulls at nothing
-        dx, dy = there * (state[0, 0, i + offset] - state[0, 0, i]), there * (state[0, 1, i + offset] - state[0, 1, i])
-        x = at(unit, kind, k) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
-        H = x * quotient(law, c, kind, k, x)
-        G = at(g, kind, k) + t * H
-        b[0, kind, i + pad], b[1, kind, i + pad] = H * Rx + G * dx, H * Ry + G * dy
-        wide |= beyond(law, kind, k, x)
-    return wide
-
-
-@part
-def table_pull(state, b, bonds, law, near, far, kind, s, e):
-    """Forces of the bonds s to e of a table on their far ends, and as many places later as there are bonds on the near ends."""
-    vectorise()
-    listed, c, (q, t), wide = np.uint64(len(near)), constants(law, kind), bonds.model, False
-    X, Y, g, unit = bonds.Rx, bonds.Ry, bonds.g, bonds.unit
-    for i in range(s, e):
-        j, k, Rx, Ry = near[i], far[i], X[0, i], Y[0, i]
-        dx, dy = state[0, 0, k] - state[0, 0, j], state[0, 1, k] - state[0, 1, j]
-        x = at(unit, kind, i) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
-        H = x * quotient(law, c, kind, i, x)
-        G = at(g, kind, i) + t * H
-        fx, fy = H * Rx + G * dx, H * Ry + G * dy
-        b[0, 0, i], b[1, 0, i], b[0, 0, i + listed], b[1, 0, i + listed] = fx, fy, -fx, -fy
-        wide |= beyond(law, kind, i, x)
-    return wide
-
-
 def pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
-    """`grid_pull` or `table_pull`."""
+    """Forces of the bonds of a segment; whether one is beyond the law.
+
+    On a grid, of the group that starts in the slots s to e, `pad` places later in b; of a table, of the bonds s to e on their far
+    ends, and as many places later as there are bonds on the near ends.
+    """
 
 
-@overload(pull)
+@overload(pull, jit_options=WITHIN)
 def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
-    if isinstance(near, types.NoneType):
-        def choose(state, b, bonds, law, near, far, places, pad, kind, s, e):
-            return grid_pull(state, b, bonds, law, places[kind], pad, kind, s, e)
-    else:
-        def choose(state, b, bonds, law, near, far, places, pad, kind, s, e):
-            return table_pull(state, b, bonds, law, near, far, kind, s, e)
-    return choose
+    def grid(state, b, bonds, law, near, far, places, pad, kind, s, e):
+        vectorise()
+        first, c, (q, t), wide, offset = kind * np.uint64(state.shape[2]), constants(law, kind), bonds.model, False, places[kind]
+        X, Y, g, unit, strength = bonds.Rx, bonds.Ry, bonds.g, bonds.unit, bonds.strength
+        for i in range(s, e):
+            k = first + i
+            Rx, Ry, there = at(X, kind, k), at(Y, kind, k), at(strength, kind, k)  # one that is not strained pulls at nothing
+            dx, dy = there * (state[0, 0, i + offset] - state[0, 0, i]), there * (state[0, 1, i + offset] - state[0, 1, i])
+            x = at(unit, kind, k) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
+            H = x * quotient(law, c, kind, k, x)
+            G = at(g, kind, k) + t * H
+            b[0, kind, i + pad], b[1, kind, i + pad] = H * Rx + G * dx, H * Ry + G * dy
+            wide |= beyond(law, kind, k, x)
+        return wide
+
+    def table(state, b, bonds, law, near, far, places, pad, kind, s, e):
+        vectorise()
+        listed, c, (q, t), wide = np.uint64(len(near)), constants(law, kind), bonds.model, False
+        X, Y, g, unit = bonds.Rx, bonds.Ry, bonds.g, bonds.unit
+        for i in range(s, e):
+            j, k, Rx, Ry = near[i], far[i], X[0, i], Y[0, i]
+            dx, dy = state[0, 0, k] - state[0, 0, j], state[0, 1, k] - state[0, 1, j]
+            x = at(unit, kind, i) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
+            H = x * quotient(law, c, kind, i, x)
+            G = at(g, kind, i) + t * H
+            fx, fy = H * Rx + G * dx, H * Ry + G * dy
+            b[0, 0, i], b[1, 0, i], b[0, 0, i + listed], b[1, 0, i + listed] = fx, fy, -fx, -fy
+            wide |= beyond(law, kind, i, x)
+        return wide
+
+    return grid if isinstance(near, types.NoneType) else table
 
 
 def total(b, x, places, pad, i):
@@ -332,46 +330,34 @@ def _springs_of(outer, now, beat, s, e):
     return modulated
 
 
-@part
-def move_straight(state, b, places, pad, slots, k, static, v, row, s, e, drift):
-    """Kick row v of the state by all forces but external ones, and drift."""
-    vectorise()
-    for x in range(2):
-        first = np.uint64(x) * np.uint64(state.shape[2])
-        for i in range(s, e):
-            f = at(static, 0, first + i) + total(b, x, places, pad, i) - at(k, 0, first + i) * state[0, x, i]
-            state[v, x, i] = slots[row, i] * state[v, x, i] + slots[row + 1, i] * f
-            state[0, x, i] += drift * state[v, x, i]
-
-
-@part
-def move_turning(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
-    """The same where particles gyrate."""
-    vectorise()
-    y = np.uint64(state.shape[2])
-    for i in range(s, e):
-        fx = at(static, 0, i) + total(b, 0, places, pad, i) - at(k, 0, i) * state[0, 0, i]
-        fy = at(static, 0, y + i) + total(b, 1, places, pad, i) - at(k, 0, y + i) * state[0, 1, i]
-        vx, vy = times(slots, turns, row, i, state[v, 0, i], state[v, 1, i])
-        ax, ay = times(slots, turns, row + 1, i, fx, fy)
-        state[v, 0, i], state[v, 1, i] = vx + ax, vy + ay
-        state[0, 0, i] += drift * state[v, 0, i]
-        state[0, 1, i] += drift * state[v, 1, i]
-
-
 def move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
-    """`move_straight` or `move_turning`."""
+    """Kick row v of the state by all forces but external ones, and drift."""
 
 
-@overload(move)
+@overload(move, jit_options=WITHIN)
 def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
-    if isinstance(turns, types.NoneType):
-        def choose(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
-            return move_straight(state, b, places, pad, slots, k, static, v, row, s, e, drift)
-    else:
-        def choose(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
-            return move_turning(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift)
-    return choose
+    def straight(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+        vectorise()
+        for x in range(2):
+            first = np.uint64(x) * np.uint64(state.shape[2])
+            for i in range(s, e):
+                f = at(static, 0, first + i) + total(b, x, places, pad, i) - at(k, 0, first + i) * state[0, x, i]
+                state[v, x, i] = slots[row, i] * state[v, x, i] + slots[row + 1, i] * f
+                state[0, x, i] += drift * state[v, x, i]
+
+    def turning(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+        vectorise()
+        y = np.uint64(state.shape[2])
+        for i in range(s, e):
+            fx = at(static, 0, i) + total(b, 0, places, pad, i) - at(k, 0, i) * state[0, 0, i]
+            fy = at(static, 0, y + i) + total(b, 1, places, pad, i) - at(k, 0, y + i) * state[0, 1, i]
+            vx, vy = times(slots, turns, row, i, state[v, 0, i], state[v, 1, i])
+            ax, ay = times(slots, turns, row + 1, i, fx, fy)
+            state[v, 0, i], state[v, 1, i] = vx + ax, vy + ay
+            state[0, 0, i] += drift * state[v, 0, i]
+            state[0, 1, i] += drift * state[v, 1, i]
+
+    return straight if isinstance(turns, types.NoneType) else turning
 
 
 @part
@@ -429,12 +415,12 @@ def finish(work, slots, turns, s, e, half, before):
 
 
 @kept
-def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, turns, outer,
-            forces, beats, half, before, drifts, begin, low, high, last, together, first, end):
+def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider, widest, near, far, places, pad, slots, turns,
+            outer, forces, beats, half, before, drifts, begin, low, high, last, together, first, end):
     """Kicks `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
 
     The stages of a step take their turns, with the drift that follows each.
-    Bonds of a run take the second law, which may be None, only where one of them is beyond the first: few are, near a source.
+    Bonds of a part of a run take the second or third law, which may be None, only where one of them is beyond those before it.
 
     Returns
     -------
@@ -457,10 +443,16 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
                     continue
                 for j in range(within[r], within[r + 1]):
                     i, k, kind = segments[j, 0], segments[j, 1], segments[j, 2]
-                    out = pull(work, b, bonds, law, near, far, places, pad, kind, i, k)
+                    few = k if wider is None else min(i + FEW, k)
+                    out = pull(work, b, bonds, law, near, far, places, pad, kind, i, few)
                     if wider is not None:
-                        if out:  # numba leaves out what follows a test for None alone
+                        if not out:  # numba leaves out what follows a test for None alone
+                            out = pull(work, b, bonds, law, near, far, places, pad, kind, few, k)
+                        if out:
                             out = pull(work, b, bonds, wider, near, far, places, pad, kind, i, k)
+                    if widest is not None:
+                        if out:
+                            out = pull(work, b, bonds, widest, near, far, places, pad, kind, i, k)
                     wide |= out
                 stage = (n - 1) % (len(drifts) - 1)
                 v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY + 2 * stage, drifts[1 + stage])
@@ -538,13 +530,14 @@ class CompiledKernel(Kernel):
 
     def _prepare(self, fitted):
         layout, m, law = self.layout, self.motion, self.increments
-        order = (_grid if layout.offset is not None else _table)(layout)
+        part = RUN if isinstance(fitted, np.ndarray) else min(PART, RUN)
+        order = (_grid if layout.offset is not None else _table)(layout, part)
         own = layout.own_laws
         if isinstance(fitted, np.ndarray):
             laws = [self._law(fitted, self.reach, order)]
         else:
-            near = law.polynomial(NEAR)
-            laws = ([self._law(near[0], NEAR, order)] if near else []) + [self._law(fitted, np.inf, order)]
+            laws = [self._law(fit[0], reach, order) for reach in NEARER if (fit := law.polynomial(reach))]
+            laws = [*laws[:1], *(x for x in laws[1:] if x.c.ndim == 2), self._law(fitted, np.inf, order)]
         g, unit = (_flat(order.along(x[layout.kind])) for x in (law.g, 1 / layout.r0**2)) if own else (law.g, None)
         strength = None if layout.each or layout.strength is None else _flat(layout.strength)
         R = [_flat(x) for x in order.R] if layout.offset is None or own else order.R
@@ -564,7 +557,7 @@ class CompiledKernel(Kernel):
         self._runs, self._room = order.runs, order.room
         self._lag = max(1, int((np.searchsorted(order.runs[:, 0], order.reach) - 1 - np.arange(len(order.runs))).max()))
         unsigned = (x.astype(np.uint64) for x in (order.runs, order.segments))
-        self._given = (*unsigned, order.within, self._lag, bonds, *laws, *[None] * (2 - len(laws)), order.near, order.far,
+        self._given = (*unsigned, order.within, self._lag, bonds, *laws, *[None] * (3 - len(laws)), order.near, order.far,
                        order.places, np.uint64(order.pad), slots, turns, outer)
         self._rooms, self._between, self._pool = [self._new_room()], None, None
         self._slot = None if layout.whole else layout.slot.astype(np.uint64)
@@ -673,25 +666,27 @@ def _by_run(slots, order, values):
     return slots[by_slot].astype(np.uint64), values[by_slot], np.append(first, len(slots))
 
 
-def _grid(layout):
+def _grid(layout, part):
     runs, highest, groups = layout.runs(gap=GAP, longest=RUN), layout.offset.max(), len(layout.offset)
-    segments = np.column_stack([np.repeat(runs, groups, axis=0), np.tile(np.arange(groups), len(runs))])
+    parts = layout.runs(gap=GAP, longest=part)
+    segments = np.column_stack([np.repeat(parts, groups, axis=0), np.tile(np.arange(groups), len(parts))])
+    within = groups * np.searchsorted(parts[:, 0], np.append(runs[:, 0], layout.length))
     pad = int(highest + -highest % LINE)
     stride = pad + layout.length + 3 * LINE  # rows of powers of two would fall onto the same lines of a cache
-    return Order(runs, segments, groups * np.arange(len(runs) + 1), runs[:, 1] + highest, None, None,
+    return Order(runs, segments, within, runs[:, 1] + highest, None, None,
                  tuple(layout.offset.astype(np.uint64)), pad, (2, groups, stride), layout.on_grid,
                  layout.on_grid(layout.R.T) if layout.each else np.ascontiguousarray(layout.R.T))
 
 
-def _table(layout):
-    """Bonds in order of the run of their lower slot, then of kind if laws are shared."""
+def _table(layout, part):
+    """Bonds in order of the part of a run in which their lower slot is, then of kind if laws are shared."""
     upwards = layout.i < layout.j
     i, j = np.where(upwards, layout.i, layout.j), np.where(upwards, layout.j, layout.i)
     R = np.where(upwards[:, None], layout.R, -layout.R)
     group = np.zeros_like(layout.kind) if layout.own_laws else layout.kind
-    order = np.lexsort((j, i, group, i // RUN))
+    order = np.lexsort((j, i, group, i // part))
     i, j, R, run, group = i[order], j[order], R[order], i[order] // RUN, group[order]
-    starts = np.flatnonzero(np.diff(run, prepend=-1) | np.diff(group, prepend=-1))
+    starts = np.flatnonzero(np.diff(i // part, prepend=-1) | np.diff(group, prepend=-1))
     segments = np.column_stack([starts, np.append(starts[1:], len(i)), group[starts]])
     s = np.arange(0, layout.length, RUN)
     runs = np.column_stack([s, np.minimum(s + RUN, layout.length)])

@@ -98,6 +98,18 @@ def test_each_run_has_the_forces_of_the_law_itself(seed):
     assert misfit(accelerations(blocks), expected) > 1e3 * ALIKE
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_bonds_within_half_their_reach_take_the_polynomial_between(seed):
+    moved, blocks = Drawn(seed, far=0.07 * L0).blocks()  # increments up to 0.4
+    a = accelerations(blocks)
+    assert misfit(a, moved.get_forces()[:, :2] / MASS) < ALIKE
+    _, between, pieces = laws(blocks)
+    pieces.c[:] = np.nan
+    assert np.array_equal(accelerations(blocks), a)
+    between.limit[:] = 0.1  # the control: it reaches less far, and others are asked
+    assert np.isnan(accelerations(blocks)).any()
+
+
 @pytest.mark.slow
 def test_a_law_with_an_edge_is_searched_for_its_halved_pieces():
     for seed in (20, 21, 23):
