@@ -333,6 +333,10 @@ class DrivenVerlet(VelocityVerlet):
             refuse_turns(self.atoms, self.splitting)
             self._bath = self._new_bath()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
+        if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel
+            self._blocks.use(self.engine)
+            self.engine, self._prepared = self._blocks.engine, (now, long)
+            return
         blocks = cages = None
         if self.engine != 'ase':
             blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads, self._bath)
