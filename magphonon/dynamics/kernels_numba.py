@@ -50,8 +50,8 @@ PART = 512
 FEW = np.uint64(16)
 """Number of bonds that try a law before the others of their part do: in a hot patch they show that it does not reach."""
 NEARER = RANGES[2], RANGES[4]
-"""Largest increments |e| of a part whose bonds take a polynomial although others need the pieces: of 12 coefficients for bonds that
-repel as magnets do, or of 32, which take half as long as the five that are looked up in the pieces."""
+"""Largest increments |e| of a part whose bonds take a polynomial although others need the pieces: for bonds that repel as magnets
+do of 12 coefficients, or of 32, which take half as long as the five that are looked up in the pieces."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True}
 FORGET, MOBILITY, DECAY, CARRY, PUSH = range(5)
 """Rows of what is known of each slot: `v <- carry v + push F`, for accelerations `v <- mobility F`; with carry and push for each
@@ -262,6 +262,22 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
     return grid if isinstance(near, types.NoneType) else table
 
 
+@part
+def pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, s, e):
+    """`pull` by the second or third law, which may be None, only where a bond is beyond the law before it."""
+    few = e if wider is None else min(s + FEW, e)
+    out = pull(work, b, bonds, law, near, far, places, pad, kind, s, few)
+    if wider is not None:
+        if not out:  # numba leaves out what follows a test for None alone
+            out = pull(work, b, bonds, law, near, far, places, pad, kind, few, e)
+        if out:
+            out = pull(work, b, bonds, wider, near, far, places, pad, kind, s, e)
+    if widest is not None:
+        if out:
+            out = pull(work, b, bonds, widest, near, far, places, pad, kind, s, e)
+    return out
+
+
 def total(b, x, places, pad, i):
     """Force of all bonds of slot i along x; `places` are the offsets of the groups, or columns of places in b."""
 
@@ -420,7 +436,6 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
     """Kicks `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
 
     The stages of a step take their turns, with the drift that follows each.
-    Bonds of a part of a run take the second or third law, which may be None, only where one of them is beyond those before it.
 
     Returns
     -------
@@ -443,17 +458,7 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
                     continue
                 for j in range(within[r], within[r + 1]):
                     i, k, kind = segments[j, 0], segments[j, 1], segments[j, 2]
-                    few = k if wider is None else min(i + FEW, k)
-                    out = pull(work, b, bonds, law, near, far, places, pad, kind, i, few)
-                    if wider is not None:
-                        if not out:  # numba leaves out what follows a test for None alone
-                            out = pull(work, b, bonds, law, near, far, places, pad, kind, few, k)
-                        if out:
-                            out = pull(work, b, bonds, wider, near, far, places, pad, kind, i, k)
-                    if widest is not None:
-                        if out:
-                            out = pull(work, b, bonds, widest, near, far, places, pad, kind, i, k)
-                    wide |= out
+                    wide |= pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, i, k)
                 stage = (n - 1) % (len(drifts) - 1)
                 v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY + 2 * stage, drifts[1 + stage])
                 springs = springs_of(outer, now, beats[n - 1], s, e)
