@@ -137,6 +137,24 @@ def test_a_killed_run_goes_on_from_its_trajectory(engine, tmp_path):
     assert abs(late.displacements - whole.displacements).max() > 1e-3 * abs(whole.displacements).max()
 
 
+def test_a_run_that_becomes_long_changes_the_kernel_and_nothing_else(monkeypatch):
+    pytest.importorskip('numba')
+    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 49 * 30)
+    dyn, whole = DrivenVerlet(patch(speed=0.01), DT), DrivenVerlet(patch(speed=0.01), DT, engine='numpy')
+    engines, blocks = [], []
+    for steps in (29, 30, 29):  # on both sides of what pays
+        dyn.run(steps)
+        engines.append(dyn.engine)
+        blocks.append(dyn._blocks)
+    whole.run(88)
+    assert engines == ['numpy', 'compiled', 'numpy']
+    assert blocks[0] is blocks[1] is blocks[2]
+    assert apart(dyn.displacements, whole.displacements) < 1e-13
+    dyn.atoms.set_momenta(dyn.atoms.get_momenta() + np.outer(np.arange(49) == 24, (0, 0, 1)))  # blocks are refused now
+    with pytest.raises(ValueError, match='moves out of the plane'):
+        dyn.run(30)
+
+
 def test_with_a_numba_that_does_not_serve_long_runs_go_on_in_numpy_with_one_warning(monkeypatch):
     numba = pytest.importorskip('numba')
     from magphonon.dynamics import engine
