@@ -61,7 +61,7 @@ KICK, COPY, GO_ON = range(3)
 MAGNITUDE = 2**63 - 1
 """Bits of a number without its sign.  As integers they have the order of |x|, nan last, and a maximum that vector units know."""
 
-WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}}
+WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'forceinline': False}  # who calls them may be inlined, they may not
 part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
@@ -262,7 +262,7 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
     return grid if isinstance(near, types.NoneType) else table
 
 
-@part
+@njit(no_cpython_wrapper=True, forceinline=True, **OPTIONS)
 def pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, s, e):
     """`pull` by the second or third law, which may be None, only where a bond is beyond the law before it."""
     few = e if wider is None else min(s + FEW, e)
