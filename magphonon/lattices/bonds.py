@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from scipy import sparse
 
-    Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]
+    Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float64]]
     """Particles i and j, the cell of j and the distance of each pair."""
 
 MOST_PARTICLES = 2**31 - 1
@@ -60,7 +60,7 @@ SCATTER = 0.1  # relative gap to the next distance below which particles without
 ON_SHELL = 1e-6  # least relative distance of a cutoff from a shell; finite differences would cross a closer one
 
 
-def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:
+def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     """All pairs i, j, shift, distance within `cutoff`, each once; the particles may be in any periodic cell.
 
     They are found by a k-d tree over the images near the cell.  The neighbour list of ASE 3.29 is not used, because it puts all
@@ -335,7 +335,7 @@ class Bonds:
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` of what pulls at the far ends of the bonds, shape (bonds, dim), and pushes at the near ones."""
-        far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T]) for end in (self.j, self.i))
+        far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
         return (far - near).T
 
     @cached_property

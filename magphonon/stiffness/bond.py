@@ -211,7 +211,7 @@ def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64],
     return (1 + _product(n, moved) / r0)[:, None] * R, n  # R itself at rest, to the last bit
 
 
-def _product(a, b):
+def _product(a: Any, b: Any) -> Any:
     """Scalar products of vectors in rows, column by column: faster, and rounded alike however they lie in memory."""
     return sum(x * y for x, y in zip(a.T, b.T, strict=True))
 
