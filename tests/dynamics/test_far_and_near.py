@@ -22,7 +22,8 @@ LAYOUTS = ['grid', 'grid', 'own laws on a grid', 'table']
 
 @pytest.fixture(autouse=True)
 def _short_runs(monkeypatch):
-    monkeypatch.setattr(kernels_numba, 'RUN', 16)  # so that small patches have many, of which few are far
+    monkeypatch.setattr(kernels_numba, 'RUN', 48)  # so that small patches have many
+    monkeypatch.setattr(kernels_numba, 'PART', 16)  # of which few are far
 
 
 class Drawn:
