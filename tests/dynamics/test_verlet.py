@@ -278,7 +278,7 @@ def toda(time, kappa=1.0, magnets=80, start=20.0):
     return u, 2 * beta * (share_behind - share) / Exponential.s
 
 
-@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+@pytest.mark.parametrize('engine', ['numpy', pytest.param('compiled', marks=pytest.mark.slow)])
 def test_a_toda_soliton_of_large_strain_is_followed_to_second_order(engine):
     if engine == 'compiled':
         pytest.importorskip('numba')
