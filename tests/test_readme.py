@@ -78,7 +78,7 @@ def test_first_sentences_and_last_ones_say_what_the_script_finds(session):
     text = ' '.join(README.read_text(encoding='utf-8').split())
     assert f'has its shear branch at {true:.0f} Hz at the point M; the *conventional* one, D⁰ alone, at {blind:.0f} Hz.' in text
     assert f'(at M by {blind / true - 1:.0%}'.replace('%', ' %') in text
-    assert f'shear waves at {true:.2f} Hz with D\\* and {blind:.2f} Hz without' in text
+    assert f'the shear branch at M is at {true:.2f} Hz with D\\* and {blind:.2f} Hz without' in text
 
 
 def test_who_comes_from_phonopy_finds_its_bands():
