@@ -30,7 +30,7 @@ from ase.md.verlet import VelocityVerlet
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from ..errors import not_negative, one_of, positive, whole
+from ..errors import finite, not_negative, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
 from ..stiffness.site_laws import SiteLaw
@@ -362,9 +362,10 @@ class DrivenVerlet(VelocityVerlet):
         atoms, calc = self.atoms, self.atoms.calc
         of_sites = (calc.parameters.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
         changeable = getattr(calc, 'model', None), *(
-            values if isinstance(values, SiteLaw) else hash(np.asarray(values).tobytes()) for values in of_sites)
+            values if isinstance(values, SiteLaw) else np.asarray(values).tobytes() for values in of_sites)
+        damping = self.damping[:1] if self.damping.strides == (0,) else self.damping  # of all, where it is one number
         return (calc, self.dt, self._sum_of_drives, changeable, [constraint.todict() for constraint in atoms.constraints],
-                *(hash(array.tobytes()) for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
+                *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, damping)))
 
     def _time_to_look(self):
         """Whether the fastest particle may have gone far since the last look, or many steps have passed."""
@@ -425,10 +426,10 @@ def threads_for(particles: int) -> int:
 
 def _damping_of(damping, count, splitting):
     """The damping of each of `count` particles, as an array that nobody else can change."""
-    rates = site_damping(damping, count)
+    rates = site_damping(finite('damping', damping).copy(), count)
     if splitting.stages > 1 and np.ptp(rates):
         raise ValueError('steps of order 4 and 6 need one damping for all particles, not one for each; use order=2')
-    return np.broadcast_to(rates.copy(), count)
+    return rates
 
 
 class EnergyLog(MDLogger):
