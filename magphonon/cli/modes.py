@@ -86,14 +86,15 @@ def cost(scene: Scene) -> Cost:
 
 
 def _of_lattice(save, scene, atoms):
-    from ..bands.bands import analytic_bands, points_on
+    from ..bands.bands import analytic_bands
     from ..bands.zone import PLANAR
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.bands import mode_names
     from ..plotting.modes import plot_mode
     from .band_report import ZERO_FRACTION
+    from .neighbours import special_points
 
-    names = list(points_on(scene.lattice.path(scene.bands.path if scene.bands is not None else None, 0)))
+    names = list(special_points(scene))
     path = scene.lattice.path(''.join(names), 2)
     bands = analytic_bands(atoms, path, vectors=True)
     at = [int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in names]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..bands.bands import points_on, sound_speeds
@@ -46,9 +46,15 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:
         return [f'{told}; what the others would change is not computed for so large a cell.']
     if points is None:
-        points = points_on(scene.lattice.path(scene.bands.path if scene.bands is not None else None, 0))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+        points = special_points(scene)
     told = _shifts(scene, told, atoms, points, within or {}, limit)
     return told + (_speeds(atoms) if speeds and not atoms.constraints else [])
+
+
+def special_points(scene: Scene) -> dict[str, NDArray[np.float64]]:
+    """Those on the path of the scene's bands, or on that of its lattice, by name."""
+    lattice: Any = scene.lattice
+    return points_on(lattice.path(scene.bands.path if scene.bands is not None else None, 0))
 
 
 def _counted(scene):

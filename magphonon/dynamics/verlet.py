@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from copy import copy
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
@@ -30,7 +31,7 @@ from ase.md.verlet import VelocityVerlet
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from ..errors import finite, not_negative, one_of, positive, whole
+from ..errors import not_negative, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
 from ..stiffness.site_laws import SiteLaw
@@ -426,7 +427,7 @@ def threads_for(particles: int) -> int:
 
 def _damping_of(damping, count, splitting):
     """The damping of each of `count` particles, as an array that nobody else can change."""
-    rates = site_damping(finite('damping', damping).copy(), count)
+    rates = site_damping(copy(damping), count)
     if splitting.stages > 1 and np.ptp(rates):
         raise ValueError('steps of order 4 and 6 need one damping for all particles, not one for each; use order=2')
     return rates
