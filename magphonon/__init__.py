@@ -16,9 +16,14 @@ magnets, fits of forces), `stiffness` (the calculator, D0 + D*), `bands`, `dynam
 functions, densities), `waves` (bursts, scans), `stability`, `design`, `planning`, `scenes`, `sweeps`, `plotting`, `units`.
 """
 
+from pathlib import Path
+
 import lazy_loader
 
 __version__ = '0.2.0'
+
+if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workflows stand beside the package
+    __path__.append(str(Path(__file__).parents[1]))
 
 # The names repeat those of the stub file __init__.pyi, which type checkers read: reading it here would add a third to the import
 # time.
