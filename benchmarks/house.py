@@ -1,7 +1,10 @@
 """How large the package is, and through how many files one question goes: `python benchmarks/house.py [REVISION ...]`.
 
-A column for each revision of the repository, and one for HEAD.  A route is what runs from one call to its answer; the
-files of the package that it enters are counted, apart from what importing runs.
+A column for each revision of the repository, and one for HEAD.  A route is what runs from one call to its answer: the files of
+the package that it enters and the lines of its functions are counted, apart from what importing runs.
+
+With `--ratchet` HEAD is compared with the largest allowed numbers in benchmarks/house.toml; it fails where one is larger.
+Whoever makes a number smaller writes the new one there.
 """
 
 import ast
@@ -11,6 +14,7 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+import tomllib
 from io import BytesIO
 from pathlib import Path
 
@@ -31,26 +35,36 @@ ROUTES = {  # what is prepared, and what is followed
                   'patch = lattices.hexagon(cell, 60.0)\n'
                   'patch.calc = MagneticRepulsion(patch, law, foundation=foundation)\n'
                   'burst = ToneBurst(len(patch) // 2, (0, 1), 1e-4, omega=0.25)', 'propagate(patch, [0.0, 10.0], [burst])'),
+    'magphonon check': (COMMAND, "command(['check', 'prototype'])"),
     'magphonon bands': (COMMAND, "command(['bands', 'prototype', '-o', 'b'])"),
+    'magphonon fit': (COMMAND, "command(['fit', FORCES, '--spacing', '10mm', '-o', 'f'])"),
     'magphonon fit --bands': (COMMAND, "command(['fit', RIDGES, '--bands', 'prototype', '-o', 'f'])"),
     'magphonon burst': (COMMAND, "command(['burst', 'prototype', '-o', 'w'])"),
 }
 FOLLOW = """
-import os, sys, tempfile
+import json, os, sys, tempfile
 os.chdir(tempfile.mkdtemp())
-tree, RIDGES = {tree!r}, {tree!r} + '/data/prototype_ridges.csv'
+tree, RIDGES, FORCES = {tree!r}, {tree!r} + '/data/prototype_ridges.csv', {tree!r} + '/data/synthetic_force.csv'
 {before}
-entered = set()
+entered, importing = set(), 0
 def follow(frame, event, _):
+    global importing
     code = frame.f_code
-    if event == 'call' and code.co_filename.startswith(tree + '/magphonon') and code.co_name != '<module>':
-        entered.add(code.co_filename)
+    if code.co_name == '<module>' and code.co_filename != '<string>':  # class bodies and decorators run within it
+        importing += dict(call=1).get(event, -1 if event == 'return' else 0)
+    elif event == 'call' and not importing and code.co_filename.startswith(tree + '/magphonon'):
+        entered.add((code.co_filename, code.co_firstlineno))
 sys.stdout = open(os.devnull, 'w')
 sys.setprofile(follow)
-{call}
-sys.setprofile(None)
-print(len({{file for file in entered if not file.endswith('__init__.py')}}), file=sys.__stdout__)
+try:
+    {call}
+finally:
+    sys.setprofile(None)
+print(json.dumps([*entered]), file=sys.__stdout__)
 """
+SITE_LAWS = {'SiteLaw', 'OnSite', 'Travelling'}
+CALCULATORS = {'MagneticRepulsion', 'AllNeighbours', 'type(calc)', 'type(self)', 'cls'}
+"""Calls of these that name three settings or more by hand are counted as rebuilds of a calculator."""
 
 
 def functions_of(tree):
@@ -78,6 +92,22 @@ def imported(package, file, tree):
                 target = next((path for path in (base / f'{alias.name}.py', base.with_suffix('.py')) if path.exists()), None)
                 if target and target.is_relative_to(package):
                     yield target
+
+
+def spelled_out(trees, texts):
+    """How often what is to be said once is said: traits by name, refusals by hand, laws by class, calculators rebuilt by hand."""
+    calls = [node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    asked = [ast.walk(call.args[1]) for call in calls if ast.unparse(call.func) == 'isinstance']
+    settings = [sum(word.arg not in (None, 'cutoff') for word in call.keywords) + any(word.arg is None for word in call.keywords)
+                for call in calls if ast.unparse(call.func) in CALCULATORS]
+    return {
+        'files that write "gyrat"': sum(any('gyrat' in line.lower() for line in lines) for lines in texts.values()),
+        'functions refuse_*': sum(node.name.lstrip('_').startswith('refuse') for tree in trees.values()
+                                  for _, node in functions_of(tree)),
+        'isinstance on laws of sites': sum(bool(SITE_LAWS & {node.id for node in nodes if isinstance(node, ast.Name)})
+                                           for nodes in asked),
+        'calculators rebuilt by hand': sum(count >= 3 for count in settings),
+    }
 
 
 def longest_chain(graph):
@@ -116,15 +146,26 @@ def measured(root):
         'exported names of rooms': len(exported), 'arrows between files': sum(map(len, graph.values())),
         'longest chain of files': longest_chain(graph),
         'lines of tests': sum(len(file.read_text(encoding='utf-8').splitlines()) for file in (root / 'tests').rglob('*.py')),
-    } | {f'files entered by {name}': route(root, *calls) for name, calls in ROUTES.items()}
+    } | spelled_out(trees, texts) | {line: value for name, calls in ROUTES.items() for line, value in route(root, name, *calls)}
 
 
-def route(root, before, call):
-    """Number of files that a call enters, in a process of its own."""
+def route(root, name, before, call):
+    """Numbers of files that a call enters, and for a call in Python of lines of the functions, in a process of its own."""
     code = FOLLOW.format(tree=str(root), before=before, call=call)
     done = subprocess.run([sys.executable, '-W', 'ignore', '-c', code], capture_output=True, text=True,  # noqa: S603
                           env=os.environ | {'PYTHONPATH': str(root), 'MPLBACKEND': 'Agg'})
-    return int(done.stdout) if done.returncode == 0 else done.stderr.splitlines()[-1][:60]
+    if done.returncode:
+        yield f'files entered by {name}', done.stderr.splitlines()[-1][:60]
+        return
+    entered = {tuple(place) for place in json.loads(done.stdout) if not place[0].endswith('__init__.py')}
+    files = {file for file, _ in entered}
+    yield f'files entered by {name}', len(files)
+    if before.startswith(CELL):
+        nodes = [(file, node) for file in files for node in ast.walk(ast.parse(Path(file).read_text(encoding='utf-8')))
+                 if isinstance(node, ast.FunctionDef)]
+        firsts = [min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)]) for _, node in nodes]
+        yield f'lines of functions in {name}', sum(node.end_lineno - first + 1 for (file, node), first
+                                                   in zip(nodes, firsts, strict=True) if (file, first) in entered)
 
 
 def at(revision, folder):
@@ -136,16 +177,23 @@ def at(revision, folder):
     return tree
 
 
+def exceeded(found, most):
+    """A line for each number that is larger than allowed, or that could not be measured."""
+    return [f'{name}: {found.get(name)}, at most {limit} allowed' for name, limit in most.items()
+            if not isinstance(found.get(name), (int, float)) or found[name] > limit]
+
+
 def main():
-    """Print the table."""
+    """Print the table, or with --ratchet what has grown."""
+    ratchet, revisions = '--ratchet' in sys.argv, [name for name in sys.argv[1:] if name != '--ratchet']
     with tempfile.TemporaryDirectory() as folder:
-        columns = {}
-        for revision in [*sys.argv[1:], 'HEAD']:
-            columns[revision] = measured(at(revision, folder))
+        columns = {revision: measured(at(revision, folder)) for revision in [*revisions, 'HEAD']}
     names = dict.fromkeys(name for column in columns.values() for name in column)
-    print(f'{"":40}', *(f'{revision:>12}' for revision in columns))
+    print(f'{"":44}', *(f'{revision:>12}' for revision in columns))
     for name in names:
-        print(f'{name:40}', *(f'{column.get(name, ""):>12}' for column in columns.values()))
+        print(f'{name:44}', *(f'{column.get(name, ""):>12}' for column in columns.values()))
+    if ratchet and (grown := exceeded(columns['HEAD'], tomllib.loads((ROOT / 'benchmarks/house.toml').read_text()))):
+        sys.exit('\n'.join(['What may only become smaller has grown:', *grown]))
 
 
 if __name__ == '__main__':
