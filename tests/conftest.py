@@ -45,9 +45,3 @@ def prototype():
     cell = lattices.triangular(p['spacing'] * u.m, p['mass'] * u.kg)
     cell.calc = MagneticRepulsion(cell, law, foundation=p['k_eq'] * u.N / u.m)
     return cell
-
-
-@pytest.fixture
-def no_impacts(monkeypatch):
-    """Verdicts without the impacts that leave a cage, nine tenths of their time, for tests that ask for something else."""
-    monkeypatch.setattr('magphonon.stability.verdicts.escape_speeds', lambda atoms: None)

@@ -285,10 +285,8 @@ def verdict(command, files, folder, output=True, between=()):
 
 
 @pytest.fixture(autouse=True)
-def cheap(monkeypatch, request):
-    """Pictures are drawn all the same, with few pixels; fewer lattices are drawn at random; impacts are left to the long run."""
-    if not request.node.get_closest_marker('long'):
-        request.getfixturevalue('no_impacts')
+def cheap(monkeypatch):
+    """Pictures are drawn all the same, with few pixels; fewer lattices are drawn at random."""
     monkeypatch.setitem(mpl.rcParams, 'savefig.dpi', 20)
     monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
 

@@ -227,7 +227,6 @@ REFUSED = {
     'needed': stability.foundation_needed,
     'support': stability.support_needed,
     'amplitude': stability.frequency_shifts,
-    'impacts': stability.escape_speeds,
     'cut-off': lambda atoms: foundation_for(atoms, 2.0),
     'supercell': lambda cell: _displaced(cell),
 }
@@ -237,7 +236,6 @@ REFUSED_PATCH = {
     'local': lambda atoms: local_modes(atoms, [3.0, 4.0]),
     'density': density_of_states,
     'series': lambda atoms: series_response(LinearSystem.of(atoms, gyrating=True), np.ones(2), np.ones(1), 0.1, [0], 1e-9),
-    'impacts': stability.escape_speeds,
     'amplitude': stability.frequency_shifts,
 }
 

@@ -35,8 +35,6 @@ from magphonon.dynamics.engine import frequency_bound, highest_frequency
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
 
-pytestmark = pytest.mark.usefixtures('no_impacts')
-
 EXACT = 1e-10
 """Tolerance relative to the highest squared frequency: round-off of matrices of a hundred rows, times the bonds that cancel."""
 

@@ -188,7 +188,6 @@ def test_explicit_damping_fails_where_the_exact_one_does_not(gamma_dt, stable):
 
 # --- at rest ---------------------------------------------------------------------------------------------------------
 
-@pytest.mark.usefixtures('no_impacts')
 def test_a_free_edge_is_pushed_by_root_three_times_the_force_of_a_bond():
     # a straight row of the triangular lattice lacks two bonds, at 60 and 120 degrees: 2 sin 60 = sqrt(3)
     strip = lattices.triangular(1.0, 1.0).repeat((6, 5, 1))

@@ -14,7 +14,7 @@ TITLES = {
     'dynamics': 'Time steps: drives, engines, recorder',
     'response': 'Linear answers without time steps',
     'waves': 'Tone bursts, spectra, ridges',
-    'stability': 'Buckling, range of linear motion, impacts',
+    'stability': 'Buckling, range of linear motion',
     'plotting': 'Pictures',
     'design': 'Sensitivities, uncertainty, wanted bands',
     'planning': 'The cheapest sufficient method (experimental)',

@@ -108,7 +108,7 @@ def _large(patch, perfect):
     many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged separately. '
     if perfect:
         return (many + 'Every particle inside its rim has all of its neighbours, so the results for the lattice are valid for '
-                'the patch: foundation, spacing, supports, time steps, and impacts away from the rim. The fixed rim may make it '
-                'stable even where the lattice buckles. The linear amplitude is that of waves far from the rim.')
+                'the patch: foundation, spacing, supports and time steps. The fixed rim may make it stable even where the '
+                'lattice buckles. The linear amplitude is that of waves far from the rim.')
     return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). Its spacing, its '
-            'supports, its linear amplitude and impacts on it are not judged: they need a smaller patch with as many defects.')
+            'supports and its linear amplitude are not judged: they need a smaller patch with as many defects.')

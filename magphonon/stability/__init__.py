@@ -1,8 +1,8 @@
 """Stability: buckling, the range of linear motion, and the verdict on a structure before it runs.
 
 `soft_waves` finds the wave of a lattice that costs least energy, `buckling` the foundation or spacing that stabilises it;
-`amplitude_shifts` the change of frequencies with amplitude, `backbones` nonlinear modes and whether they last, `escapes` the
-impact that takes a particle out of its cage.  `verdicts` judges a structure by all of these.
+`amplitude_shifts` the change of frequencies with amplitude, `backbones` nonlinear modes and whether they last.  `verdicts` judges
+a structure by all of these.
 """
 
 import lazy_loader

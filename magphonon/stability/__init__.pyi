@@ -17,6 +17,5 @@ from .buckling import (
     spacing_held as spacing_held,
     support_needed as support_needed,
 )
-from .escapes import Escape as Escape, escape_speeds as escape_speeds
 from .pumping import Growth as Growth, pumped_growth as pumped_growth
 from .verdicts import Buckling as Buckling, Finding as Finding, Verdict as Verdict, verdict as verdict

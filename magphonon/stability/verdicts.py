@@ -22,13 +22,12 @@ from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
 from ..dynamics.engine import fastest, highest_frequency
 from ..errors import positive
-from ..interactions.bond_laws import BondLaws, groups, laws_of, taken
+from ..interactions.bond_laws import groups, laws_of, taken
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, on_foundation
 from ..stiffness.site_laws import Travelling, springs_of
-from ..stiffness.sites import attracting
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     Softest,
@@ -42,7 +41,6 @@ from .buckling import (
     spacing_held,
     support_needed,
 )
-from .escapes import escape_speeds
 from .pumping import Growth, pumped_growth
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
@@ -103,8 +101,8 @@ class Verdict:
 
     Each check has an attribute of its name, the value that it found, and is made when this is first asked for: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
-    `supercell`, `displacements` (mm), `pumping` (Growth), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `gyration`
-    (rad/ms), `density` (g/mm^3).  It is None where the question does not arise, or was not judged.
+    `supercell`, `displacements` (mm), `pumping` (Growth), `supports` (Supports), `amplitude` (mm), `gyration` (rad/ms),
+    `density` (g/mm^3).  It is None where the question does not arise, or was not judged.
     """
 
     case: Case
@@ -168,9 +166,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
 
     A periodic cell is judged as an infinite lattice, by its whole zone; a cell of more than 200 degrees of freedom only by waves
     that fit into one or two cells along each vector, which its notes say.  A finite structure is judged as given.  Quantities
-    that take too long are not judged and listed in `Verdict.unjudged`: impacts above 200 degrees of freedom, the spacing above
-    2000, and for a periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours none of these is
-    judged.
+    that take too long are not judged and listed in `Verdict.unjudged`: the spacing above 2000 degrees of freedom, and for a
+    periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours none of these is judged.
 
     The structure is judged at rest: about the reference of its calculator, or about its present positions if they are another
     rest.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
@@ -583,24 +580,6 @@ def amplitude(case: Case) -> Finding:
 
 
 @remark
-def impacts(case: Case) -> Finding:
-    """Speeds of an impact that leaves a particle in its cage, and that takes it out; not judged of particles that differ."""
-    if case.layer is not None or case.gyrating is not None or not (case.balanced and case.listed):
-        return Finding()
-    if case.large:
-        return Finding(unjudged='impacts')
-    unlike = isinstance(case.calc.law, BondLaws) or np.ndim(case.calc.foundation) or len(attracting(case.calc))
-    found = escape_speeds(case.atoms) if case.held and not unlike and not case.touching else None
-    if found is None:
-        return Finding()
-    words = (f'A particle that is hit at a speed below {_three_digits(found.safe, np.floor):g} m/s stays among its neighbours: '
-             'its energy is too low to leave them.')
-    if found.leaves is not None:
-        words += f' At {_three_digits(found.leaves, np.ceil):g} m/s it can escape between them, which ends a run.'
-    return Finding(found, words)
-
-
-@remark
 def gyration(case: Case) -> Finding:
     """Largest gyration of a particle in rad/ms, 0 if none gyrates."""
     if case.gyrating is None:
@@ -629,13 +608,6 @@ def _growth(found):
 
 def _times(ratio):
     return f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
-
-
-def _three_digits(speed, rounded):
-    """A speed in m/s, rounded down or up to three digits."""
-    speed = speed / (u.m / u.s)
-    digit = 10.0 ** (np.floor(np.log10(speed)) - 2)
-    return float(f'{rounded(speed / digit) * digit:.3g}')
 
 
 def _stiffness(k):

@@ -54,7 +54,6 @@ SCENES = {
 }
 
 
-@pytest.mark.usefixtures('no_impacts')
 @pytest.mark.parametrize('name', SCENES)
 def test_verdict_says_what_theory_says(name, tmp_path, capsys):
     base, changes, status, words = SCENES[name]
@@ -71,7 +70,6 @@ def test_verdict_says_what_theory_says(name, tmp_path, capsys):
     assert ('(1 problem)' in said) == (status == BAD)
 
 
-@pytest.mark.usefixtures('no_impacts')
 def test_a_guide_is_not_praised_for_what_it_does_not_do(tmp_path, capsys):
     """Flat and of a long reach the oscillator runs away along its guide; sideways it would stay: D_xx = 1.96 f/L0."""
     file = tmp_path / 'my.toml'
@@ -94,7 +92,6 @@ def test_lattices_of_all_neighbours_are_judged_too(capsys):
     assert 'Stable in the plane' in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures('no_impacts')
 def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
     file = tmp_path / 'my.toml'
     file.write_text(ready_scene('prototype').read_text().replace('side_m = 0.3 ', 'side_m = 1.3 '))

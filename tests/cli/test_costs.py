@@ -10,8 +10,6 @@ import pytest
 from magphonon.cli import costs, main
 from magphonon.scenes.scene import read_scene, ready_scene
 
-pytestmark = pytest.mark.usefixtures('no_impacts')
-
 MEASURE = """
 import sys
 from magphonon.cli.main import main

@@ -134,7 +134,6 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
     assert abs(truths[1] - value) > 1.96 * std  # the control
 
 
-@pytest.mark.usefixtures('no_impacts')
 @pytest.mark.parametrize(('command', 'name', 'words'), [
     ('check', 'prototype', 'M, branch 1 by +16 %'), ('modes', 'prototype', 'M, branch 1 by +16 %'),
     ('explore', 'prototype', 'M, branch 1 by +16 %'), ('plan', 'vacancy', None), ('bands', 'chain', 'X, branch 1 by -0.91 %')])

@@ -15,8 +15,6 @@ from magphonon.files import write_columns
 from magphonon.response.frf import FrequencyResponse
 from magphonon.scenes.scene import ready_scene
 
-pytestmark = pytest.mark.usefixtures('no_impacts')
-
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['bnads', 'x.toml'], "there is no command 'bnads'; did you mean 'bands'?"),

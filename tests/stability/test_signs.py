@@ -21,7 +21,6 @@ from magphonon.bands.bloch import bloch_modes
 from magphonon.dynamics import write_lammps_input
 from magphonon.interactions import Attraction
 from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
-from magphonon.stability.escapes import escape_speeds
 from magphonon.stiffness import substituted
 
 LAW = InversePower(b=0.2 * 10.0**4, a=4.0)
@@ -130,12 +129,8 @@ def test_what_supposes_repulsion_refuses_attraction(tmp_path):
     pair.pbc = False
     pair.set_constraint(FixAtoms([0]))
     pair.calc = MagneticRepulsion(pair, LAW, foundation=1.0, strengths=[1, -1, 1, 1]).balanced(range(4))
-    for ask in (lambda: escape_speeds(pair), lambda: write_lammps_input(tmp_path, pair, timestep=0.01, steps=1)):
-        with pytest.raises(ValueError, match='suppose that all particles repel each other, but particles 0 and 1 attract'):
-            ask()
-    pulled = lattices.chain(10.0, 1.0)
-    pulled.calc = MagneticRepulsion(pulled, Attraction(LAW), foundation=1.0)  # one law for all, held by the springs
-    assert 'is hit' not in str(verdict(pulled))
+    with pytest.raises(ValueError, match='suppose that all particles repel each other, but particles 0 and 1 attract'):
+        write_lammps_input(tmp_path, pair, timestep=0.01, steps=1)
     two = lattices.chain(10.0, 1.0).repeat((2, 1, 1))
     with pytest.raises(ValueError, match=r'strengths\[1\] = -1: the sum over all neighbours is one of repulsion alone'):
         AllNeighbours(two, LAW, strengths=[1, -1])

@@ -34,8 +34,6 @@ from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
 from magphonon.stability.amplitude_shifts import frequency_shifts
 
-pytestmark = pytest.mark.usefixtures('no_impacts')
-
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 HZ = 1e3 / (2 * np.pi)
 
