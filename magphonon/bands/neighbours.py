@@ -21,7 +21,7 @@ from ..interactions.pair_laws import InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
 from ..stiffness.bond import interaction_along
-from ..stiffness.matrices import bloch_matrix, hermitian_eigenvalues, mass_weighted, signed_root
+from ..stiffness.matrices import bloch_matrix, gyrating_modes, hermitian_eigenvalues, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes
 
@@ -76,7 +76,7 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     >>> round(float(shear), 3), round(float(longitudinal), 3)  # M: 58.2 Hz become 67.5, and 149.5 become 150.5
     (0.158, 0.007)
     """
-    atoms, q = _in_plane(LinearSystem.of(atoms).atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
+    atoms, q = _in_plane(LinearSystem.of(atoms, gyrating=True).atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
     omega = bloch_modes(atoms, q)[0]
     if not atoms.calc.pairwise:
         return NeighbourShifts(omega, omega, True)
@@ -210,10 +210,12 @@ def _bloch(atoms, bonds, q, foundation=0.0):
 
 
 def _omega(atoms, D):
-    if not atoms.constraints:
+    if not (atoms.constraints or np.any(atoms.calc.gyration)):
         return signed_root(hermitian_eigenvalues(mass_weighted(D, atoms.get_masses())))
-    shapes = LinearSystem.about(atoms.calc, atoms).shapes.toarray()
-    return signed_root(np.linalg.eigvalsh(shapes.T @ D @ shapes))
+    system = LinearSystem.about(atoms.calc, atoms)
+    shapes = system.shapes.toarray()
+    K = shapes.T @ D @ shapes
+    return gyrating_modes(system.B().toarray(), K)[0] if system.gyration.any() else signed_root(np.linalg.eigvalsh(K))
 
 
 def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:

@@ -41,8 +41,6 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     atoms = scene.with_lean(False).perfect_cell() if atoms is None else atoms
     if not atoms.calc.pairwise:
         return ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']
-    if np.any(atoms.calc.gyration):
-        return [f'{told}; what the others would change is not computed of particles that gyrate.']
     if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:
         return [f'{told}; what the others would change is not computed for so large a cell.']
     if points is None:

@@ -473,12 +473,15 @@ def guided(case: Case) -> Finding:
 @check
 def timestep_limit(case: Case) -> Finding:
     """2/omega_max in ms, infinite if no mode vibrates: of the structure, or of all waves of a lattice with a small cell."""
-    waves, system = case.atoms.pbc.any() and not case.large, case.system
+    waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
+    whole = case.gyrating if gyrates else case.system
     if case.pumped is not None:  # on its springs where they are stiffest
-        system = LinearSystem.nearest(on_foundation(case.pumped, case.pumped.calc.parameters.foundation.stiffest))  # pyright: ignore[reportOptionalMemberAccess]  it has one
+        stiffest = on_foundation(case.pumped, case.pumped.calc.parameters.foundation.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
+        whole = LinearSystem.nearest(stiffest, gyrating=True)
+    system = whole.without_gyration() if gyrates else whole
     if not waves:
-        highest = highest_frequency(system if case.gyrating is None else case.gyrating)
-    elif case.gyrating is not None and not case.held:  # then gyration counts, and so do the hills
+        highest = highest_frequency(whole)
+    elif gyrates and not case.held:  # then gyration counts, and so do the hills
         lowest = softest_of(case.system, foundation=case.spring, weighted=True).lowest
         highest = fastest(max(highest_squared(system), -lowest), case.gyrating.gyration)
     else:

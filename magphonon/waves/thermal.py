@@ -4,7 +4,7 @@ With the window h over the particles and the modes e of the linear lattice, of w
 
     u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
 
-Equipartition says no more than this: harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows
+Gyration does no work: <u u> does not know it, and these are frequencies without it.  Equipartition says no more than this: harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows
 anharmonic ones, as kT grows.  Three things spoil the number, and are taken off or told:
 
 - few frames: the inverse of a mean of M frames is too large by some n/M.  The frames, in order, are cut into segments longer than
@@ -55,7 +55,7 @@ class ThermalBands(units.InHertz, Saved, kind='thermal bands', units={
     q : ndarray, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     omega : ndarray, shape (wavevectors, branches)
-        In rad/ms, without the bias.
+        In rad/ms, without the bias; of particles that gyrate those without gyration, which heat does not know.
     error : ndarray, shape (wavevectors, branches)
         One standard error of omega.
     bias : ndarray, shape (wavevectors, branches)
@@ -114,14 +114,14 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     >>> bool((abs(found.omega - found.linear) < 4 * found.error).all())
     True
     """
-    system, q = LinearSystem.nearest(atoms).balanced(), wavevectors(q)  # a record ends with moved atoms
+    system, q = LinearSystem.nearest(atoms, gyrating=True).balanced(), wavevectors(q)  # a record ends with moved atoms
     particles, u = system.recorded(particles), finite('displacements', displacements)
     if u.shape[1:] != (len(particles), system.dim):
         raise ValueError(f'displacements must have the shape (frames, {len(particles)}, {system.dim}), not {u.shape}')
     if len(u) < FEWEST * SEGMENTS:
         raise ValueError(f'{len(u)} frames are too few for an error; record {FEWEST * SEGMENTS} or more')
     waves, masses = _waves(system, cell, q, particles), np.repeat(cell.get_masses(), system.dim)
-    linear, shapes = bloch_modes(cell, q, vectors=True)
+    linear, shapes = bloch_modes(LinearSystem.of(cell, gyrating=True).without_gyration(), q, vectors=True)
     for k in np.flatnonzero(linear.min(axis=1) <= SLACK * linear.max())[:1]:
         raise PhysicsError(f'nothing resists a wave at q = ({q[k, 0]:.4g}, {q[k, 1]:.4g}, {q[k, 2]:.4g}), as at Gamma without a '
                            'foundation; leave this wavevector out')
@@ -220,6 +220,7 @@ def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: Array
     >>> thermal_run(cell, (2, 2, 1), 0.01, [(0.5, 0, 0)], steps=2000).omega.shape
     (1, 2)
     """
+    LinearSystem.of(cell, gyrating=True)  # refuses what has no rest or changes with time, before the runs
     atoms, records = cell.repeat(np.asarray(repeats)), []
     atoms.calc = cell.calc.on(atoms)  # pyright: ignore[reportOptionalMemberAccess]  which `thermal_bands` refuses
     fastest = highest_frequency(atoms)

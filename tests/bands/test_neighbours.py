@@ -37,8 +37,11 @@ def drawn_law(rng, periods):
             (Yukawa(b * 10 * np.exp(10 / l), 1 / l), screened))
 
 
-def plain_sum(cell, derivatives, k, q, reach=np.inf):
-    """Frequencies from a double loop over cells and particles, without anything of the package; to a distance `reach` in mm."""
+def plain_sum(cell, derivatives, k, q, reach=np.inf, g=0.0):
+    """Frequencies from a double loop over cells and particles, without anything of the package; to a distance `reach` in mm.
+
+    Particles of a plane that gyrate at g rad/ms: the upper half of the roots of the companion matrix.
+    """
     periods = int(cell.pbc.sum())
     dim, n, far = (3 if periods == 3 else 2), len(cell), FAR[periods]
     grid = np.stack(np.meshgrid(*[np.arange(-far, far + 1)] * periods, indexing='ij'), -1).reshape(-1, periods)
@@ -57,7 +60,12 @@ def plain_sum(cell, derivatives, k, q, reach=np.inf):
             D[:, i, :, i, :] += K.sum(axis=0)
             D[:, i, :, j, :] -= np.einsum('bq,bxy->qxy', np.exp(2j * np.pi * shift @ q[:, :periods].T), K)
     root = np.repeat(1 / np.sqrt(cell.get_masses()), dim)
-    squares = np.linalg.eigvalsh(D.reshape(len(q), n * dim, n * dim) * root * root[:, None])
+    K = D.reshape(len(q), n * dim, n * dim) * root * root[:, None]
+    if g:
+        turn, one = np.kron(np.eye(n), g * np.array([[0, 1], [-1, 0]])), np.eye(2 * n)
+        roots = [np.linalg.eigvals(np.block([[0 * one, one], [-each, turn]])).imag for each in K]
+        return np.sort(roots, axis=1)[:, -2 * n :]
+    squares = np.linalg.eigvalsh(K)
     return np.sign(squares) * np.sqrt(abs(squares))
 
 
@@ -109,6 +117,24 @@ def test_magnets_by_their_shape(kind, law):
     exact = plain_sum(cell, lambda r: (law.dphi(r), law.d2phi(r)), k, q)
     np.testing.assert_allclose(neighbour_shifts(cell, q).every, exact, rtol=3e-5)
     assert abs(neighbour_shifts(cell, q).omega / exact - 1).max() > 5e-3  # the control
+
+
+@pytest.mark.parametrize('kind', ['triangular', 'honeycomb'])
+def test_particles_that_gyrate(kind):
+    """What all neighbours shift, and how many shells are enough, of the frequencies with gyration; those without are others."""
+    cell, law, k, g = getattr(lattices, kind)(10.0, 0.7), InversePower(1e4, 4.0), 0.5, 3.0
+    derivatives = lambda r: (law.dphi(r), law.d2phi(r))  # noqa: E731
+    q = np.array([[0.5, 0, 0], [0.31, 0.12, 0]])
+    cell.calc = MagneticRepulsion(cell, law, foundation=k, gyration=g)
+    found, exact = neighbour_shifts(cell, q), plain_sum(cell, derivatives, k, q, g=g)
+    np.testing.assert_allclose(found.omega, plain_sum(cell, derivatives, k, q, cell.calc.bonds.lengths.max(), g), rtol=1e-9)
+    np.testing.assert_allclose(found.every, exact, rtol=2e-4)
+    enough = enough_shells(cell, q, 0.05)
+    error = {turns: abs(plain_sum(cell, derivatives, k, q, enough.cutoff, turns) / plain_sum(cell, derivatives, k, q, g=turns)
+                        - 1).max() for turns in (0.0, g)}
+    assert enough.error == pytest.approx(error[g], abs=2e-4)
+    assert abs(error[0.0] - error[g]) > 1e-3  # the control
+    assert enough.error <= 0.05
 
 
 def test_a_table_goes_on_from_its_end():

@@ -8,7 +8,7 @@ from ase.constraints import FixAtoms, FixedLine
 from scipy.integrate import quad
 from structures import structure
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, read_scene, ready_scene
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, Travelling, lattices, read_scene, ready_scene
 from magphonon.bands import bloch_modes
 from magphonon.cli.arguments import lattice_and_patch
 from magphonon.cli.main import main
@@ -228,6 +228,36 @@ def test_a_run_shows_what_is_anharmonic():
     assert abs(change[0]).max() < 1e-9  # at Gamma the bonds do nothing
     assert error[1, 0] < 0.04  # without the run beside it, it would be 0.1
     assert abs(change[1, 0] + 0.0441) < 3.5 * error[1, 0]
+
+
+def test_gyration_does_not_change_the_stiffness_of_waves():
+    """<u u> = kT D^-1 whatever g is: the frequencies are the roots of the stiffness written here, not those of the bands."""
+    cell, g = lattices.triangular(1.0, 1.0), 4.0
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=3.0, gyration=g)
+    atoms, q, kT = cell.repeat((4, 4, 1)), [(0.5, 0, 0), (0.25, 0.25, 0)], 1e-9
+    atoms.calc = cell.calc.on(atoms)
+    n = np.array([[np.cos(t), np.sin(t)] for t in np.pi / 3 * np.arange(3)])
+    phase = np.array([[1, 0], [0, 1], [-1, 1]]) @ np.array(q)[:, :2].T
+    D = 3 * np.eye(2) + np.einsum('bq,bxy->qxy', 2 - 2 * np.cos(2 * np.pi * phase), 5 * n[:, :, None] * n[:, None] - np.eye(2))
+    exact = np.sqrt(np.linalg.eigvalsh(D))
+    dyn = DrivenVerlet(atoms, 0.2, damping=1.5, temperature_mJ=kT, engine='numpy')
+    dyn.run(300)
+    recorder = Recorder(dyn, interval=10)
+    dyn.run(6000)
+    found = thermal_bands(atoms, recorder.displacements, kT, cell, q, dt=0.2)
+    np.testing.assert_allclose(found.linear, exact)
+    assert abs((found.omega - exact) / found.error).max() < 4
+    assert abs((found.omega - bloch_modes(cell, q)[0]) / found.error).max() > 8  # the control: frequencies with gyration
+    cold = thermal_run(cell, (4, 4, 1), kT, q, steps=900)
+    np.testing.assert_allclose(cold.omega, exact, rtol=1e-5)
+
+
+def test_a_modulation_is_refused_before_the_run(monkeypatch):
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=Travelling(3.0, 0.1, 1.0, (0, 0)))
+    monkeypatch.setattr(DrivenVerlet, 'run', lambda *_: pytest.fail('it ran'))
+    with pytest.raises(ValueError, match='know no time'):
+        thermal_run(cell, (2, 2, 1), 1e-3, [(0.5, 0, 0)])
 
 
 def test_the_command_tells_it_and_refuses_what_it_cannot(tmp_path, monkeypatch, capsys):
