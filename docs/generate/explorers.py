@@ -2,16 +2,23 @@
 
 import contextlib
 import io
+import tempfile
+from pathlib import Path
 
+from magphonon import ready_scene
 from magphonon.cli.main import main
 
 SCENES = ('prototype', 'ideal', 'square', 'honeycomb', 'kagome', 'chain')
 
 
 def write(folder):
-    """One page for each scene."""
-    for name in SCENES:
-        with contextlib.redirect_stdout(io.StringIO()):
-            status = main(['explore', name, '-o', str(folder / f'{name}-explore.html')])
-        if status:
-            raise RuntimeError(f'magphonon explore {name}: exit status {status}')
+    """One page for each scene, and that of the honeycomb whose bench turns, at rest: its burst has a slider for the gyration."""
+    still = [line for line in ready_scene('gyro').read_text(encoding='utf-8').splitlines() if not line.startswith('gyration')]
+    with tempfile.TemporaryDirectory() as place:
+        gyro = Path(place) / 'gyro.toml'
+        gyro.write_text('\n'.join(still), encoding='utf-8')
+        for name, scene in [*zip(SCENES, SCENES, strict=True), ('gyro', str(gyro))]:
+            with contextlib.redirect_stdout(io.StringIO()):
+                status = main(['explore', scene, '-o', str(folder / f'{name}-explore.html')])
+            if status:
+                raise RuntimeError(f'magphonon explore {name}: exit status {status}')

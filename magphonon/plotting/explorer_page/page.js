@@ -16,6 +16,7 @@ const sceneBands = bandsOf(data, scene, 'complete');
 const view = {state: scene, bands: null, chosen: {branch: 0, at: data.path.point.at}, ridges: [], slowed: 1,
   playing: !matchMedia('(prefers-reduced-motion: reduce)').matches};
 const MODELS = ['complete', 'conventional'];
+const address = new URLSearchParams(location.hash.slice(1));  // what it tells of the burst is kept
 const motions = Object.fromEntries(MODELS.map(model => [model, new Motion(element(`lattice-${model}`), data)]));
 
 function stateAt(positions) {
@@ -44,6 +45,7 @@ function update() {
   element('stability').innerHTML = stabilityInWords(view.state, !unstable);
   element('dstar').innerHTML = dstarInWords(effectOfDstar(view.state));
   showMode();
+  view.burst?.follow(view.state);
 }
 
 function showSlider(name) {
@@ -166,8 +168,11 @@ function showMode() {
 
 function showPlaying() {
   element('play').textContent = view.playing ? 'Pause' : 'Play';
-  const times = view.slowed >= 1 ? `${written(view.slowed)} times slower` : `${written(1 / view.slowed)} times faster`;
-  element('tempo').textContent = `${times}; displacements drawn large`;
+  element('tempo').textContent = `${inWords(view.slowed)}; displacements drawn large`;
+}
+
+function inWords(slowed) {
+  return slowed >= 1 ? `${written(slowed)} times slower` : `${written(1 / slowed)} times faster`;
 }
 
 function choose(mode) {
@@ -292,9 +297,13 @@ function start() {
   else element('law').textContent = `the force at ${shown('spacing', scene.spacing_m)} stays ${written(data.law.force_N)}\u202fN`;
   listen();
   listenToTools();
+  document.body.classList.toggle('chain', data.periods === 1);
+  document.body.classList.toggle('only-burst', address.get('view') === 'burst');
   followLink();
+  if (data.periods === 2) view.burst = new BurstView(element('burst'), data, view.state, address);
   let last = performance.now();
   const frame = now => {
+    view.burst?.frame((now - last) / 1000);
     if (view.playing) Object.values(motions).forEach(motion => motion.advance(Math.min(now - last, 100) / 1000 / view.slowed));
     last = now;
     requestAnimationFrame(frame);
@@ -302,4 +311,10 @@ function start() {
   requestAnimationFrame(frame);
 }
 
+/** A frame that holds this page is as high as the page. */
+function tellHeight() {
+  if (parent !== window) parent.postMessage({magphononHeight: document.documentElement.scrollHeight}, '*');
+}
+
 start();
+new ResizeObserver(tellHeight).observe(document.body);

@@ -10,6 +10,7 @@ function linkOf(state, chosen) {
   }
   if (chosen.at !== data.path.point.at) told.set('point', chosen.at);
   if (chosen.branch) told.set('branch', chosen.branch + 1);
+  for (const name of ['view', 'source', ...Object.keys(TOLD)]) if (address.has(name)) told.set(name, address.get(name));
   return `#${told}`.replace('\u2212', '-');
 }
 

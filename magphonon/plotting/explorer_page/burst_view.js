@@ -1,0 +1,267 @@
+// The burst as it is seen and played with: two patches side by side on one scale of colours.
+'use strict';
+
+const LEVELS = 24;  // shades on either side of rest
+const BRIGHTEST = 0.6;  // of the largest displacement, from which a colour is full
+const CYCLES = 5;
+const FORCE_N = 2.5e-4;  // linear waves: it sets no picture, only the largest displacement that is told
+const LIMIT = 30;  // times the largest displacement under the push, from which a lattice that buckles is stopped
+const PERIOD_s = 0.5;  // of the carrier on the screen at first
+const TOLD = {carrier: 'carrier_Hz', damping: 'damping_per_s', gyration: 'gyration_rad_per_s', cycles: 'cycles'};
+
+class BurstView {
+  /** `state` tells where the sliders of the page are; `told` what the address says of carrier, damping, gyration, cycles, source. */
+  constructor(root, data, state, told) {
+    Object.assign(this, {root, data, state, address: told, gone: new Set(), tool: 'push', cursor: null});
+    this.canvases = Object.fromEntries(MODELS.map(model => [model, root.querySelector(`canvas.${model}`)]));
+    const lowest = [data.path.q.findIndex(q => q[0] === 0 && q[1] === 0), data.path.point.at]
+      .map(at => modeOf(data, state, 'complete', data.path.q[Math.max(at, 0)], 0).frequency_Hz).map(Math.abs);
+    const highest = Math.max(...sceneBands.flat());
+    this.drive = {direction: [0, 1], force_N: FORCE_N, cycles: CYCLES, damping_per_s: 0.1 * lowest[0], gyration_rad_per_s: 0,
+      carrier_Hz: (lowest[0] + 1.2 * lowest[1]) / 2.2};
+    for (const [name, key] of Object.entries(TOLD)) {
+      const given = parseFloat(told.get(name));
+      if (given >= 0) this.drive[key] = given;
+    }
+    const most = {carrier: 1.1 * highest, damping: 2 * lowest[0], gyration: 2 * Math.PI * highest};
+    for (const name of Object.keys(most)) {
+      const input = root.querySelector(`[name=${name}]`), step = roundStep(Math.max(most[name], 1.5 * this.drive[TOLD[name]]) / 1000);
+      Object.assign(input, {min: name === 'carrier' ? step : 0, max: 1200 * step, step, value: this.drive[TOLD[name]]});
+      input.addEventListener('input', () => { this.address.set(name, input.value); this.restart(); showMode(); });
+    }
+    this.slower = roundStep(PERIOD_s * this.drive.carrier_Hz);
+    root.querySelector('[name=slower]').innerHTML = [0.4, 1, 4].map(times => `<option value="${times * this.slower}"${
+      times === 1 ? ' selected' : ''}>${inWords(times * this.slower)}</option>`).join('');
+    this.rim = told.get('source') === 'rim';
+    this.source = null;
+    this.rebuild();
+    this.listen();
+  }
+
+  /** The patch without the particles that were removed, at rest; false, and as before, if it buckles. */
+  rebuild() {
+    const patch = patchOf(this.data, this.gone);
+    this.rest = patch.relaxed ? null : relaxed(patch, this.data, this.state);
+    if (!patch.relaxed && !this.rest) return false;
+    this.patch = patch;
+    const at = patch.keys.indexOf(this.source);
+    if (at < 0 || patch.held[at]) this.source = patch.keys[this.first()];
+    this.restart();
+    return true;
+  }
+
+  /** The free particle in the middle, or in the middle of the lower rim. */
+  first() {
+    const {x, y, held} = this.patch, low = Math.min(...y.filter((_, p) => !held[p]));
+    const far = x.map((_, p) => held[p] ? Infinity : Math.hypot(x[p], this.rim ? 10 * (y[p] - low) : y[p]));
+    return far.indexOf(Math.min(...far));
+  }
+
+  /** Both lattices at rest again, with the sliders where they are. */
+  restart() {
+    for (const name of ['carrier', 'damping', 'gyration']) {
+      const input = this.root.querySelector(`[name=${name}]`), unit = {carrier: 'Hz', damping: '1/s', gyration: 'rad/s'}[name];
+      this.drive[TOLD[name]] = Number(input.value);
+      input.closest('label').querySelector('output').textContent = `${written(this.drive[TOLD[name]], 4)}\u202f${unit}`;
+    }
+    this.drive.source = this.patch.keys.indexOf(this.source);
+    const bonds = bondsAt(this.patch, this.data, this.state, this.rest);
+    this.bursts = Object.fromEntries(MODELS.map(model =>
+      [model, new Burst(this.patch, bonds, model, this.state.foundation_N_per_m, this.drive)]));
+    this.pushed = Object.fromEntries(MODELS.map(model => [model, 0]));
+    this.record = Object.fromEntries(MODELS.map(model => [model, []]));
+    this.draw();
+  }
+
+  /** Let a time in s pass in both lattices. */
+  advance(time) {
+    for (const model of MODELS) {
+      const burst = this.bursts[model];
+      if (burst.grown) continue;
+      burst.advance(time);
+      const largest = burst.u.reduce((most, u) => Math.max(most, Math.abs(u)), 0);
+      if (burst.t < this.drive.cycles / this.drive.carrier_Hz) this.pushed[model] = Math.max(this.pushed[model], largest);
+      burst.grown = largest > LIMIT * this.pushed[model] && this.pushed[model] > 0;
+    }
+    this.draw();
+  }
+
+  /** When the patch is as full of echoes as it gets: ten bursts after the push. */
+  get over() {
+    return this.bursts.complete.t > 6 * this.drive.cycles / this.drive.carrier_Hz;
+  }
+
+  draw() {
+    const {x, y, held, size} = this.patch, dark = matchMedia('(prefers-color-scheme: dark)').matches;
+    const free = MODELS.filter(model => !this.bursts[model].grown).flatMap(model => [...this.bursts[model].u.filter((_, k) => k % 2)]);
+    const scale = BRIGHTEST * free.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
+    for (const model of MODELS) {
+      const canvas = this.canvases[model], width = canvas.clientWidth, dense = devicePixelRatio || 1, burst = this.bursts[model];
+      const reach = Math.max(...x.map(Math.abs)) + 0.6, high = Math.max(...y.map(Math.abs)) + 0.6, unit = width / 2 / reach;
+      canvas.style.height = `${2 * high * unit}px`;
+      if (canvas.width !== Math.round(width * dense)) canvas.width = Math.round(width * dense);
+      if (canvas.height !== Math.round(2 * high * unit * dense)) canvas.height = Math.round(2 * high * unit * dense);
+      const pen = canvas.getContext('2d');
+      pen.setTransform(dense, 0, 0, dense, 0, 0);
+      pen.clearRect(0, 0, width, 2 * high * unit);
+      const shades = new Map();
+      for (let p = 0; p < size; p++) {
+        const level = held[p] ? 'held' : Math.round(LEVELS * Math.max(-1, Math.min(1, burst.u[2 * p + 1] / scale)));
+        if (!shades.has(level)) shades.set(level, []);
+        shades.get(level).push(p);
+      }
+      const place = p => [width / 2 + unit * x[p], (high - y[p]) * unit], dot = 0.42 * unit;
+      for (const [level, particles] of shades) {
+        pen.fillStyle = level === 'held' ? (dark ? '#4a5058' : '#c4c8ce') : shade(level / LEVELS, dark);
+        pen.beginPath();
+        for (const p of particles) {
+          const [px, py] = place(p);
+          pen.moveTo(px + dot, py);
+          pen.arc(px, py, dot, 0, 2 * Math.PI);
+        }
+        pen.fill();
+      }
+      pen.lineWidth = 2;
+      pen.strokeStyle = dark ? '#fff' : '#000';
+      for (const p of [this.drive.source, ...(this.cursor === null ? [] : [this.cursor])]) {
+        pen.beginPath();
+        pen.arc(...place(p), p === this.cursor ? 1.6 * dot : dot, 0, 2 * Math.PI);
+        pen.stroke();
+      }
+      canvas.dataset.time_ms = 1e3 * burst.t;
+      this.root.querySelector(`.${model} .told`).textContent = burst.grown ? 'it buckles: the motion grows without end'
+        : `${(1e3 * burst.t).toFixed(0)} ms`;
+    }
+  }
+
+  /** The particle nearest to a point of a canvas, in pixels. */
+  nearest(canvas, px, py) {
+    const {x, y} = this.patch, width = canvas.clientWidth, height = canvas.clientHeight;
+    const reach = Math.max(...x.map(Math.abs)) + 0.6, unit = width / 2 / reach;
+    const far = x.map((_, p) => Math.hypot(width / 2 + unit * x[p] - px, height / 2 - unit * y[p] - py));
+    return far.indexOf(Math.min(...far));
+  }
+
+  /** Push a particle, or take it out; where one was taken out, put it back. */
+  act(p, place) {
+    if (this.tool === 'push') {
+      if (this.patch.held[p]) return this.tell('The rim is held; push a particle inside.');
+      this.source = this.patch.keys[p];
+      this.restart();
+      return this.tell('');
+    }
+    const back = place && [...this.gone].find(key => this.gonePlaces.get(key).every((c, k) => Math.abs(c - place[k]) < 0.5));
+    const before = new Set(this.gone);
+    if (back) this.gone.delete(back);
+    else if (this.patch.held[p]) return this.tell('The rim is held; take out a particle inside.');
+    else {
+      this.gonePlaces ??= new Map();
+      this.gonePlaces.set(this.patch.keys[p], [this.patch.x[p], this.patch.y[p]]);
+      this.gone.add(this.patch.keys[p]);
+    }
+    if (this.rebuild()) return this.tell(this.gone.size ? `${this.gone.size} taken out; the others have moved to their new rest.` : '');
+    this.gone = before;
+    this.rebuild();
+    return this.tell('Without it the lattice buckles; give it a stiffer foundation first.');
+  }
+
+  tell(words) {
+    this.root.querySelector('.words').textContent = words;
+  }
+
+  listen() {
+    const {root} = this;
+    for (const canvas of Object.values(this.canvases)) {
+      canvas.addEventListener('pointerdown', event => {
+        const box = canvas.getBoundingClientRect(), [px, py] = [event.clientX - box.left, event.clientY - box.top];
+        const {x} = this.patch, unit = canvas.clientWidth / 2 / (Math.max(...x.map(Math.abs)) + 0.6);
+        this.cursor = null;
+        this.act(this.nearest(canvas, px, py), [(px - canvas.clientWidth / 2) / unit, (canvas.clientHeight / 2 - py) / unit]);
+      });
+      canvas.addEventListener('keydown', event => {
+        const ways = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
+        if (event.key in ways) this.moveCursor(ways[event.key]);
+        else if (event.key === 'Enter' || event.key === ' ') this.act(this.cursor ?? this.drive.source);
+        else return;
+        event.preventDefault();
+      });
+      canvas.addEventListener('blur', () => { this.cursor = null; this.draw(); });
+    }
+    const on = (name, act) => root.querySelector(`[name=${name}]`).addEventListener('click', act);
+    on('again', () => this.restart());
+    on('step', () => { this.playing = false; this.show(); this.advance(1 / 20 / this.drive.carrier_Hz); });
+    on('run', () => { this.playing = !this.playing; this.show(); });
+    on('listen', () => this.sound());
+    on('large', () => document.documentElement.classList.toggle('large'));
+    root.querySelector('[name=slower]').addEventListener('change', event => { this.slower = Number(event.target.value); });
+    root.querySelectorAll('[name=tool]').forEach(input => input.addEventListener('change', () => { this.tool = input.value; }));
+    if (this.data.law.kind !== 'power') root.querySelector('[name=tool][value=remove]').closest('label').hidden = true;
+    new ResizeObserver(() => this.draw()).observe(root);
+    new IntersectionObserver(entries => { this.seen = entries.at(-1).isIntersecting; }).observe(root);
+    this.playing = view.playing;
+    this.show();
+  }
+
+  moveCursor([right, up]) {
+    const {x, y, size} = this.patch, here = this.cursor ?? this.drive.source;
+    let best = here, least = Infinity;
+    for (let p = 0; p < size; p++) {
+      const along = right * (x[p] - x[here]) + up * (y[p] - y[here]), across = Math.abs(up * (x[p] - x[here]) + right * (y[p] - y[here]));
+      if (along > 0.1 && along + 3 * across < least) [best, least] = [p, along + 3 * across];
+    }
+    this.cursor = best;
+    this.draw();
+  }
+
+  show() {
+    this.root.querySelector('[name=run]').textContent = this.playing ? 'Pause' : 'Play';
+  }
+
+  /** The sliders of the page have moved. */
+  follow(state) {
+    this.state = state;
+    if (this.rebuild()) return;
+    this.gone.clear();
+    this.rebuild();
+    this.tell('With holes this lattice buckles; they are filled again.');
+  }
+
+  /** Called for each picture of the browser, with the time that passed in s. */
+  frame(passed) {
+    if (!this.playing || !this.seen) return;
+    this.advance(Math.min(passed, 0.05) / this.slower);
+    if (this.over) this.restart();
+  }
+
+  /** Ten spacings from the source, what each lattice does after the push: first with D*, then by springs alone. */
+  sound() {
+    const {x, y, held, size} = this.patch, s = this.drive.source, rate = 8000, fast = 8;
+    let ear = s, least = Infinity;
+    for (let p = 0; p < size; p++) {
+      const far = Math.abs(Math.hypot(x[p] - x[s], y[p] - y[s]) - 6) + 0.1 * Math.abs(y[p] - y[s]);
+      if (!held[p] && far < least) [ear, least] = [p, far];
+    }
+    const context = new AudioContext(), bonds = bondsAt(this.patch, this.data, this.state, this.rest);
+    const duration = 4 * this.drive.cycles / this.drive.carrier_Hz, samples = Math.ceil(duration * rate / fast);
+    MODELS.forEach((model, k) => {
+      const burst = new Burst(this.patch, bonds, model, this.state.foundation_N_per_m, this.drive);
+      const buffer = context.createBuffer(1, samples, rate), out = buffer.getChannelData(0);
+      for (let n = 0; n < samples; n++) {
+        burst.advance(fast / rate);
+        out[n] = burst.u[2 * ear + 1];
+      }
+      const loudest = out.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
+      out.forEach((u, n) => { out[n] = 0.5 * u / loudest; });
+      const tone = context.createBufferSource();
+      tone.buffer = buffer;
+      tone.connect(context.destination);
+      tone.start(context.currentTime + k * (samples / rate + 0.4));
+    });
+  }
+}
+
+/** Blue for one way, orange for the other, paper at rest: a scale that the colour-blind can read. */
+function shade(value, dark) {
+  const ends = value > 0 ? [213, 94, 0] : [0, 114, 178], rest = dark ? [38, 42, 50] : [238, 240, 243], part = Math.abs(value);
+  return `rgb(${ends.map((end, c) => Math.round(rest[c] + (end - rest[c]) * part)).join(',')})`;
+}
