@@ -14,18 +14,17 @@ G = (H - w^2 M + i w gamma M)^-1, `dG = -G (dH - w^2 dM + i w gamma dM) G`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from .. import units
 from ..bands.bloch import bloch_modes
-from ..interactions.pair_laws import InversePower, PairLaw, Yukawa
+from ..interactions.law_cards import LawChange, exponent_change as exponent_change, screening_change as screening_change
+from ..interactions.pair_laws import PairLaw, continues, higher_derivatives
 from ..response.frf import resolvents
 from ..stiffness.bond import model_stiffness, stiffness_change
 from ..stiffness.factors import inverse
@@ -40,14 +39,6 @@ SHIFTING = BALANCED
 unchanged."""
 ZERO_FRACTION = 1e-6
 """Fraction of the highest frequency below which a frequency is the square root of a rounded eigenvalue."""
-
-
-@dataclass(frozen=True)
-class LawChange:
-    """Derivative of a pair law by a parameter: as much of a law as stiffness asks for."""
-
-    dphi: Callable[..., Any]
-    d2phi: Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -104,24 +95,12 @@ def spacing_change(law: PairLaw) -> LawChange:
     array([[-2.5, -2.5]])
     """
     def d2phi(r):
+        if not continues(law, r):
+            return r * higher_derivatives(law, r)[0]
         step = 1e-20 * r  # complex step: exact to round-off, for any law
         return r * np.imag(law.d2phi(r + 1j * step)) / step
 
     return LawChange(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
-
-
-def exponent_change(law: InversePower, length: float = units.m) -> LawChange:
-    """Derivative of an InversePower by ln a, while b stays the same number in N times `length` to the power a."""
-    def x(r):
-        return law.a * np.log(r / length)
-
-    return LawChange(lambda r: -x(r) * law.dphi(r), lambda r: (1 - x(r)) * law.d2phi(r))
-
-
-def screening_change(law: Yukawa) -> LawChange:
-    """Derivative of a Yukawa law by the logarithm of its screening length."""
-    return LawChange(lambda r: law.kappa * (law.phi(r) + r * law.dphi(r)),
-                     lambda r: law.kappa * (2 * law.dphi(r) + r * law.d2phi(r)))
 
 
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Change],

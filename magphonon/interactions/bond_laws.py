@@ -11,17 +11,17 @@ uses it need not know that the bonds differ.  If all bonds have the same law, `l
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import finite, one_of, shown, whole
-from .magnet_pairs import MagnetLaw, SphereLaw
-from .pair_laws import Attraction, Hertz, InversePower, PairInteraction, PairLaw, Tabulated, Yukawa
-from .upright import UprightMagnets
+from .pair_laws import PairInteraction, PairLaw
 
 Law = PairLaw | PairInteraction
 """A law of the distance, or an interaction that answers for vectors."""
@@ -134,10 +134,6 @@ def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:
     return [(one, np.flatnonzero(law.which == k)) for k, one in enumerate(law.laws)]
 
 
-KNOWN = Attraction, InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw, UprightMagnets
-LAWS: dict[str, Any] = {law.__name__: law for law in KNOWN}  # laws that can be saved by name
-
-
 def laws_to_dict(laws: Laws) -> dict[str, Any]:
     """A law, or the laws of pairs of kinds, as a dictionary for files."""
     if isinstance(laws, Mapping):
@@ -158,13 +154,26 @@ def laws_from_dict(saved: dict[str, Any]) -> Laws:
     return laws
 
 
+def saved_by_name(law: Law) -> bool:
+    """Whether a file can hold the law: a dataclass of numbers, arrays and laws that stands in a module by its own name."""
+    kind = type(law)
+    try:
+        found = _named(_name(kind)) is kind and is_dataclass(kind)
+        return found and all(saved_by_name(value) if _is_law(value) else bool(np.isfinite(np.asarray(value, float)).all())
+                             for value in _parameters(law).values())
+    except (TypeError, ValueError):
+        return False
+
+
 def law_to_dict(law: Law) -> dict[str, Any]:
-    """The name of a law and its parameters in mm, mJ; for a law that is not of this package, only its name and its `repr`."""
-    if LAWS.get(type(law).__name__) is not type(law):
+    """The name of a law and its parameters in mm, mJ; of a law that is no dataclass of numbers only its name and its `repr`.
+
+    A law of a script is named with its module, as 'mylab.laws:Exponential'.
+    """
+    if not saved_by_name(law):
         return {'law': type(law).__qualname__, 'text': repr(law)}
-    parameters = {field.name: getattr(law, field.name) for field in fields(law) if field.init}  # pyright: ignore[reportArgumentType]  all are dataclasses
-    within = {name: law_to_dict(value) for name, value in parameters.items() if isinstance(value, PairLaw)}
-    return {'law': type(law).__name__} | parameters | within
+    return {'law': _name(type(law))} | {key: law_to_dict(value) if _is_law(value) else value
+                                        for key, value in _parameters(law).items()}
 
 
 def law_from_dict(saved: dict[str, Any]) -> Law:
@@ -173,21 +182,53 @@ def law_from_dict(saved: dict[str, Any]) -> Law:
     Raises
     ------
     ValueError
-        For a law that is not of this package, because its formula is not in the file.
+        For a law whose formula is not in the file and not in a module that is imported already: reading a file runs no code.
     """
     if not isinstance(saved, dict) or 'law' not in saved:
         raise ValueError(f'a saved law must have its name, law, and its parameters, not be {shown(saved)}')
     parameters = dict(saved)
     name = parameters.pop('law')
     if 'text' in parameters:
-        raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(LAWS)}, and its formula is not in the file; '
-                         'give the law itself, fromdict(parameters, laws=law)')
-    kind = LAWS[one_of('the law', name, tuple(LAWS))]
+        raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(_own())}, nor a dataclass of numbers in a '
+                         'module, and its formula is not in the file; give the law itself, fromdict(parameters, laws=law)')
+    kind = _named(name if isinstance(name, str) and ':' in name else one_of('the law', name, _own()))
+    if kind is None:
+        raise ValueError(f'the law {shown(name)} is in no module that is imported; import its module first, or give the law '
+                         'itself, fromdict(parameters, laws=law)')
     needed = [field.name for field in fields(kind) if field.init]
     if set(parameters) != set(needed):
         raise ValueError(f'a saved {name} must have {" and ".join(needed)}, not {", ".join(map(str, parameters)) or "nothing"}')
     return kind(**{key: law_from_dict(value) if isinstance(value, dict) else _numbers(f'{name}.{key}', value)
                    for key, value in parameters.items()})
+
+
+def _is_law(value):
+    return any(callable(getattr(value, methods[0], None)) for methods in NEEDED.values())
+
+
+def _parameters(law):
+    return {field.name: getattr(law, field.name) for field in fields(law) if field.init}
+
+
+def _own():
+    """The names of the laws of this package: those in its room of interactions that have the methods of one."""
+    room = import_module(__package__)  # and with it the magnets, which this file does without
+    return tuple(name for name in room.__all__ if _named(name))
+
+
+def _name(kind):
+    inside = kind.__module__.startswith(f'{__package__}.')
+    return kind.__name__ if inside else f'{kind.__module__}:{kind.__qualname__}'
+
+
+def _named(name):
+    """The class of this name in the room, or in a module that is imported already; None where it is no law."""
+    module, _, name = name.rpartition(':')
+    room = sys.modules.get(module) if module else import_module(__package__)
+    found = getattr(room, name, None)
+    law = isinstance(found, type) and is_dataclass(found) and any(
+        all(callable(getattr(found, method, None)) for method in methods) for methods in NEEDED.values())
+    return found if law else None
 
 
 def _numbers(name, value):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, positive
+from .law_cards import Card, Kind, Parameter
 from .magnets import Cuboid, Ring, Sphere, _side_by_side, moment
 from .pair_laws import InversePower, repulsion
 
@@ -129,6 +130,9 @@ class MagnetLaw:
     nearest: float
     series: np.ndarray = field(repr=False)
 
+    card: ClassVar[Card] = Card(magnets=True, kinds=(Kind('magnets', parameters={
+        'remanence': Parameter('remanence_T', power=2), 'force': Parameter('force_N', power=1)}),))
+
     @cached_property
     def _factors(self):
         """P, and the factors that replace it in the force and in its slope: r d/dr = -2 t d/dt."""
@@ -157,6 +161,8 @@ class SphereLaw(InversePower):
     """Law of two equal spheres, point dipoles from `contact` (mm) on; below it raises ValueError."""
 
     contact: float
+
+    card: ClassVar[Card] = Card(magnets=True)
 
     def phi(self, r: Any) -> Any:
         """Energy in mJ, zero at infinity."""

@@ -7,15 +7,17 @@ stiffness is `phi'' nn + (phi'/r)(I - nn)`.)  What depends on more than the dist
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from math import lgamma
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import units
 from ..errors import finite, positive
+from .law_cards import Card, Kind, Parameter, card_of, exponent_change, screening_change
 
 DEEPEST = 0.5
 """Largest overlap of two spheres as a fraction of their diameter.  Hertz' law is for contacts small beside the sphere, and some
@@ -27,6 +29,7 @@ CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
 RADIUS, STEEPEST = 1e-2, 20.0
 """Radius of the circle in the complex plane on which the law is sampled for its higher derivatives, to about 1e-11, as a fraction
 of the bond length, or of 20 f/f' for a steeper law such as that of spheres in contact."""
+APART = 3e-4  # relative step of the differences where a law takes no complex distances
 
 
 @runtime_checkable
@@ -55,10 +58,13 @@ class PairLaw(Protocol):
 
     - They take an array of distances in mm of any shape and return an array of that shape, element by element.
     - A law repels where `dphi < 0`.  Only differences of `phi` matter, so its zero may be anywhere.
-    - They also accept complex distances, because some derivatives are computed by complex steps.  Any analytic formula in r
-      does so.  In a law by parts compare real parts, `np.real(r) < 5`.
+    - They had better accept complex distances, because higher derivatives are then exact.  Any analytic formula in r does so.
+      In a law by parts compare real parts, `np.real(r) < 5`.
     - Where the law is not known, such as beyond the ends of a table, they raise ValueError.
     - The law is immutable: make it a frozen dataclass, so that calculators can be copied, compared and pickled.
+
+    What else is known of a law stands on its `card` (`magphonon.interactions.law_cards`).  A law without one is that of a force
+    along the line between two particles, as between charges; that of magnets is told by `UprightMagnets(law)`.
 
     A law that is also a `GaussianMixture` can be summed over all neighbours of an infinite lattice.
     """
@@ -183,6 +189,16 @@ class InversePower:
     b: float
     a: float
 
+    card: ClassVar[Card] = Card(magnets=True, kinds=(
+        Kind('inverse_power', parameters={'b': Parameter('b_N_m_a', power=1), 'force': Parameter('force_N', power=1),
+                                          'a': Parameter('a', change=exponent_change)}),
+        Kind('dipoles', 'Point dipoles normal to the plane.',
+             {'moment': Parameter('moment_A_m2', units.A * units.m**2, 'the magnetic moment of a particle in A m^2', power=2,
+                                  examples=(0.01,))}, lambda moment: InversePower.dipoles(moment)),
+        Kind('coulomb', 'Equal point charges.',
+             {'charge': Parameter('charge_C', units.A * units.s, 'the charge of a particle in C', power=2)},
+             lambda charge: InversePower.coulomb(charge))))
+
     def __post_init__(self) -> None:
         positive('b', self.b, 'N mm^a')
         positive('a', self.a)
@@ -254,6 +270,13 @@ class Yukawa:
     c: float
     kappa: float
 
+    card: ClassVar[Card] = Card(kinds=(Kind(
+        'yukawa', 'Energy `strength/r exp(-r/screening length)`.',
+        {'strength': Parameter('strength_J_m', units.J * units.m, 'the strength c of the energy c/r exp(-r/l) in J m', power=1),
+         'screening_length': Parameter('screening_length_m', units.m, 'the screening length l of the energy c/r exp(-r/l) in m',
+                                       change=screening_change, quantity='length')},
+        lambda strength, screening_length: Yukawa(strength, 1 / screening_length)),))
+
     def __post_init__(self) -> None:
         positive('c', self.c, 'mJ mm')
         positive('kappa', self.kappa, '1/mm')
@@ -321,6 +344,13 @@ class Hertz:
     stiffness: float
     diameter: float
 
+    card: ClassVar[Card] = Card(kinds=(Kind(
+        'hertz', 'Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter.',
+        {'diameter': Parameter('diameter_m', units.m, 'the diameter of the spheres in m', quantity='length'),
+         'youngs_modulus': Parameter('youngs_modulus_Pa', units.Pa, "Young's modulus of the spheres in Pa", quantity='pressure'),
+         'poisson_ratio': Parameter('poisson_ratio', words="Poisson's ratio of the spheres", quantity='ratio')},
+        lambda diameter, youngs_modulus, poisson_ratio: Hertz.spheres(diameter, youngs_modulus, poisson_ratio)),))
+
     def __post_init__(self) -> None:
         positive('stiffness', self.stiffness, 'N mm^-3/2')
         positive('diameter', self.diameter, 'mm')
@@ -384,6 +414,8 @@ class Tabulated:
     f: np.ndarray
     _slopes: np.ndarray = field(init=False, repr=False, compare=False)
     _energies: np.ndarray = field(init=False, repr=False, compare=False)
+
+    card: ClassVar[Card] = Card(magnets=True, kinds=(Kind('table', parameters={'forces': Parameter('forces_N', power=1)}),))
 
     def __post_init__(self) -> None:
         from scipy.interpolate import CubicSpline
@@ -452,6 +484,11 @@ class Attraction:
 
     repulsion: PairLaw
 
+    @property
+    def card(self) -> Card:
+        """What is known of the law whose sign it turns; no law of scenes of its own."""
+        return card_of(self.repulsion)
+
     def phi(self, r: Any) -> Any:
         """Energy in mJ."""
         return -self.repulsion.phi(r)
@@ -466,11 +503,26 @@ class Attraction:
 
 
 def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
-    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula."""
+    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula; to six
+    digits, by differences, of a law that takes no complex distances, such as a spline of SciPy.
+    """
+    if not continues(law, r):
+        below, here, above = (law.d2phi(r * (1 + step)) for step in (-APART, 0.0, APART))
+        return (above - below) / (2 * APART * r), (above - 2 * here + below) / (APART * r) ** 2
     f, slope = abs(law.dphi(r)), abs(law.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
     around = law.d2phi((r + radius * CIRCLE).T).T.copy()  # the first axis of a law along bonds is that of the bonds
     return tuple(n * (around * CIRCLE**-n).mean(axis=0).real / radius**n for n in (1, 2))
+
+
+def continues(law: PairLaw, r: Any) -> bool:
+    """Whether a law takes complex distances near `r` (mm) as an analytic formula does, and does not drop their imaginary part."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('error', np.exceptions.ComplexWarning)
+            return np.iscomplexobj(law.d2phi(r + 0j))
+    except (TypeError, ValueError, np.exceptions.ComplexWarning):
+        return False
 
 
 def local_exponent(law: PairLaw, r: Any) -> Any:

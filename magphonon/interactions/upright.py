@@ -16,11 +16,12 @@ for dipoles (a = 4) three times as strongly as a force along the line that joins
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .law_cards import Card
 from .pair_laws import PairLaw, higher_derivatives
 
 
@@ -49,6 +50,8 @@ class UprightMagnets:
     """
 
     planar: PairLaw
+
+    card: ClassVar[Card] = Card(magnets=True)
 
     def vertical(self, r: Any) -> Any:
         """Stiffness g of a pair out of the plane in N/mm, at the distances `r` in mm."""

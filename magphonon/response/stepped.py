@@ -18,7 +18,7 @@ from ..dynamics.drives import Harmonic
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
-from ..interactions.bond_laws import KNOWN, laws_of, laws_to_dict
+from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.repulsion import repulsion_of
@@ -120,8 +120,7 @@ def _differing(one, other):
     """The properties in which two structures differ and replicas must not."""
     if one.calc is not other.calc:
         a, b = one.calc, other.calc
-        # of a law that is not of this package only == can tell
-        known = all(type(law) in KNOWN for law in laws_of(a.laws))
+        known = all(map(saved_by_name, laws_of(a.laws)))  # of others only == can tell
         if a.laws is not b.laws and (encode(laws_to_dict(a.laws)) != encode(laws_to_dict(b.laws)) if known else a.laws != b.laws):
             yield f'law, {b.laws!r} instead of {a.laws!r},'
         if a.model != b.model:

@@ -10,25 +10,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
-from ..design.sensitivities import Change, LawChange, exponent_change, force_change, frequency_sensitivities, screening_change
+from ..design.sensitivities import Change, LawChange, force_change, frequency_sensitivities
 from ..errors import one_of
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..stiffness.calculator import MagneticRepulsion
 from ..waves.ridge_tables import RidgePoints
+from .keys import unit_of
+from .laws import KINDS
 from .scene import Scene
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, PLACES, varied
 
 MODELS = ('complete', 'conventional')
-STRENGTHS = {'inverse_power': ('b', 1), 'dipoles': ('moment', 2), 'coulomb': ('charge', 2), 'yukawa': ('strength', 1),
-             'table': ('forces', 1), 'magnets': ('remanence', 2)}
-"""The parameter of each kind of law in proportion to which the force goes, and to which power."""
-SHAPES = {'inverse_power': ('a', exponent_change), 'yukawa': ('screening_length', screening_change)}
-"""The parameter that tells how fast it falls, where there is one, and what it changes."""
+FITTED = {name: kind for name, kind in KINDS.items() if kind.strength in PLACES}
+"""The kinds of laws whose strength, and shape if they have one, may be fitted."""
 SPRINGS = {'foundation': 'stiffness', 'foundation_x': 'stiffness', 'foundation_y': 'stiffness_y'}
 """What each fitted spring is called in `Foundation.changes`."""
-UNITS = {'force': 'N', 'a': '', 'screening_length': 'm', **dict.fromkeys((*SPRINGS, 'bond stiffness'), 'N/m')}  # of the values
+UNITS = {'force': 'N', **{kind.shape: unit_of(kind.parameters[kind.shape].key) for kind in FITTED.values() if kind.shape},
+         **dict.fromkeys((*SPRINGS, 'bond stiffness'), 'N/m')}  # of the values
 KEYS = {'_'.join([name, *filter(None, [unit.replace('/', '_per_')])]): name for name, unit in UNITS.items() if ' ' not in name}
 """The parameters by their name with a unit, as a prior names them: force_N, a, foundation_N_per_m and so on."""
 TELLS = 2.0
@@ -137,7 +137,7 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 
 def parameters_in(scene: Scene) -> tuple[str, ...]:
     """The same of any scene, finite structures and the oscillator too."""
-    one_of('law.kind', scene.law.kind, tuple(STRENGTHS))
+    shape = FITTED[one_of('law.kind', scene.law.kind, tuple(FITTED))].shape
     if scene.laws_of_kinds:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; take a lattice of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
@@ -147,7 +147,7 @@ def parameters_in(scene: Scene) -> tuple[str, ...]:
                          'takes of it; leave lean out')
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
     names = ('foundation',) if len(springs) == 1 else ('foundation_x', 'foundation_y')[: len(springs)]
-    return ('force', *SHAPES.get(scene.law.kind, ())[:1], *names)
+    return ('force', *([shape] if shape else []), *names)
 
 
 def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
@@ -266,9 +266,9 @@ def changes_of(scene: Scene) -> dict[str, Change]:
     """What each parameter changes: the shape of the law at the same force at the spacing."""
     law, L = scene.law.potential(), scene.lattice.spacing_m * u.m
     changes = {'force': Change(law=force_change(law))}
-    if scene.law.kind in SHAPES:
-        name, change = SHAPES[scene.law.kind]
-        shape = change(law)
+    kind = KINDS[scene.law.kind]
+    if (name := kind.shape) and (change := kind.parameters[name].change):
+        shape = change(law, L)
         share = shape.dphi(L) / law.dphi(L)
         changes[name] = Change(law=LawChange(lambda r: shape.dphi(r) - share * law.dphi(r),
                                              lambda r: shape.d2phi(r) - share * law.d2phi(r)))
@@ -281,7 +281,8 @@ def changes_of(scene: Scene) -> dict[str, Change]:
 def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     """The scene with its force at the spacing, its shape and its foundation multiplied by `factors`."""
     L = scene.lattice.spacing_m * u.m
-    strength, power = STRENGTHS[scene.law.kind]
+    strength = FITTED[scene.law.kind].strength
+    power = FITTED[scene.law.kind].parameters[strength].power
     if getattr(scene.law, 'force_N', None) is not None or getattr(scene.law, 'calibration', None) is not None:
         strength, power = 'force', 1
     wanted = repulsion(scene.law.potential(), L) * factors.get('force', 1.0)

@@ -16,7 +16,7 @@ from .. import units as u
 from ..stiffness.sites import FREQUENCIES_Hz, frequency_scale
 from .fields import fault, raise_all
 from .lattices import ALL, Supercell
-from .laws import HertzLaw, MagnetsLaw, SavedLaw
+from .laws import MagnetsLaw, SavedLaw
 from .structures import FileLattice
 
 if TYPE_CHECKING:
@@ -320,7 +320,7 @@ def _plan(scene: Scene) -> None:
 
 def _scale(scene: Scene, calc: Repulsion) -> None:
     if not calc.law.dphi(calc.bonds.lengths).any():
-        mend = '' if not isinstance(scene.law, HertzLaw) else (
+        mend = '' if scene.law.kind != 'hertz' else (
             f' than law.diameter_m = {scene.law.diameter_m!r}; spheres repel where they touch')
         raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; take a smaller one{mend}')
     density = _mass_kg(scene) / scene.lattice.spacing_m**3

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, create_model, model_validator
 
 from .. import units as u
 from ..errors import one_of, positive, shown, whole
 from ..interactions.bond_laws import Laws
 from ..interactions.force_tables import read_forces
+from ..interactions.law_cards import Kind, kinds_of_laws
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
-from ..interactions.pair_laws import Attraction, Hertz, InversePower, PairLaw, Tabulated, Yukawa
+from ..interactions.pair_laws import Attraction, InversePower, PairLaw, Tabulated
 from .fields import Allowed, Flag, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
 from .lattices import AUTO, Neighbours, Shells
 
@@ -168,40 +169,6 @@ class InversePowerLaw(ClosedForm):
         return InversePower(self.b * u.N * u.m**self.a, self.a)
 
 
-class DipoleLaw(ClosedForm):
-    """Point dipoles normal to the plane."""
-
-    kind: Literal['dipoles']
-    moment_A_m2: Positive = Field(description='the magnetic moment of a particle in A m^2', examples=[0.01])
-    shells: Shells = AUTO
-
-    def potential(self) -> PairLaw:
-        return InversePower.dipoles(self.moment_A_m2 * u.A * u.m**2)
-
-
-class CoulombLaw(ClosedForm):
-    """Equal point charges."""
-
-    kind: Literal['coulomb']
-    charge_C: Positive = Field(description='the charge of a particle in C')
-    shells: Shells = AUTO
-
-    def potential(self) -> PairLaw:
-        return InversePower.coulomb(self.charge_C * u.A * u.s)
-
-
-class YukawaLaw(ClosedForm):
-    """Energy `strength/r exp(-r/screening length)`."""
-
-    kind: Literal['yukawa']
-    strength_J_m: Positive = Field(description='the strength c of the energy c/r exp(-r/l) in J m')
-    screening_length_m: Length = Field(description='the screening length l of the energy c/r exp(-r/l) in m')
-    shells: Shells = AUTO
-
-    def potential(self) -> PairLaw:
-        return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
-
-
 def _poisson_ratio(value):
     ratio = positive('', value)
     if ratio > 0.5:
@@ -209,18 +176,28 @@ def _poisson_ratio(value):
     return ratio
 
 
-class HertzLaw(ClosedForm):
-    """Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter."""
+Ratio = Annotated[float, BeforeValidator(_poisson_ratio), Allowed('above 0, up to 0.5')]
+QUANTITIES = {'positive': Positive, 'length': Length, 'force': Force, 'pressure': Pressure, 'ratio': Ratio}
+"""Which values the parameters of a law may have, as its card says."""
 
-    kind: Literal['hertz']
-    diameter_m: Length = Field(description='the diameter of the spheres in m')
-    youngs_modulus_Pa: Pressure = Field(description="Young's modulus of the spheres in Pa")
-    poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio), Allowed('above 0, up to 0.5')] = Field(
-        description="Poisson's ratio of the spheres")
-    shells: Shells = AUTO
+
+class CardLaw(ClosedForm):
+    """A law whose keys are those of its card, `magphonon.interactions.law_cards`."""
+
+    card: ClassVar[Kind]
 
     def potential(self) -> PairLaw:
-        return Hertz.spheres(self.diameter_m * u.m, self.youngs_modulus_Pa * u.Pa, self.poisson_ratio)
+        assert self.card.made is not None  # noqa: S101  `_of_card` is for those that have it
+        return self.card.made(**{name: getattr(self, one.key) * one.unit for name, one in self.card.parameters.items()})
+
+
+def _of_card(kind):
+    keys = {one.key: (QUANTITIES[one.quantity], Field(description=one.words, examples=list(one.examples) or None))
+            for one in kind.parameters.values()}
+    table = create_model(kind.name, __base__=CardLaw, __doc__=kind.words, kind=(Literal[kind.name], ...), **keys,  # pyright: ignore
+                         shells=(Shells, AUTO))
+    table.card = kind
+    return table
 
 
 class TableLaw(Neighbours):
@@ -297,9 +274,12 @@ class SavedLaw(Table):
                          'as kind = "inverse_power"')
 
 
-Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw | TableLaw | MagnetsLaw | SavedLaw,
-                Field(discriminator='kind'),
-                of_known_kind(InversePowerLaw, DipoleLaw, CoulombLaw, YukawaLaw, HertzLaw, TableLaw, MagnetsLaw, SavedLaw)]
+KINDS = kinds_of_laws()
+if TYPE_CHECKING:
+    Law = Any  # one of the tables below
+else:
+    _TABLES = (InversePowerLaw, *(_of_card(kind) for kind in KINDS.values() if kind.made), TableLaw, MagnetsLaw, SavedLaw)
+    Law = Annotated[Union[_TABLES], Field(discriminator='kind'), of_known_kind(*_TABLES)]  # noqa: UP007  a number of them
 
 
 def _two_kinds(value):

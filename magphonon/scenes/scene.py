@@ -42,7 +42,7 @@ from ..stiffness.sites import of_sites
 from .consistency import check
 from .fields import Table, Text, listed, reason
 from .lattices import ALL, AUTO, TOLERANCE, AnyLattice, Foundation, Oscillator, Patch, Supercell
-from .laws import HertzLaw, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
+from .laws import InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
 from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
 from .structures import Defects, Disorder, FileLattice
@@ -251,7 +251,7 @@ class Scene(Table):
                                            bonds=bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
-                sphere = f', law.diameter_m = {self.law.diameter_m!r}' if isinstance(self.law, HertzLaw) else ''
+                sphere = f', law.diameter_m = {self.law.diameter_m!r}' if self.law.kind == 'hertz' else ''
                 raise type(error)(f'{self.lattice.spacing_given}{sphere}, law.shells = {self.law.shells!r}: {error}') from None
             raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; of positions without clear shells the distance '
                              'within which they repel is cutoff_m') from None

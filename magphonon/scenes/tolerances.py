@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -10,9 +9,10 @@ from pydantic import BeforeValidator, Field, create_model
 
 from .. import units as u
 from ..design.scatter import SITES, SiteScatter
-from ..design.sensitivities import Change, LawChange, exponent_change, force_change, screening_change, spacing_change
+from ..design.sensitivities import Change, LawChange, force_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
+from .laws import KINDS
 from .structures import FileLattice
 
 if TYPE_CHECKING:
@@ -24,15 +24,7 @@ if TYPE_CHECKING:
 PLACES = {
     'spacing': ('lattice', 'spacing_m'),
     'mass': ('lattice', 'mass_kg'),
-    'b': ('law', 'b_N_m_a'),
-    'force': ('law', 'force_N'),
-    'a': ('law', 'a'),
-    'moment': ('law', 'moment_A_m2'),
-    'charge': ('law', 'charge_C'),
-    'strength': ('law', 'strength_J_m'),
-    'screening_length': ('law', 'screening_length_m'),
-    'forces': ('law', 'forces_N'),
-    'remanence': ('law', 'remanence_T'),  # unless a grade or a measured force tells it
+    **{name: ('law', one.key) for kind in KINDS.values() for name, one in kind.parameters.items() if one.power or one.change},
     'stiffness': ('foundation', 'stiffness_N_per_m'),
     'stiffness_y': ('foundation', 'stiffness_y_N_per_m'),
     'youngs_modulus': ('foundation', 'pillar', 'youngs_modulus_Pa'),
@@ -41,14 +33,6 @@ PLACES = {
 }
 """Place of each parameter in a scene.  The key there is that of the absolute tolerance; NAME_percent is that of the relative
 one."""
-LAW_CHANGES = {
-    'inverse_power': {'b': force_change, 'force': force_change, 'a': exponent_change},
-    'dipoles': {'moment': partial(force_change, power=2)},
-    'coulomb': {'charge': partial(force_change, power=2)},
-    'yukawa': {'strength': force_change, 'screening_length': screening_change},
-    'table': {'forces': force_change},
-    'magnets': {'remanence': partial(force_change, power=2), 'force': force_change},
-}
 PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}  # powers of the parameters in k = 3 E (pi R^4/4)/H^3
 LARGEST_TOLERANCE = 0.5
 """Largest relative standard deviation: with twice this value random exponents overflow, and a change by half is no small
@@ -152,9 +136,10 @@ def _changes(scene):
     law, k = scene.law.potential(), scene.foundation.stiffness if scene.foundation else 0.0
     held = scene.lattice.spacing_m * u.m if getattr(scene.law, 'force_N', None) else u.m  # where `a` leaves the force as it is
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
-    for name, change in LAW_CHANGES.get(scene.law.kind, {}).items():
-        if _at(scene, _place(scene, name)) is not None and not (name == 'remanence' and scene.law.calibration):
-            changes[name] = Change(law=change(law, held) if name == 'a' else change(law))
+    for name, one in (KINDS[scene.law.kind].parameters if scene.law.kind in KINDS else {}).items():
+        given = _at(scene, _place(scene, name)) is not None and not (name == 'remanence' and scene.law.calibration)
+        if given and (one.power or one.change):
+            changes[name] = Change(law=one.change(law, held) if one.change else force_change(law, one.power))
     if scene.law.kind == 'table':
         changes['exponent'] = Change(law=exponent_at(law, scene.lattice.spacing_m * u.m))
     if k and scene.foundation.pillar:

@@ -23,7 +23,8 @@ from ..dynamics.drives import constant_push
 from ..dynamics.engine import fastest, highest_frequency
 from ..errors import positive
 from ..interactions.bond_laws import groups, laws_of, taken
-from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
+from ..interactions.law_cards import card_of
+from ..interactions.pair_laws import Hertz, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, on_foundation
@@ -53,7 +54,7 @@ ROUND_OFF = 5e-17
 """Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
 proportional to the displacement."""
 GROWS = 1e-9  # rate of growth, as a fraction of the frequency of the modulation, up to which it is round-off
-CENTRAL = Yukawa, Hertz  # laws of particles that are not magnets
+SAME = 1e-9  # relative difference of two stiffnesses that is round-off
 DENSEST = 50e-3  # mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
 
@@ -548,13 +549,13 @@ def supports(case: Case) -> Finding:
         return Finding()
     if case.large and not case.finite:
         return Finding(unjudged='the supports')
-    magnets = not any(isinstance(law, CENTRAL) for law in laws_of(case.calc.laws))
+    magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
     wave, alone = support_needed(case.system) if magnets else (None, None)
     found = Supports(wave, alone, support_needed(case.system, magnets=False).wave)
     need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
     if not found.central:
         return Finding(found)
-    if wave is None or alone is None:
+    if wave is None or alone is None or np.isclose(wave, found.central, rtol=SAME):  # or charges, whose energy obeys Laplace too
         return Finding(found, f'{need}{_stiffness(found.central)}.')
     return Finding(found, f'{need}{_stiffness(wave)} (upright magnets, all moving), {_stiffness(alone)} (upright magnets, one '
                    f'moving) or {_stiffness(found.central)} (central force).')

@@ -117,7 +117,7 @@ def test_a_law_of_ones_own_is_given_again():
     cell = lattices.triangular(10.0, 0.7)
     cell.calc = MagneticRepulsion(cell, Gaussian())
     parameters = decode(encode(cell.calc.todict()))
-    with pytest.raises(ValueError, match=r'Gaussian.*is not one of .*InversePower, Yukawa.*fromdict\(parameters, laws=law\)'):
+    with pytest.raises(ValueError, match=r'Gaussian.*is not one of .*InversePower.*Yukawa.*fromdict\(parameters, laws=law\)'):
         MagneticRepulsion.fromdict(parameters)
     again = MagneticRepulsion.fromdict(parameters, Gaussian())
     assert np.array_equal(again.rest_hessian().toarray(), cell.calc.rest_hessian().toarray())

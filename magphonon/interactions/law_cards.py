@@ -1,0 +1,139 @@
+"""The card of a law, beside its class: what scenes, fits and verdicts must know of it besides its three methods.
+
+    @dataclass(frozen=True)
+    class Exponential:
+        strength: float  # mJ
+        length: float  # mm
+
+        card: ClassVar = Card(kinds=(Kind('exponential', 'Energy `strength exp(-r/length)`.', {
+            'strength': Parameter('strength_J', u.J, 'the strength in J', power=1),
+            'decay_length': Parameter('decay_length_m', u.m, 'the length over which it falls in m', quantity='length')},
+            lambda strength, decay_length: Exponential(strength, decay_length)),))
+
+With this class listed in `magphonon/interactions/__init__.pyi`, `kind = "exponential"` is a law of scenes, whose strength may be
+fitted and have a tolerance.  A law without a card, as of a script, is that of a force along the line between two particles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import units
+
+
+@dataclass(frozen=True)
+class LawChange:
+    """Derivative of a pair law by a parameter: as much of a law as stiffness asks for."""
+
+    dphi: Callable[..., Any]
+    d2phi: Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a law, as scenes, fits and tolerances name it.
+
+    Attributes
+    ----------
+    key : str
+        Its key in a scene, with the unit: 'screening_length_m'.
+    unit : float
+        This unit in mm, g, ms.
+    words : str
+        What the key is, for the list of keys.
+    power : int
+        Power of the parameter to which the force is proportional; 0 for every other parameter.
+    change : callable, optional
+        Of the parameter that says how fast the force falls: the derivative of a law by its logarithm, `change(law, length)`,
+        where a strength keeps its number in a unit of force times a power of the length (mm).
+    quantity : {'positive', 'length', 'force', 'pressure', 'ratio'}
+        Which values it may have.
+    examples : tuple
+    """
+
+    key: str
+    unit: float = 1.0
+    words: str = ''
+    power: int = 0
+    change: Callable[[Any, float], LawChange] | None = None
+    quantity: str = 'positive'
+    examples: tuple[Any, ...] = ()
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A `law.kind` of scenes: its parameters by their names in fits and tolerances, and the law that `made` makes of them.
+
+    Kinds without `made` have a table of their own in `magphonon.scenes.laws`.
+    """
+
+    name: str
+    words: str = ''
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    made: Callable[..., Any] | None = None
+
+    @property
+    def strength(self) -> str:
+        """The first parameter to a power of which the force is proportional; '' if none is."""
+        return next((name for name, one in self.parameters.items() if one.power), '')
+
+    @property
+    def shape(self) -> str:
+        """The parameter that says how fast the force falls; '' if none does."""
+        return next((name for name, one in self.parameters.items() if one.change), '')
+
+
+@dataclass(frozen=True)
+class Card:
+    """What is known of a law.
+
+    Attributes
+    ----------
+    magnets : bool
+        Whether it may be the law of magnets whose axes are normal to the plane, which push each other out of it otherwise than
+        along the line between them.
+    kinds : tuple of Kind
+        What it is called in scenes.
+    """
+
+    magnets: bool = False
+    kinds: tuple[Kind, ...] = ()
+
+
+def card_of(law: Any) -> Card:
+    """The card of a law; that of a central force where it has none."""
+    return getattr(law, 'card', Card())
+
+
+def kinds_of_laws() -> dict[str, Kind]:
+    """All kinds of laws that scenes know, by name: those on the cards of the laws that this room exports.
+
+    Examples
+    --------
+    >>> from magphonon.interactions.law_cards import kinds_of_laws
+    >>> kinds_of_laws()['yukawa'].shape
+    'screening_length'
+    """
+    from importlib import import_module
+
+    room = import_module(__package__)  # of which `bond_laws` and others need no magnets
+    cards = [vars(law).get('card') for law in (getattr(room, name) for name in room.__all__) if isinstance(law, type)]
+    return {kind.name: kind for card in cards if isinstance(card, Card) for kind in card.kinds}
+
+
+def exponent_change(law: Any, length: float = units.m) -> LawChange:
+    """Derivative of an InversePower by ln a, while b stays the same number in N times `length` to the power a."""
+    def x(r):
+        return law.a * np.log(r / length)
+
+    return LawChange(lambda r: -x(r) * law.dphi(r), lambda r: (1 - x(r)) * law.d2phi(r))
+
+
+def screening_change(law: Any, _: float = units.m) -> LawChange:
+    """Derivative of a Yukawa law by the logarithm of its screening length."""
+    return LawChange(lambda r: law.kappa * (law.phi(r) + r * law.dphi(r)),
+                     lambda r: law.kappa * (2 * law.dphi(r) + r * law.d2phi(r)))
