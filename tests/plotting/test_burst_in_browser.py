@@ -33,13 +33,14 @@ RUN = '''([carrier, damping, gyration, removed, time]) => {
 
 def structure(made, told, state, model):
     """The patch of the page as the package makes it from the places of its particles; it finds the bonds itself."""
-    L = state['spacing_m'] * u.m
-    atoms = Atoms('H' * len(told['x']), np.column_stack([np.multiply(told['x'], L), np.multiply(told['y'], L), np.zeros(len(told['x']))]),
-                  masses=np.array(told['mass']) * u.kg, constraint=FixAtoms(np.flatnonzero(told['held'])))
+    places = np.column_stack([told['x'], told['y'], np.zeros(len(told['x']))]) * state['spacing_m'] * u.m
+    atoms = Atoms('H' * len(places), places, masses=np.array(told['mass']) * u.kg,
+                  constraint=FixAtoms(np.flatnonzero(told['held'])))
     cell = made.cell(**state)
     law, reach = cell.calc.law, cell.calc.bonds.lengths.max() * (1 + 1e-3)
     g = told['drive']['gyration_rad_per_s'] * 1e-3
-    atoms.calc = MagneticRepulsion(atoms, law, cutoff=reach, model=model, gyration=g, foundation=state['foundation_N_per_m'] * u.N / u.m)
+    springs = state['foundation_N_per_m'] * u.N / u.m
+    atoms.calc = MagneticRepulsion(atoms, law, cutoff=reach, model=model, gyration=g, foundation=springs)
     return atoms
 
 
