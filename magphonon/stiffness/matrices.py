@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from .sites import Foundation
 
 
+ALONG = 1e-12
+"""Entry of the block of two particles in a Hessian, as a fraction of the largest there, below which it is what rounding leaves:
+of bonds along an axis, and of sums that cancel.  Positions of 1e4 spacings are rounded so.  Without it the entries that are not
+zero would be others on another processor."""
 GROWS = 1e-7  # rate of growth, as a fraction of the largest pole, below which it is round-off of a double pole
 
 
@@ -44,11 +48,14 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     to_itself = (i == j)[:, None, None]  # |1 - phase|^2 K: exactly nothing where all particles move alike
     own = _own(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + np.array(site_blocks(foundation, n, dim))
     K = np.where(to_itself, 0.0, K)
-    blocks = np.concatenate([own, -K * phase, -K * np.conj(phase)])
-    each, x = np.arange(n, dtype=i.dtype), np.arange(dim, dtype=i.dtype)
-    rows, columns = (dim * np.concatenate([each, *ends])[:, None] + x for ends in ((i, j), (j, i)))
-    places = [np.broadcast_to(at, blocks.shape).ravel() for at in (rows[:, :, None], columns[:, None])]
-    H = sparse.coo_array((blocks.ravel(), places), shape=(n * dim, n * dim)).tocsr()
+    blocks, each = np.concatenate([own, -K * phase, -K * np.conj(phase)]), np.arange(n, dtype=i.dtype)
+    ends = np.concatenate([each, i, j]), np.concatenate([each, j, i])
+    components = [sparse.coo_array((x, ends), shape=(n, n)).tocsr() for x in blocks.reshape(-1, dim**2).T]
+    data = np.stack([x.data for x in components])
+    size = abs(data)
+    data[size < ALONG * size.max(axis=0)] = 0
+    H = sparse.bsr_array((data.T.reshape(-1, dim, dim), components[0].indices, components[0].indptr),
+                         shape=(n * dim, n * dim)).tocsr()
     H.eliminate_zeros()
     return H
 
