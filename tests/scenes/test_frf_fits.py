@@ -291,7 +291,7 @@ def test_sdypy_finds_the_same_poles(tmp_path):
     source, omega = scene.shaken()[1], scene.frf.omega
     answers = [Place(k, np.eye(3)[axis]) for k in np.flatnonzero(system.mobile) for axis in (0, 1)]
     h = np.array([receptance(system, source, answer, omega, scene.frf.damping).response for answer in answers])
-    model = ema.Model(h * u.N / u.m, u.hertz(omega), lower=20, upper=180, pol_order_high=60)
+    model = ema.Model(h * u.N / u.m, u.hertz(omega), lower=20, upper=180, pol_order_high=6)  # a higher one adds poles of round-off
     model.get_poles(show_progress=False)
     poles = np.array([p for p in np.ravel(model.all_poles[-1]) if p.imag > 0])
     theirs = abs(poles) / (2 * np.pi)
@@ -305,8 +305,8 @@ def test_sdypy_finds_the_same_poles(tmp_path):
     assert len(ours) == 6  # three pairs that symmetry unites
     nearest = abs(theirs / ours[:, None] - 1).argmin(axis=1)
     assert_allclose(theirs[nearest], ours, rtol=1e-3)
-    assert_allclose(-2 * poles.real[nearest], 4.0, rtol=0.1)  # damping, 1/s
-    assert (abs(theirs / excited(conventional)[:, None] - 1).min(axis=1) > 1e-3).all()  # the control
+    assert_allclose(-2 * poles.real[nearest], 4.0, rtol=2e-3)  # damping, 1/s
+    assert (abs(theirs / excited(conventional)[:, None] - 1).min(axis=1) > 0.02).all()  # the control
 
 
 def test_the_place_of_a_measurement(tmp_path):

@@ -105,7 +105,8 @@ def springs_of(cell, side, pbc):
 
 
 @pytest.mark.parametrize('pbc', [False, True])
-@pytest.mark.parametrize(('cell', 'side'), [(lattices.triangular, 40), (lattices.square, 40), (lattices.honeycomb, 40), (lattices.kagome, 24)])
+@pytest.mark.parametrize(('cell', 'side'), [(lattices.triangular, 40), (lattices.square, 40), (lattices.honeycomb, 40),
+                                            (lattices.kagome, 24)])
 def test_fill_is_about_that_of_minimum_degree(cell, side, pbc):
     """It is 0.89 to 1.31 times that, the same on every processor; the controls: rows as they come, and in a random order."""
     K = springs_of(cell, side, pbc)
