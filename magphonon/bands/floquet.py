@@ -122,7 +122,7 @@ class Hill:
 
     def __init__(self, atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0.0) -> None:
         calc = repulsion_of(atoms)
-        law = calc.parameters.foundation
+        law = calc.sites.foundation
         if not isinstance(law, Travelling):
             raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of foundation={law!r}; give the '
                              'calculator foundation=Travelling(k, eps, W, kap)')

@@ -157,7 +157,7 @@ def _stiffest(atoms: Any) -> Any:
     """The atoms on the stiffest foundation that time makes of theirs."""
     if isinstance(atoms, LinearSystem):
         return atoms
-    law = atoms.calc.parameters.foundation
+    law = atoms.calc.sites.foundation
     return on_foundation(atoms, law.stiffest) if isinstance(law, SiteLaw) and law.changes else atoms
 
 
@@ -226,7 +226,7 @@ def refusal(atoms: Atoms) -> str | None:
 
 def not_compiled(calc: Any) -> str | None:
     """Why compiled steps cannot integrate what blocks in NumPy can, or None if they can."""
-    law = calc.parameters.foundation
+    law = calc.sites.foundation
     if not isinstance(law, SiteLaw):
         return None
     if not isinstance(law, Travelling):

@@ -25,7 +25,7 @@ class SiteForces:
     """
 
     def __init__(self, calc: MagneticRepulsion, layout: Layout) -> None:
-        law = calc.parameters.foundation
+        law = calc.sites.foundation
         self.law, self.layout = law, layout
         self.slack, self.waves = layout.scatter(calc.slack[:, :2]), None
         if isinstance(law, Travelling):
@@ -48,7 +48,7 @@ class SiteForces:
 
 def site_forces(calc: MagneticRepulsion, layout: Layout) -> tuple[Any, SiteForces | None]:
     """The constant springs of a calculator in N/mm, one number or shape (2, slots), and the other forces of its sites, if any."""
-    law, site = calc.parameters.foundation, None
+    law, site = calc.sites.foundation, None
     if isinstance(law, SiteLaw):
         law, site = getattr(law, 'k', 0.0), SiteForces(calc, layout)
     return layout.scatter(law) if isinstance(law, np.ndarray) else law, site

@@ -261,7 +261,7 @@ class DrivenVerlet(VelocityVerlet):
             momenta = self.atoms.get_momenta()
             momenta[self._sum_of_drives.particles] += share * self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
-        law = self.atoms.calc.parameters.foundation if isinstance(self.atoms.calc, MagneticRepulsion) else None
+        law = self.atoms.calc.sites.foundation if isinstance(self.atoms.calc, MagneticRepulsion) else None
         if isinstance(law, SiteLaw) and law.changes:
             self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
@@ -361,7 +361,7 @@ class DrivenVerlet(VelocityVerlet):
     def _setting(self):
         """All that forces and motion depend on, but for the state itself."""
         atoms, calc = self.atoms, self.atoms.calc
-        of_sites = (calc.parameters.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
+        of_sites = (calc.sites.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
         changeable = getattr(calc, 'model', None), *(
             values if isinstance(values, SiteLaw) else np.asarray(values).tobytes() for values in of_sites)
         damping = self.damping[:1] if self.damping.strides == (0,) else self.damping  # of all, where it is one number

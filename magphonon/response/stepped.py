@@ -20,10 +20,8 @@ from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
 from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
-from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
-from ..stiffness.sites import each_spring
 from .frf import FrequencyResponse, Place
 
 TRANSIENT_FRACTION = 1e-3
@@ -103,16 +101,12 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
                  cell=structures[0].cell if structures[0].pbc.any() else None)
     i, j = (np.concatenate([getattr(calc.bonds, end) + shift for calc, shift in zip(calcs, first, strict=False)]) for end in 'ij')
     images, vectors = (np.concatenate([getattr(calc.bonds, name) for calc in calcs]) for name in ('shift', 'vectors'))
-    anchors, load = (np.concatenate([getattr(calc, name) for calc in calcs]) for name in ('anchors', 'load'))
     many = rest.copy()
     many.positions = np.concatenate([atoms.positions for atoms in structures])
     many.set_momenta(np.concatenate([atoms.get_momenta() for atoms in structures]))
     many.set_constraint(_joined([atoms.constraints for atoms in structures], first))
-    springs = [each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) for calc in calcs]
-    many.calc = MagneticRepulsion(rest, calcs[0].laws, bonds=Bonds(i, j, images, vectors, len(rest)), anchors=anchors,
-                                  load=load, foundation=np.concatenate(springs), model=calcs[0].model,
-                                  strengths=np.concatenate([calc.strengths for calc in calcs]),
-                                  gyration=np.concatenate([np.broadcast_to(calc.gyration, len(calc.anchors)) for calc in calcs]))
+    sites = calcs[0].sites.joined([calc.sites for calc in calcs[1:]])
+    many.calc = calcs[0].changed(rest, Bonds(i, j, images, vectors, len(rest)), sites)
     return many
 
 

@@ -103,7 +103,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     (('rotating', 'rotating'), array([475., 475.]))
     """
     system = LinearSystem.of(atoms)
-    springs_of(system.calc.parameters.foundation, 'a shift with amplitude')  # higher derivatives of others are not known
+    springs_of(system.calc.sites.foundation, 'a shift with amplitude')  # higher derivatives of others are not known
     calc, P, pbc = system.calc, system.free, system.atoms.pbc
     zone = bool(pbc.any()) and P.shape[1] <= DENSE
     if q is not None and not zone:

@@ -21,12 +21,11 @@ from ..errors import whole
 from ..interactions.pair_laws import InversePower
 from ..lattices.bonds import Bonds
 from ..stiffness.bond import model_stiffness
-from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
-from ..stiffness.sites import Foundation, refuse_gyration
+from ..stiffness.sites import Foundation, Sites, refuse_gyration
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
@@ -411,12 +410,11 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
     law, system = atoms.calc.law, LinearSystem.of(atoms)
     if not isinstance(law, InversePower):
         raise ValueError(f'{law!r} has no exponent to change; it must be an InversePower')
-    bonds = system.calc.bonds
-    shortest = bonds.lengths.min()
+    shortest, bare = system.calc.bonds.lengths.min(), Sites()  # neither springs nor loads
     force = -law.dphi(shortest)
 
     def needed(a):
-        calc = MagneticRepulsion(system.atoms, InversePower(force * shortest**a, a), bonds=bonds)
+        calc = system.calc.changed(sites=bare, laws=InversePower(force * shortest**a, a))
         return softest_of(LinearSystem.about(calc, system.atoms), steps=STEPS).needed
 
     found: dict[float, float] = {float(a): needed(float(a)) for a in _shown(np.asarray(exponents, dtype=float), 'exponents')}

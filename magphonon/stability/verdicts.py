@@ -200,7 +200,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     if layer is not None:
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
-    law = atoms.calc.parameters.foundation if isinstance(atoms.calc, Repulsion) else None
+    law = atoms.calc.sites.foundation if isinstance(atoms.calc, Repulsion) else None
     atoms = on_foundation(atoms, law.k) if isinstance(law, Travelling) else atoms
     run: dict[str, Any] = {'layer': layer, 'damping': damping, 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
@@ -208,7 +208,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
         return Verdict(Case(atoms, atoms, np.zeros(1), **run))
     calc = repulsion_of(atoms)
-    springs_of(calc.parameters.foundation, 'a verdict')
+    springs_of(calc.sites.foundation, 'a verdict')
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
@@ -323,7 +323,7 @@ class Case:
     @property
     def pumps(self) -> bool:
         """Whether the modulation makes a wave grow."""
-        return self.growth is not None and self.growth.rate > GROWS * self.pumped.calc.parameters.foundation.W  # pyright: ignore[reportOptionalMemberAccess]  it has one
+        return self.growth is not None and self.growth.rate > GROWS * self.pumped.calc.sites.foundation.W  # pyright: ignore[reportOptionalMemberAccess]  it has one
 
 
 @dataclass(frozen=True)
@@ -432,7 +432,7 @@ def pumping(case: Case) -> Finding:
     """Growth of waves by a modulation of the foundation, against the damping of the verdict."""
     if case.pumped is None or not (case.held and case.balanced):
         return Finding()
-    found, law = case.growth, case.pumped.calc.parameters.foundation  # pyright: ignore[reportOptionalMemberAccess]  it has one
+    found, law = case.growth, case.pumped.calc.sites.foundation  # pyright: ignore[reportOptionalMemberAccess]  it has one
     if found is None:
         return Finding(unjudged='waves that the modulation of the foundation makes grow')
     what = f'The modulation of the foundation, {law.eps:.4g} of it at {u.hertz(law.W):.4g} Hz,'
@@ -477,7 +477,7 @@ def timestep_limit(case: Case) -> Finding:
     waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
     whole = case.gyrating if gyrates else case.system
     if case.pumped is not None:  # on its springs where they are stiffest
-        stiffest = on_foundation(case.pumped, case.pumped.calc.parameters.foundation.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
+        stiffest = on_foundation(case.pumped, case.pumped.calc.sites.foundation.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
         whole = LinearSystem.nearest(stiffest, gyrating=True)
     system = whole.without_gyration() if gyrates else whole
     if not waves:

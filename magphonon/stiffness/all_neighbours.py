@@ -26,20 +26,18 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laid
 from ..interactions.pair_laws import GaussianMixture, InversePower, PairLaw, local_exponent
-from ..lattices.bonds import ON_SHELL, bonds_within, distances_within, image_of
+from ..lattices.bonds import ON_SHELL, Bonds, bonds_within, distances_within, image_of
 from .bond import MODELS, Central, bond_stiffness
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .repulsion import Repulsion
 from .sites import (
     Foundation,
+    Sites,
     displacement_components,
     from_reference,
-    of_sites,
     range_of,
     refuse_motion_out_of_the_plane,
-    site_springs,
-    site_strengths,
     warn_of_units,
 )
 
@@ -86,6 +84,7 @@ class AllNeighbours(Repulsion):
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'forces']
+    default_parameters: ClassVar = {'foundation': 0.0}
     saved: ClassVar[tuple[str, ...]] = ('foundation', 'strengths', 'split')
     pairwise = False
     atoms: Any  # of ASE, which declares them as None
@@ -103,20 +102,20 @@ class AllNeighbours(Repulsion):
         if tail.decay <= 0:
             raise ValueError(f'the force r^-{tail.decay + 1:g} has no energy r^-s with s = a - 1 > 0 to sum over all '
                              'neighbours; choose a > 1, or a number of shells')
-        super().__init__()
         self.reference = reference.copy()
         self.reference.calc = None
         self._laws = law
-        self._strengths = site_strengths(strengths, len(reference))
-        for k in np.flatnonzero(self._strengths < 0)[:1]:
-            raise ValueError(f'strengths[{k}] = {self._strengths[k]:g}: the sum over all neighbours is one of repulsion alone; '
-                             'choose a number of shells for magnets of both signs')
         self.dim = displacement_components(reference, foundation)
+        self._sites = Sites(strengths, foundation=foundation).checked(self.reference, self.dim)
+        for k in np.flatnonzero(self.strengths < 0)[:1]:
+            raise ValueError(f'strengths[{k}] = {self.strengths[k]:g}: the sum over all neighbours is one of repulsion alone; '
+                             'choose a number of shells for magnets of both signs')
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
         if self.dim == 2 and z.any():
             raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '
                              'a structure in space is periodic along three vectors')
-        self.parameters.foundation = site_springs(foundation, len(reference), self.dim, self.layer)
+        super().__init__()
+        self.parameters.foundation = self._sites.foundation
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], tail, split)
         self._nearer = None if tail is law else LawDifference(law, tail, TAIL * nearest_distance(reference))
         self._radius = self.sums.radius if self._nearer is None else max(self.sums.radius, self._nearer.end)
@@ -139,18 +138,18 @@ class AllNeighbours(Repulsion):
         return (f'{type(self).__name__}({self.laws!r}, foundation={range_of(self.foundation)}) of {len(self.reference)} '
                 'particles per cell')
 
+    def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
+                laws: Any = None, model: str | None = None) -> AllNeighbours:
+        """A calculator with another reference, other sites or another law; its bonds follow from these."""
+        own = self.sites if sites is None else sites
+        return AllNeighbours(self.reference if reference is None else reference, self.laws if laws is None else laws,
+                             foundation=own.foundation, strengths=own.strengths, split=self.split)
+
     def on(self, supercell: Atoms) -> AllNeighbours:
         """The same calculator on a supercell of its reference."""
-        foundation, strengths = self.foundation, np.full(len(supercell), self.strengths[0])
-        if np.ndim(foundation) or np.ptp(self.strengths):
-            image = image_of(self.reference, supercell)
-            foundation, strengths = of_sites(foundation, image), self.strengths[image]
-        return AllNeighbours(supercell, self.laws, foundation=foundation, strengths=strengths, split=self.split)
-
-    def in_plane(self) -> AllNeighbours:
-        """The same calculator of a layer without motion out of its plane."""
-        foundation = np.asarray(self.foundation)[:, :2]
-        return AllNeighbours(self.reference, self.laws, foundation=foundation, strengths=self.strengths, split=self.split)
+        alike = np.ndim(self.foundation) == 0 and not np.ptp(self.strengths)
+        return self.changed(supercell, sites=self.sites[np.zeros(len(supercell), int) if alike else
+                                                        image_of(self.reference, supercell)])
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image."""

@@ -17,24 +17,21 @@ from ase.geometry import find_mic, minkowski_reduce
 from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
-from ..errors import Unstable, finite, one_of
+from ..errors import Unstable, one_of
 from ..interactions.bond_laws import checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, displaced, interaction_along, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
 from .repulsion import Repulsion, masses_of
-from .site_laws import SiteLaw, on_sites
+from .site_laws import SiteLaw
 from .sites import (
+    Sites,
     displacement_components,
     from_reference,
-    of_sites,
     range_of,
     refuse_height,
     refuse_infinite,
     refuse_motion_out_of_the_plane,
-    site_gyration,
-    site_springs,
-    site_strengths,
     warn_of_units,
 )
 
@@ -132,9 +129,9 @@ class MagneticRepulsion(Repulsion):
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
-    default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete', 'gyration': 0.0}
-    saved: ClassVar[tuple[str, ...]] = ('foundation', 'strengths', 'model', 'bonds', 'anchors', 'load')
-    seldom: ClassVar[tuple[str, ...]] = ('gyration',)
+    default_parameters: ClassVar = {'model': 'complete'} | dict.fromkeys(Sites.names(settable=True), 0.0)
+    saved: ClassVar[tuple[str, ...]] = ('model', 'bonds', *Sites.names(seldom=False))
+    seldom: ClassVar[tuple[str, ...]] = Sites.names(seldom=True)
     pairwise = True
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
@@ -148,37 +145,30 @@ class MagneticRepulsion(Repulsion):
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
-        self._strengths = site_strengths(strengths, len(reference))
         self.dim = displacement_components(reference, foundation)
         first = not isinstance(bonds, Bonds)  # a calculator made from another one receives its Bonds
         reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
         self._reach = reach if bonds is None else f'bonds={len(bonds)}'
         self.bonds = bonds = bonds_of(self.reference, bonds, shells, cutoff)
-        shape = (len(reference), 3)
-        self._anchors = self.reference.positions if anchors is None else finite('anchors', anchors, shape).copy()
-        self._load = np.broadcast_to(0.0, shape) if load is None else finite('load', load, shape).copy()
-        for fixed in self._anchors, self._load, self.reference.positions:  # constant forces are computed from them once
-            fixed.flags.writeable = False
-        if self.dim == 2:
-            for k in np.flatnonzero(self._load[:, 2])[:1]:
-                raise ValueError(f'the load pushes particle {k} along z, but the structure is planar; give it a direction in the '
-                                 'plane')
-        self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self._strengths, self.dim)
+        self.reference.positions.flags.writeable = False  # constant forces are computed from them once
+        self._sites = Sites(strengths, anchors, load, foundation, gyration).checked(self.reference, self.dim)
+        self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self.strengths, self.dim)
         refuse_height(self.reference, bonds, self.dim, central=self.interaction.central(self.dim) is not None)
         refuse_infinite(self)
-        super().__init__(foundation=foundation, model=model, gyration=gyration)
+        super().__init__(model=model)
+        self.parameters |= {name: vars(self._sites)[name] for name in Sites.names(settable=True)}
         if first:
             warn_of_units(self)
 
     @property
     def anchors(self) -> NDArray[np.float64]:
         """Positions at which the foundation springs are slack in mm, shape (particles, 3); read-only."""
-        return self._anchors
+        return self._sites.anchors
 
     @property
     def load(self) -> NDArray[np.float64]:
         """Dead load in N, shape (particles, 3); read-only: `about(atoms, load)` makes a calculator with another load."""
-        return self._load
+        return self._sites.load
 
     @property
     def model(self) -> str:
@@ -191,20 +181,17 @@ class MagneticRepulsion(Repulsion):
         return self.bonds.vectors[:, : self.dim]
 
     def set(self, **parameters: Any) -> dict[str, Any]:
-        """Change `foundation`, `gyration` or `model`; cached results are deleted."""
-        for name in parameters:
-            one_of('parameter', name, tuple(self.default_parameters))
-        if 'foundation' in parameters:
-            given, n = parameters['foundation'], len(self.reference)
-            own = isinstance(given, SiteLaw)
-            parameters['foundation'] = given.of(n, self.dim) if own else site_springs(given, n, self.dim, self.layer)
-        if 'gyration' in parameters:
-            parameters['gyration'] = site_gyration(parameters['gyration'], len(self.reference), self.dim)
         if 'model' in parameters:
             one_of('model', parameters['model'], MODELS)
-        changed = super().set(**parameters)
-        self.reset()
-        return changed
+        return super().set(**parameters)
+
+    def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
+                laws: Any = None, model: str | None = None) -> MagneticRepulsion:
+        here = self.reference if reference is None else reference
+        if bonds is None:
+            bonds = self.bonds if reference is None else self.bonds.at(reference)
+        return MagneticRepulsion(here, self.laws if laws is None else laws, bonds=bonds, model=model or self.model,
+                                 **vars(self.sites if sites is None else sites))
 
     def on(self, supercell: Atoms) -> MagneticRepulsion:
         """The same calculator on a supercell of its reference, whatever the order of the particles there."""
@@ -212,12 +199,10 @@ class MagneticRepulsion(Repulsion):
         image = image_of(self.reference, supercell)
         reference = supercell.copy()
         reference.set_tags(self.reference.get_tags()[image])  # tags are kinds, and phonopy does not keep tags
-        return MagneticRepulsion(reference, self.laws, bonds=bonds, load=self.load[image], model=self.model,
-                                 foundation=on_sites(self.parameters.foundation, image), strengths=self.strengths[image],
-                                 anchors=supercell.positions - self.slack[image], gyration=of_sites(self.gyration, image))
+        return self.changed(reference, bonds, replace(self.sites[image], anchors=supercell.positions - self.slack[image]))
 
-    def about(self, atoms: Atoms, load: ArrayLike | None = None, **parameters: Any) -> MagneticRepulsion:
-        """The same calculator with the present positions of `atoms` as its rest, and optionally another load or parameters.
+    def about(self, atoms: Atoms, load: ArrayLike | None = None, *, model: str | None = None, **sites: Any) -> MagneticRepulsion:
+        """The same calculator with the present positions of `atoms` as its rest, and optionally another load, model or `sites`.
 
         The pairs of particles, the anchors and the load stay; the bond vectors are computed again.  The forces at the new
         rest need not balance: `LinearSystem.of` checks that.  The cell may differ if nothing is anchored
@@ -225,17 +210,10 @@ class MagneticRepulsion(Repulsion):
         """
         if not same_cell(self, atoms):
             rest, bonds = carried(self, atoms)
-            carrier = MagneticRepulsion(rest, self.laws, bonds=bonds, strengths=self.strengths, **self.parameters)
-            return carrier.about(atoms, load, **parameters)
+            return self.changed(rest, bonds, replace(self.sites, anchors=None)).about(atoms, load, model=model, **sites)
         rest = self.reference.copy()
         rest.positions[:, : self.dim] += self.displacements(atoms)
-        return MagneticRepulsion(rest, self.laws, bonds=self.bonds.at(rest), anchors=self.anchors, strengths=self.strengths,
-                                 load=self.load if load is None else load, **self.parameters | parameters)
-
-    def in_plane(self) -> MagneticRepulsion:
-        """The same calculator of a layer without motion out of its plane."""
-        return MagneticRepulsion(self.reference, self.laws, bonds=self.bonds, anchors=self.anchors, load=self.load,
-                                 strengths=self.strengths, model=self.model, foundation=np.asarray(self.foundation)[:, :2])
+        return self.changed(rest, sites=replace(self.sites, load=self.load if load is None else load, **sites), model=model)
 
     def balanced(self, particles: NDArray[Any] | Sequence[int]) -> MagneticRepulsion:
         """The same calculator with the dead load that balances all other forces on some particles at rest."""
@@ -247,7 +225,7 @@ class MagneticRepulsion(Repulsion):
     def __repr__(self) -> str:
         own = f', strengths={range_of(self.strengths)}' if (self.strengths != 1).any() else ''
         own += f', gyration={range_of(self.gyration)}' if np.any(self.gyration) else ''
-        return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.parameters.foundation)}{own}, '
+        return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.sites.foundation)}{own}, '
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
@@ -302,10 +280,10 @@ class MagneticRepulsion(Repulsion):
     @property
     def spring_forces(self) -> NDArray[np.float64]:
         """Forces of the foundation at rest, `-k (rest - anchor)` of springs, in N, shape (particles, dim)."""
-        given, slack = self.parameters.foundation, self.slack[:, : self.dim]
+        given, slack = self.sites.foundation, self.slack[:, : self.dim]
         return -given.gradient(slack) if isinstance(given, SiteLaw) else -given * slack
 
-    @property
+    @cached_property
     def offset(self) -> NDArray[np.float64]:
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
         return self.load[:, : self.dim] + self.spring_forces
@@ -320,13 +298,13 @@ class MagneticRepulsion(Repulsion):
         return energy, gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
 
     def _site_energies(self, u):
-        given, slack = self.parameters.foundation, self.slack[:, : self.dim]
+        given, slack = self.sites.foundation, self.slack[:, : self.dim]
         if not isinstance(given, SiteLaw):
             return np.einsum('ix,ix->i', 0.5 * given * u - self.offset, u)
         return given.energies(slack + u) - given.energies(slack) - (self.load[:, : self.dim] * u).sum(axis=1)
 
     def _forces(self, u, gradient):
-        given, bonds = self.parameters.foundation, self.bonds.net(gradient)
+        given, bonds = self.sites.foundation, self.bonds.net(gradient)
         if not isinstance(given, SiteLaw):
             return self.offset - bonds - given * u
         return self.load[:, : self.dim] - bonds - given.gradient(self.slack[:, : self.dim] + u)
@@ -334,13 +312,13 @@ class MagneticRepulsion(Repulsion):
     def pumped(self, atoms: Atoms, t: float) -> NDArray[np.float64]:
         """What a foundation that changes adds to the forces of the calculator at the time `t` in ms: N, shape (particles, 3)."""
         forces = np.zeros((len(atoms), 3))
-        forces[:, : self.dim] = self.parameters.foundation.pumped(self.displacements(atoms) + self.slack[:, : self.dim], t,
+        forces[:, : self.dim] = self.sites.foundation.pumped(self.displacements(atoms) + self.slack[:, : self.dim], t,
                                                                   self.anchors)
         return forces
 
     def site_stiffness_at(self, u: NDArray[np.float64] | float) -> Any:
         """Stiffness of each site at displacements u: one number, or shape (particles, dim) or (particles, dim, dim), in N/mm."""
-        given = self.parameters.foundation
+        given = self.sites.foundation
         return given.stiffness(self.slack[:, : self.dim] + u) if isinstance(given, SiteLaw) else given
 
     @property

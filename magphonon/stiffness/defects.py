@@ -7,7 +7,7 @@ first with `magphonon.relaxed`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..errors import finite, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
 from .calculator import MagneticRepulsion
 from .repulsion import repulsion_of
-from .sites import each_spring, of_sites
+from .sites import each_spring
 
 LARGEST_SCATTER = 0.2  # relative: fewer than one of 3 million sites is expected to become negative
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'
@@ -35,9 +35,7 @@ def without(atoms: Atoms, particles: ArrayLike) -> Atoms:
     old = calc.bonds
     both = (number[old.i] >= 0) & (number[old.j] >= 0)
     bonds = Bonds(number[old.i[both]], number[old.j[both]], old.shift[both], old.vectors[both], len(kept), old.cutoff)
-    return _carrying(atoms[kept], calc, calc.reference[kept], bonds=bonds, foundation=of_sites(calc.foundation, kept),
-                     strengths=calc.strengths[kept], anchors=calc.anchors[kept], load=calc.load[kept],
-                     gyration=of_sites(calc.gyration, kept))
+    return _with(atoms[kept], calc.changed(calc.reference[kept], bonds, calc.sites[kept]))
 
 
 def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
@@ -97,9 +95,8 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
     old = calc.bonds
     bonds = Bonds(*(np.concatenate([getattr(old, name), getattr(near, name)[own]]) for name in ('i', 'j', 'shift', 'vectors')),
                   particles=len(grown), cutoff=old.cutoff)
-    grown = _carrying(grown, calc, reference, bonds=bonds, foundation=of_sites(calc.foundation, site),
-                      strengths=calc.strengths[site], anchors=np.vstack([calc.anchors, place]),
-                      load=np.vstack([calc.load, np.zeros(3)]), gyration=of_sites(calc.gyration, site))
+    sites = replace(calc.sites[site], anchors=np.vstack([calc.anchors, place]), load=np.vstack([calc.load, np.zeros(3)]))
+    grown = _with(grown, calc.changed(reference, bonds, sites))
     return substituted(grown, len(atoms), mass=mass, strength=strength, stiffness=stiffness, kind=kind)
 
 
@@ -160,14 +157,14 @@ def _varied(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: An
         one.set_masses(atoms.get_masses() * mass)  # pyright: ignore[reportArgumentType]  ASE declares text
         for particle, kind in (kinds or {}).items():
             one.arrays.setdefault('tags', np.zeros(len(atoms), int))[particle] = kind
-    springs = calc.foundation
+    springs = calc.sites.foundation
     if (stiffness != 1).any():
-        springs = each_spring(springs, len(atoms), calc.dim).reshape(len(atoms), -1) * stiffness[:, None]
-    return _carrying(varied, calc, reference, bonds=calc.bonds.at(reference), foundation=springs,
-                     strengths=calc.strengths * strength, anchors=calc.anchors + moved, load=calc.load, gyration=calc.gyration)
+        springs = each_spring(calc.foundation, len(atoms), calc.dim).reshape(len(atoms), -1) * stiffness[:, None]
+    sites = replace(calc.sites, strengths=calc.strengths * strength, anchors=calc.anchors + moved, foundation=springs)
+    return _with(varied, calc.changed(reference, sites=sites))
 
 
-def _carrying(atoms: Atoms, calc: MagneticRepulsion, reference: Atoms, **given: Any) -> Atoms:
-    """The atoms with a calculator of the same laws and model."""
-    atoms.calc = MagneticRepulsion(reference, calc.laws, model=calc.model, **given)
+def _with(atoms: Atoms, calc: MagneticRepulsion) -> Atoms:
+    """The atoms with this calculator."""
+    atoms.calc = calc
     return atoms

@@ -19,7 +19,7 @@ Under hydrostatic pressure A_ik is also B_ijkl n_j n_l.  D. C. Wallace, Thermody
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -294,5 +294,5 @@ def _strained(calc, eta):
     atoms = calc.reference.copy()
     atoms.set_cell(atoms.cell.array @ F)
     atoms.positions = atoms.positions @ F
-    atoms.calc = type(calc)(atoms, calc.laws, strengths=calc.strengths, split=calc.sums.split)
+    atoms.calc = calc.changed(atoms, sites=replace(calc.sites, foundation=0.0))
     return atoms.get_potential_energy(), (atoms.get_forces() @ F)[:, : calc.dim]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..interactions.leaning import leaning_law
 from .all_neighbours import AllNeighbours
-from .calculator import MagneticRepulsion
 from .ewald import lattice_sum
 from .repulsion import Repulsion
 from .sites import each_spring
@@ -28,10 +28,7 @@ def leaning(calc: Any, height: float) -> Repulsion:
     if springs.min() < 0:
         raise ValueError(f'pillars of {height:g} mm lean so much that the magnets would turn over ({springs.min():.3g} N/mm are '
                          'left of the foundation); take a stiffer pillar')
-    if isinstance(calc, AllNeighbours):
-        return AllNeighbours(calc.reference, law, foundation=springs, strengths=calc.strengths, split=calc.split)
-    return MagneticRepulsion(calc.reference, law, foundation=springs, bonds=calc.bonds, strengths=calc.strengths,
-                             model=calc.model, gyration=calc.gyration)
+    return calc.changed(laws=law, sites=replace(calc.sites, foundation=springs))
 
 
 def _taken(calc, charges) -> NDArray[np.float64]:

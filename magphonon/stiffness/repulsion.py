@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from ase.calculators.calculator import all_changes
 
-from ..errors import positive
+from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
 from .site_laws import SiteLaw, springs_of
+from .sites import Sites
 from .supercells import fitted
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ class Repulsion(Restartable):
     model: Any
     bloch_models: Any
     _laws: Any
-    _strengths: NDArray[np.float64]
+    _sites: Sites
 
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
         """Energy, forces and what else of `properties` is asked for, of the reference displaced or strained, by name."""
@@ -77,9 +79,31 @@ class Repulsion(Restartable):
         """The calculators on supercells to which this one was given, the last ones first."""
         return []
 
+    @property
+    def sites(self) -> Sites:
+        """What each site has of its own; frozen: `changed(sites=...)` makes a calculator with other sites."""
+        return self._sites
+
     def set(self, **parameters: Any) -> dict[str, Any]:
+        """Change what `default_parameters` names; cached results are deleted."""
+        for name in parameters:
+            one_of('parameter', name, tuple(self.default_parameters))
+        own = {f.name: f.metadata['checked'](parameters[f.name], self.reference, self.dim) for f in fields(Sites)
+               if f.name in parameters}
+        self._sites = replace(self._sites, **own)
+        vars(self).pop('offset', None)
         self.supercells.clear()
-        return super().set(**parameters)
+        changed = super().set(**parameters | own)
+        self.reset()
+        return changed
+
+    def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
+                laws: Any = None, model: str | None = None) -> Any:
+        """A calculator with another reference, other bonds, sites, laws or another model: every one that is made from another.
+
+        What is not given stays, particle by particle; bonds are measured again at the reference.
+        """
+        raise NotImplementedError
 
     @property
     def laws(self) -> Any:
@@ -109,7 +133,7 @@ class Repulsion(Restartable):
     @property
     def strengths(self) -> NDArray[np.float64]:
         """Strength of each particle, shape (particles,); read-only: make a new calculator to change it."""
-        return self._strengths
+        return self._sites.strengths
 
     @property
     def foundation(self) -> Foundation:
@@ -117,7 +141,7 @@ class Repulsion(Restartable):
 
         ValueError where there are other ties than constant springs: what takes these too asks `site_stiffness`.
         """
-        return springs_of(self.parameters.foundation)
+        return springs_of(self._sites.foundation)
 
     @property
     def site_stiffness(self) -> Any:
@@ -127,18 +151,22 @@ class Repulsion(Restartable):
     @property
     def tied(self) -> bool:
         """Whether anything ties particles to their places."""
-        given = self.parameters.foundation
+        given = self._sites.foundation
         return isinstance(given, SiteLaw) or bool(np.any(given))
 
     @property
     def gyration(self) -> Foundation:
         """Rate g in rad/ms at which the force m g J u' turns velocities, clockwise: one number, or shape (particles,)."""
-        return self.parameters.get('gyration', 0.0)
+        return self._sites.gyration
 
     @property
     def layer(self) -> bool:
         """Whether the particles of a planar structure may move out of the plane, each on its own support."""
         return self.dim == 3 and not self.reference.pbc.all()
+
+    def in_plane(self) -> Any:
+        """The same calculator of a layer without motion out of its plane."""
+        return self.changed(sites=replace(self.sites, foundation=np.asarray(self.foundation)[:, :2]))
 
     def on(self, supercell: Atoms) -> Repulsion:
         """The same calculator on a supercell of its reference."""

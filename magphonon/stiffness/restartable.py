@@ -65,8 +65,9 @@ class Restartable(Shared):
 
     Attributes
     ----------
+    sites : Sites
     saved : tuple of str
-        Keywords of the constructor that the forces depend on; each is an attribute of the same name.
+        Keywords of the constructor that the forces depend on; each is an attribute of the same name, or one of `sites`.
     seldom : tuple of str
         Those that are saved only where they are not zero, and read as zero from where they are not.
     """
@@ -75,12 +76,13 @@ class Restartable(Shared):
     seldom: ClassVar[tuple[str, ...]] = ()
     reference: Atoms
     laws: Any
+    sites: Any
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
-        parts = {name: getattr(self, name) for name in self.saved if name != 'foundation'}
-        parts['foundation'] = foundation_to_dict(self.parameters.foundation)
-        parts |= {name: getattr(self, name) for name in self.seldom if np.any(getattr(self, name))}
+        own = vars(self.sites) | {'foundation': foundation_to_dict(self.sites.foundation)}
+        parts = {name: own[name] if name in own else getattr(self, name) for name in self.saved}
+        parts |= {name: own[name] for name in self.seldom if np.any(own[name])}
         if 'bonds' in parts:  # their vectors follow from the reference
             parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),

@@ -67,14 +67,9 @@ def springs_of(foundation: Any, what: str = 'this') -> Any:
 
 def refuse_changes(calc: Any, what: str) -> None:
     """Refuse a foundation that changes with time, of which `what` sees nothing."""
-    law = calc.parameters.foundation
+    law = calc.sites.foundation
     if isinstance(law, SiteLaw) and law.changes:
         raise ValueError(f'{what} know no time, but {law!r} changes with it: {law.known}')
-
-
-def on_sites(foundation: Any, image: NDArray[np.intp]) -> Any:
-    """A foundation of springs or a law on other sites, of which `image` tells which one each was."""
-    return foundation.on(image) if isinstance(foundation, SiteLaw) else of_sites(foundation, image)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -250,7 +245,7 @@ class OnSite(SiteLaw):
     def on(self, image: NDArray[np.intp]) -> Self:
         if np.ndim(self.K) == 3:
             return type(self).tensor(self.K[image], self.g)
-        return replace(self, k=on_sites(self.k, image))
+        return replace(self, k=of_sites(self.k, image))
 
 
 def foundation_to_dict(given: Any) -> Any:

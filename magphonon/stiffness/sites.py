@@ -1,5 +1,5 @@
-"""What the sites of a structure may have of their own, the stiffness of the foundation and the strength of the particle; and what
-is refused of them: positions that are not those of a calculator or out of its plane, numbers that are not finite, units left out.
+"""What each site of a structure has of its own, `Sites`: the strength of its particle, its spring, the load on it, its gyration; and
+what is refused: positions that are not those of a calculator or out of its plane, numbers that are not finite, missing units.
 
 Where all sites are alike the foundation stays a single number, and the computation is as fast as with one spring for all.
 """
@@ -7,6 +7,7 @@ Where all sites are alike the foundation stays a single number, and the computat
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +19,8 @@ from ..interactions.bond_laws import BondLaws
 from .bond import sizes
 
 if TYPE_CHECKING:
-    from typing import Any
+    from collections.abc import Callable, Sequence
+    from typing import Any, Self
 
     from ase import Atoms
     from numpy.typing import ArrayLike
@@ -37,6 +39,101 @@ masses and lengths has 1; kg and m read as g and mm give a million times what it
 OUT_OF_PLANE = 0.1  # largest displacement of a finite difference, in shortest bonds; one beyond is refused out of the plane
 ROUND_OFF = 1e-12  # fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane
 FLAT = 1e-9  # largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions
+
+
+def of_site(checked: Callable[[Any, Atoms, int], Any], none: Any = 0.0, settable: bool = False, seldom: bool = False) -> Any:
+    """A property of the sites: how it is checked, its default, whether `calc.set` changes it, and whether files leave it out where it
+    is zero.
+    """
+    return field(default=none, metadata={'checked': checked, 'settable': settable, 'seldom': seldom})
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """What each site of a structure has of its own, each property an array whose first axis is that of the sites.
+
+    Where all sites are alike a property may be one number; the foundation may be a law of the site.  A new property is one more
+    field, and one more keyword of the calculator: supercells, defects, replicas, copies and files carry it.  The masses are those
+    of `ase.Atoms`.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> cell = lattices.honeycomb(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=[20.0, 30.0])
+    >>> cell.calc.sites[[1, 0, 0]].foundation[:, 0].tolist()  # of three sites that are like the second and the first one
+    [30.0, 20.0, 20.0]
+    """
+
+    strengths: Any = of_site(lambda given, reference, dim: site_strengths(given, len(reference)), None)
+    anchors: Any = of_site(lambda given, reference, dim: site_anchors(given, reference), None)
+    load: Any = of_site(lambda given, reference, dim: site_load(given, len(reference), dim), None)
+    foundation: Any = of_site(lambda given, reference, dim: site_tie(given, reference, dim), settable=True)
+    gyration: Any = of_site(lambda given, reference, dim: site_gyration(given, len(reference), dim), settable=True, seldom=True)
+
+    @classmethod
+    def names(cls, **wanted: bool) -> tuple[str, ...]:
+        """The properties that are, or are not, `settable` or saved `seldom`."""
+        return tuple(f.name for f in fields(cls) if all(f.metadata[what] == so for what, so in wanted.items()))
+
+    def checked(self, reference: Atoms, dim: int) -> Self:
+        """The same properties as they are kept, read-only, for the particles of a reference; ValueError where they do not fit."""
+        return replace(self, **{f.name: f.metadata['checked'](getattr(self, f.name), reference, dim) for f in fields(self)})
+
+    def __len__(self) -> int:
+        return len(self.anchors)
+
+    def __getitem__(self, image: Any) -> Self:
+        """The properties at other sites, of which `image` (indices, mask or slice) tells which one each was."""
+        return replace(self, **{name: on_sites(value, image) for name, value in vars(self).items()})
+
+    def joined(self, others: Sequence[Sites]) -> Self:
+        """The properties at these sites and then at those of others."""
+        every = [self, *others]
+        return replace(self, **{name: _joined([getattr(sites, name) for sites in every], [len(sites) for sites in every])
+                                for name in self.names()})
+
+
+def on_sites(values: Any, image: Any) -> Any:
+    """A property at other sites; laws of the site know themselves how to go there."""
+    return values.on(image) if hasattr(values, 'on') else of_sites(values, image)
+
+
+def _joined(values, sizes):
+    first = values[0]
+    if all(value is first for value in values) and (np.ndim(first) == 0 or hasattr(first, 'on')):
+        return on_sites(first, np.tile(np.arange(sizes[0]), len(sizes)))
+    for law in [value for value in values if hasattr(value, 'on')][:1]:
+        raise ValueError(f'{law!r} is a law of the sites, and structures with different laws of this kind cannot be joined; run them '
+                         'one after another')
+    width = max((np.shape(value)[1:] for value in values), key=len)
+    each = [np.reshape(value, (-1, *(np.shape(value)[1:] or (1,) * len(width)))) for value in values]
+    return np.concatenate([np.broadcast_to(value, (size, *width)) for value, size in zip(each, sizes, strict=True)])
+
+
+def site_anchors(anchors: ArrayLike | None, reference: Atoms) -> NDArray[np.float64]:
+    """Where the springs are slack, shape (particles, 3), read-only: by default the positions of the reference themselves."""
+    found = reference.positions if anchors is None else finite('anchors', anchors, (len(reference), 3)).copy()
+    found.flags.writeable = False
+    return found
+
+
+def site_load(load: ArrayLike | None, particles: int, dim: int) -> NDArray[np.float64]:
+    """The dead load in N, shape (particles, 3), read-only; ValueError if it pushes planar particles out of their plane."""
+    if load is None:
+        return np.broadcast_to(0.0, (particles, 3))
+    given = finite('load', load, (particles, 3)).copy()
+    for k in np.flatnonzero(given[:, 2])[:1] if dim == 2 else ():
+        raise ValueError(f'the load pushes particle {k} along z, but the structure is planar; give it a direction in the plane')
+    given.flags.writeable = False
+    return given
+
+
+def site_tie(foundation: Any, reference: Atoms, dim: int) -> Any:
+    """What ties particles to their places: springs in N/mm, or a law of the site, checked."""
+    if hasattr(foundation, 'of'):
+        return foundation.of(len(reference), dim)
+    return site_springs(foundation, len(reference), dim, dim == 3 and not reference.pbc.all())
 
 
 def displacement_components(reference: Atoms, foundation: Any) -> int:
