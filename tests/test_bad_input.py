@@ -188,7 +188,7 @@ CASES = {
     'law out of reach': (lambda: repulsion(laws=Tabulated([2, 3, 4, 5], [4, 3, 2, 1])),
                          '0.943398 mm', 'extend the measurement'),
     'reference not planar': (lambda: repulsion(magnets([(0, 0, 0), (1, 0, 0.5)])), '0.5 mm', 'must share one z'),
-    'set unknown': (lambda: set_on(fundation=1), "'fundation'", "one of 'foundation', 'model'"),
+    'set unknown': (lambda: set_on(fundation=1), "'fundation'", "one of 'foundation', 'gyration', 'model'"),
     'set text': (lambda: set_on(foundation='stiff'), "'stiff'", 'must be a zero or positive number'),
     'set model': (lambda: set_on(model=None), 'None', "one of 'complete'"),
     'other number': (lambda: repulsion().get_forces(magnets([(0, 0, 0), (1, 0, 0)])),

@@ -129,7 +129,7 @@ class MagneticRepulsion(Repulsion):
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
-    default_parameters: ClassVar = {'model': 'complete'} | dict.fromkeys(Sites.names(settable=True), 0.0)
+    default_parameters: ClassVar = dict.fromkeys(Sites.names(settable=True), 0.0) | {'model': 'complete'}
     saved: ClassVar[tuple[str, ...]] = ('model', 'bonds', *Sites.names(seldom=False))
     seldom: ClassVar[tuple[str, ...]] = Sites.names(seldom=True)
     pairwise = True
