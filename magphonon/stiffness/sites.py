@@ -1,5 +1,5 @@
-"""What each site of a structure has of its own, `Sites`: the strength of its particle, its spring, the load on it, its gyration; and
-what is refused: positions that are not those of a calculator or out of its plane, numbers that are not finite, missing units.
+"""What each site of a structure has of its own, `Sites`: the strength of its particle, its spring, its load, its gyration; and what
+is refused: positions that are not those of a calculator or out of its plane, numbers that are not finite, missing units.
 
 Where all sites are alike the foundation stays a single number, and the computation is as fast as with one spring for all.
 """
@@ -41,11 +41,9 @@ ROUND_OFF = 1e-12  # fraction of the largest momentum below which a momentum alo
 FLAT = 1e-9  # largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions
 
 
-def of_site(checked: Callable[[Any, Atoms, int], Any], none: Any = 0.0, settable: bool = False, seldom: bool = False) -> Any:
-    """A property of the sites: how it is checked, its default, whether `calc.set` changes it, and whether files leave it out where it
-    is zero.
-    """
-    return field(default=none, metadata={'checked': checked, 'settable': settable, 'seldom': seldom})
+def _by(checked: Callable[[Any, Atoms, int], Any], settable: bool = False, seldom: bool = False) -> dict[str, Any]:
+    """How a property is checked, whether `calc.set` changes it, and whether files omit it where it is zero."""
+    return {'checked': checked, 'settable': settable, 'seldom': seldom}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +63,11 @@ class Sites:
     [30.0, 20.0, 20.0]
     """
 
-    strengths: Any = of_site(lambda given, reference, dim: site_strengths(given, len(reference)), None)
-    anchors: Any = of_site(lambda given, reference, dim: site_anchors(given, reference), None)
-    load: Any = of_site(lambda given, reference, dim: site_load(given, len(reference), dim), None)
-    foundation: Any = of_site(lambda given, reference, dim: site_tie(given, reference, dim), settable=True)
-    gyration: Any = of_site(lambda given, reference, dim: site_gyration(given, len(reference), dim), settable=True, seldom=True)
+    strengths: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_strengths(given, len(atoms))))
+    anchors: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_anchors(given, atoms)))
+    load: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_load(given, len(atoms), dim)))
+    foundation: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_tie(given, atoms, dim), settable=True))
+    gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim), settable=True, seldom=True))
 
     @classmethod
     def names(cls, **wanted: bool) -> tuple[str, ...]:
@@ -104,8 +102,8 @@ def _joined(values, sizes):
     if all(value is first for value in values) and (np.ndim(first) == 0 or hasattr(first, 'on')):
         return on_sites(first, np.tile(np.arange(sizes[0]), len(sizes)))
     for law in [value for value in values if hasattr(value, 'on')][:1]:
-        raise ValueError(f'{law!r} is a law of the sites, and structures with different laws of this kind cannot be joined; run them '
-                         'one after another')
+        raise ValueError(f'{law!r} is a law of the sites, and structures with different laws of this kind cannot be joined; run '
+                         'them one after another')
     width = max((np.shape(value)[1:] for value in values), key=len)
     each = [np.reshape(value, (-1, *(np.shape(value)[1:] or (1,) * len(width)))) for value in values]
     return np.concatenate([np.broadcast_to(value, (size, *width)) for value, size in zip(each, sizes, strict=True)])

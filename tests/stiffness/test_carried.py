@@ -32,7 +32,8 @@ LAWS = {
 def drawn(seed, law='springs'):
     """A periodic honeycomb or a square patch whose sites all differ, with the values and how to read those of its foundation."""
     rng = np.random.default_rng(seed)
-    atoms = lattices.honeycomb(10.0, 0.7).repeat((2, 3, 1)) if seed % 2 else lattices.parallelogram(lattices.square(10.0, 0.7), 3, 4)
+    square, honeycomb = lattices.square(10.0, 0.7), lattices.honeycomb(10.0, 0.7)
+    atoms = honeycomb.repeat((2, 3, 1)) if seed % 2 else lattices.parallelogram(square, 3, 4)
     values = {name: draw(rng, len(atoms)) for name, draw in EACH.items()}
     foundation, read_law = LAWS[law](values['foundation'])
     given = values | {'anchors': atoms.positions - values['anchors'], 'foundation': foundation}
@@ -132,14 +133,14 @@ def test_every_way_carries_every_property(way, law):
 @pytest.mark.parametrize('law', ['springs', 'travelling'])
 def test_files_carry_every_property(law, tmp_path):
     for seed in range(2):
-        atoms, values, read_law, rng = drawn(seed, law)
+        atoms, values, read_law, _ = drawn(seed, law)
         write(tmp_path / 'atoms.traj', atoms)
         for found in restored(read(tmp_path / 'atoms.traj')), pickle.loads(pickle.dumps(atoms)):
             assert not lost(found, values, np.arange(len(atoms)), 0.0, read_law)
 
 
 def test_supercells_of_phonopy_have_the_springs_of_their_sites():
-    atoms, values, _, rng = drawn(1)
+    atoms, values, *_ = drawn(1)
     atoms.calc = atoms.calc.about(atoms, anchors=atoms.positions, gyration=0.0, model='complete')
     atoms.calc = atoms.calc.balanced(range(len(atoms)))
     sums = finite_displacements(atoms, (1, 2, 1)).force_constants.sum(axis=1)  # rigid motion feels the springs alone
