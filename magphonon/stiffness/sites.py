@@ -1,5 +1,5 @@
-"""What each site of a structure has of its own, `Sites`: the strength of its particle, its spring, its load, its gyration; and what
-is refused: positions that are not those of a calculator or out of its plane, numbers that are not finite, missing units.
+"""What each site of a structure has of its own, `Sites`: the strength of its particle, its spring, its load, its gyration; and
+what is refused: positions that are not those of a calculator or out of its plane, numbers that are not finite, missing units.
 
 Where all sites are alike the foundation stays a single number, and the computation is as fast as with one spring for all.
 """
@@ -67,7 +67,8 @@ class Sites:
     anchors: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_anchors(given, atoms)))
     load: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_load(given, len(atoms), dim)))
     foundation: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_tie(given, atoms, dim), settable=True))
-    gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim), settable=True, seldom=True))
+    gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim), settable=True,
+                                                    seldom=True))
 
     @classmethod
     def names(cls, **wanted: bool) -> tuple[str, ...]:
