@@ -67,8 +67,8 @@ class Sites:
     anchors: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_anchors(given, atoms)))
     load: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_load(given, len(atoms), dim)))
     foundation: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_tie(given, atoms, dim), settable=True))
-    gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim), settable=True,
-                                                    seldom=True))
+    gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim),
+                                                    settable=True, seldom=True))
 
     @classmethod
     def names(cls, **wanted: bool) -> tuple[str, ...]:
