@@ -5,7 +5,6 @@ A sweep that was killed continues where it stopped when the same command is give
 
 from __future__ import annotations
 
-import os
 import re
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -18,6 +17,8 @@ from .arguments import add_output, add_pictures, add_scene, drawing
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from collections.abc import Iterator
+    from io import RawIOBase
+    from pathlib import Path
     from typing import Any
 
     from numpy.typing import NDArray
@@ -123,6 +124,22 @@ def axis_of(text: str) -> tuple[str, NDArray[np.float64]]:
     return key, np.geomspace(first, last, number)
 
 
+@contextmanager
+def _new(path: Path) -> Iterator[RawIOBase | None]:
+    """A file that this process makes, open for writing; None if there is one already."""
+    try:
+        file = path.open('xb', buffering=0)
+    except FileExistsError:
+        yield None
+        return
+    with file:
+        try:
+            yield file
+        finally:
+            if not file.tell():
+                path.unlink(missing_ok=True)
+
+
 def _lead(options, workers):
     from pathlib import Path
 
@@ -136,9 +153,8 @@ def _lead(options, workers):
     if len(dict(axes)) < len(axes):
         raise ValueError('--over names a key twice; give each axis once')
     journal = Path(options.output) / JOURNAL
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        own = not os.path.lexists(journal)
-        answers = sweep(scene, dict(axes), options.ask, journal=journal, **workers)
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save, _new(journal) as own:
+        answers = sweep(scene, dict(axes), options.ask, journal=own or journal, **workers)
         answered = [name for name in options.ask if np.isfinite(answers[name]).any()]
         if not answered:
             raise ValueError('\n'.join(['no point has an answer, so nothing is written:', *_reasons(answers)]))
@@ -146,8 +162,8 @@ def _lead(options, workers):
         for name in answered:
             save(plot_sweep(answers, name).figure, f'sweep_{name}')
         report = _report(scene.title, answers, options.ask)
-    if own:
-        journal.unlink()
+    if own:  # this process made it; another one that took it up may have seen the end of it
+        journal.unlink(missing_ok=True)
     else:
         options.notes.append(f'{journal} of an earlier command stays; it is complete, and may be removed')
     print('\n'.join([report, *(f'\nAt the values of the scene itself: {line}' for line in neighbours(scene))]))

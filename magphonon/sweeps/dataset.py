@@ -27,6 +27,7 @@ from .questions import REFUSALS, SceneAnswers
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from concurrent.futures import Executor
+    from io import RawIOBase
     from os import PathLike
     from typing import Any
 
@@ -41,7 +42,7 @@ _limited = False  # whether linear algebra in this process is limited to one thr
 
 
 def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask: str | Sequence[str] = (), *,
-          workers: int | None = None, executor: Executor | None = None, journal: str | PathLike[str] | None = None,
+          workers: int | None = None, executor: Executor | None = None, journal: str | PathLike[str] | RawIOBase | None = None,
           name: str | None = None, units: Mapping[str, str] | None = None) -> Dataset:
     """Ask a scene, or any function, at every point of a grid.
 
@@ -61,9 +62,10 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
         `joblib.parallel_config` says, such as ``with joblib.parallel_config(backend='dask')``.
     executor : Executor, optional
         In place of workers, any of `concurrent.futures`, such as `mpi4py.futures.MPIPoolExecutor`.
-    journal : path-like, optional
+    journal : path-like or file, optional
         A file to which every answer is added as soon as it is known.  If the process is killed, the same sweep with the same
-        journal goes on where it stopped; the file is never replaced or deleted.
+        journal goes on where it stopped; the file is never replaced or deleted.  A new file may be given open, as
+        `open(path, 'xb', buffering=0)` makes it.
     name : str, optional
         What a function computes, which a journal of it needs: a sweep goes on from a journal of the same name, the same axes and
         the same version of magphonon.  Give another name whenever the function gives other numbers; nothing else can tell.
@@ -108,7 +110,7 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
                          'gives other numbers')
     head = about | {'over': {key: values.tolist() for key, values in axes.items()}}
     points = [dict(zip(axes, values, strict=True)) for values in product(*(values.tolist() for values in axes.values()))]
-    with (nullcontext(({}, None)) if journal is None else _journal(Path(journal), head, len(points)) as (known, file),
+    with (nullcontext(({}, None)) if journal is None else _journal(journal, head, len(points)) as (known, file),
           _one_thread(), tqdm(total=len(points), initial=len(known), desc='points', disable=None) as progress):
         tasks = (partial(_answer, answers, k, point) for k, point in enumerate(points) if k not in known)
         for k, values, fault in _computed(tasks, workers, executor):
@@ -164,6 +166,9 @@ def _answer(answers: Callable[..., Any], k: int, point: Mapping[str, float]) -> 
         return k, {}, str(error) or type(error).__name__
     values, faults = {}, [fault] * bool(fault)
     for name, value in found.items():
+        if name == 'fault' or name in point:
+            raise TypeError(f'the function returns an answer called {name!r}, which is the name of '
+                            f'{"an axis" if name in point else "the reasons why answers are missing"}; call it otherwise')
         array = np.asarray(value)
         if array.dtype.kind not in 'biuf':
             raise TypeError(f'{name} is {value!r}; a function to be swept over returns real numbers, arrays of them, or a dict '
@@ -220,8 +225,13 @@ def _checksum(text: bytes) -> str:
 
 
 @contextmanager
-def _journal(path: Path, head: Any, points: int) -> Iterator[tuple[dict[int, tuple[dict[str, Any], str]], Any]]:
+def _journal(journal: Any, head: Any, points: int) -> Iterator[tuple[dict[int, tuple[dict[str, Any], str]], Any]]:
     """The answers that a journal holds, and the file to which more are added."""
+    if hasattr(journal, 'write'):
+        journal.write(_line(head))
+        yield {}, journal
+        return
+    path = Path(journal)
     known, new, whole = {}, not os.path.lexists(path), True
     if not new:
         if path.is_symlink():

@@ -14,17 +14,17 @@ from warnings import warn
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..errors import did_you_mean, one_of, shown, whole
+from ..errors import PhysicsError, did_you_mean, one_of, shown, whole
 from ..response.frf import receptance
 from ..scenes.keys import UNITS, unit_of
 from ..scenes.scene import Scene, parts_of, scene_of
 from ..stability.amplitude_shifts import frequency_shifts
 from ..stability.buckling import common_spring, foundation_needed, softest_of, spacing_held
-from ..stability.verdicts import LINEAR_ERROR, verdict
+from ..stability.verdicts import LINEAR_ERROR, Verdict, verdict
 from ..stiffness.rest import LinearSystem
 
 BORDER = 1e-9
@@ -60,12 +60,22 @@ class Situation:
         return common_spring(self.atoms) - self.needed
 
     @cached_property
-    def along_path(self) -> NDArray[np.float64]:
-        """Frequencies along the path of [bands] in Hz, shape (wavevectors, branches)."""
+    def judged(self) -> tuple[Verdict, ...]:
+        """What `magphonon check` finds: of the lattice, and of the patch if it has defects or disorder."""
+        imperfect = not self.scene.finite and self.scene.relaxation()
+        return tuple(map(verdict, (self.atoms, *((imperfect.atoms,) if imperfect else ()))))
+
+    def bands(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Frequencies of the perfect lattice at wavevectors in Hz, shape (wavevectors, branches)."""
         if beyond := self.scene.wanted('bands').beyond:
             raise ValueError(f'{beyond}: a sweep asks for bands without losses or heat; take it out')
         self.refuse_buckling()
-        return u.hertz(bloch_modes(self.atoms, self.scene.band_path().kpts)[0])
+        return u.hertz(bloch_modes(self.atoms, q)[0])
+
+    @cached_property
+    def along_path(self) -> NDArray[np.float64]:
+        """Frequencies along the path of [bands] in Hz, shape (wavevectors, branches)."""
+        return self.bands(self.scene.band_path().kpts)
 
     @cached_property
     def peak(self) -> tuple[float, float]:
@@ -84,9 +94,7 @@ class Situation:
 
 
 def _frequency(situation: Situation, point: str, branch: str) -> float:
-    situation.refuse_buckling()
-    omega = bloch_modes(situation.atoms, situation.scene.special_points[point][None])[0][0]
-    return float(u.hertz(omega[int(branch) - 1]))
+    return float(situation.bands(situation.scene.special_points[point][None])[0, int(branch) - 1])
 
 
 def _gap(situation: Situation, branch: str) -> float:
@@ -96,10 +104,18 @@ def _gap(situation: Situation, branch: str) -> float:
 
 def _growth(situation: Situation) -> float:
     if situation.margin >= -BORDER * situation.needed:
+        situation.scene.relaxation()  # refuses a patch whose defects let it buckle: nobody knows the rest about which it would grow
         return 0.0
     atoms = situation.atoms
     lowest = softest_of(atoms, foundation=common_spring(atoms), weighted=True).lowest
     return float(np.sqrt(max(-lowest, 0.0)) * u.s)
+
+
+def _faults(situation: Situation) -> float:
+    try:
+        return float(sum(len(each.faults) for each in situation.judged))
+    except PhysicsError:  # the patch does not come to rest with its defects
+        return 1.0
 
 
 def _spacing(situation: Situation) -> float:
@@ -154,18 +170,19 @@ QUESTIONS = {
                                  'gap above branch {}', _branch_below),
     'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch at a special point, counted from 1', _frequency,
                                    'frequency at {}, branch {}', _point_and_branch),
-    'stability.needed': Question('N/m', 'foundation that the lattice needs', lambda situation: situation.needed / (u.N / u.m),
+    'stability.needed': Question('N/m', 'foundation that the perfect lattice needs', lambda situation: situation.needed / (u.N / u.m),
                                  'foundation needed'),
-    'stability.margin': Question('N/m', 'foundation less what the lattice needs; negative where it buckles',
+    'stability.margin': Question('N/m', 'foundation less what the perfect lattice needs; negative where it buckles',
                                  lambda situation: situation.margin / (u.N / u.m), 'foundation less what is needed'),
-    'stability.growth': Question('1/s', 'rate of the fastest growing motion, zero where it is stable', _growth, 'growth rate'),
+    'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its defects are stable', _growth, 'growth rate'),
     'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
     'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
                                  'amplitude for an error of 1 %'),
-    'timestep.limit': Question('s', 'longest stable time step', lambda situation: verdict(situation.atoms).timestep_limit / u.s,
+    'timestep.limit': Question('s', 'longest stable time step',
+                               lambda situation: min(each.timestep_limit for each in situation.judged) / u.s,
                                'longest time step'),
-    'verdict.faults': Question('1', 'number of faults that "magphonon check" finds in the lattice',
-                               lambda situation: float(len(verdict(situation.atoms).faults)), 'faults'),
+    'verdict.faults': Question('1', 'number of faults that "magphonon check" finds, of the lattice and of its defects', _faults,
+                               'faults'),
     'frf.peak_Hz': Question('Hz', 'frequency of the highest response of [frf]', lambda situation: situation.peak[0],
                             'frequency of the peak', lambda scene: scene.wanted('frf')),
     'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1], 'peak',

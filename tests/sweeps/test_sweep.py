@@ -296,6 +296,82 @@ def test_the_journal_of_an_earlier_command_is_taken_up_and_stays(tmp_path, capsy
     assert (out / 'sweep.nc').exists()
 
 
+def test_the_second_of_two_commands_in_one_folder_ends_well(tmp_path, monkeypatch, capsys):
+    """It takes the journal of the first one up, which the first one removes meanwhile; none removes what the other made."""
+    file, out = tmp_path / 'chain.toml', tmp_path / 'out'
+    file.write_text(ready_scene('chain').read_text())
+    words = ['sweep', str(file), '--executor', 'here', '--over', 'foundation.stiffness_N_per_m=5e4,6e4', '--ask', 'bands.X.1',
+             '-o', str(out)]
+    journal, ends = out / 'sweep.journal', []
+
+    def second(*asked, journal, **more):  # the whole of another command, while the first one computes
+        monkeypatch.setattr('magphonon.sweeps.dataset.sweep', sweep)
+        found = sweep(*asked, journal=journal, **more)
+        ends.append(main(words))
+        assert (out / 'sweep.journal').exists()  # it is the first one's
+        if 'vanishes' in journal_of:
+            (out / 'sweep.journal').unlink()
+        return found
+
+    for journal_of in ('stays', 'vanishes'):
+        monkeypatch.setattr('magphonon.sweeps.dataset.sweep', second)
+        ends.append(main(words))
+        assert not journal.exists()
+        assert (out / 'sweep.nc').exists()
+    assert ends == [0, 0, 0, 0]
+    with pytest.raises(ValueError, match='law'):  # a mistake leaves no journal behind
+        sweep(read_scene(file), {'law.nothing': [1.0]}, ['bands.X.1'], journal=journal)
+    assert main([*words[:5], 'law.nothing=1', *words[6:]]) == 2
+    assert not journal.exists()
+
+
+@pytest.mark.parametrize(('name', 'words'), [('fault', 'the reasons'), ('x', 'an axis')])
+def test_answers_that_take_the_name_of_something_else_are_refused(name, words):
+    with pytest.raises(TypeError, match=words):
+        sweep(lambda x: {name: x}, {'x': [1.0, 2.0]}, workers=1)
+
+
+def test_a_patch_with_defects_is_judged_as_check_judges_it(tmp_path, capsys):
+    """A vacancy lets the prototype buckle on its foundation and not on one of 80 N/m: `magphonon check` of each scene says so."""
+    scene = """
+title = "hole"
+[lattice]
+kind = "triangular"
+spacing_m = 0.01
+mass_kg = 7.07e-4
+[law]
+kind = "inverse_power"
+b_N_m_a = 1.6209e-10
+a = 4.5824
+shells = 1
+[foundation]
+stiffness_N_per_m = 19.6757
+[patch]
+kind = "hexagon"
+side_m = 0.06
+[defects]
+vacancies_m = [[0.0, 0.0]]
+"""
+    (tmp_path / 'hole.toml').write_text(scene)
+    found = sweep(read_scene(tmp_path / 'hole.toml'), {'foundation.stiffness_N_per_m': [19.6757, 80.0]},
+                  ['stability.growth', 'verdict.faults', 'timestep.limit'], workers=1)
+    (tmp_path / 'stiff.toml').write_text(scene.replace('19.6757', '80'))
+    assert [main(['check', str(tmp_path / name)]) for name in ('hole.toml', 'stiff.toml')] == [1, 0]
+    assert found['verdict.faults'].values.tolist() == [1, 0]
+    assert np.isnan(found['stability.growth'].values[0])
+    assert found['stability.growth'].values[1] == 0
+    assert 'stability.growth' in str(found.fault.values[0])
+    perfect = sweep(read_scene(ready_scene('prototype')), {'law.a': [4.5824]}, ['verdict.faults'], workers=1)
+    assert perfect['verdict.faults'].values.tolist() == [0]  # the control: what was answered without the hole
+
+
+@pytest.mark.parametrize('key', ['damping_per_s', 'temperature_J'])
+def test_a_frequency_with_losses_or_heat_is_refused(prototype, key):
+    found = sweep(prototype, {f'bands.{key}': [4.0 if key == 'damping_per_s' else 1e-6]}, ['bands.M.1', 'bands.gap.1'], workers=1)
+    assert np.isnan(found['bands.M.1'].values).all()
+    assert str(found.fault.values[0]).count(f'bands.{key}') == 2
+
+
 def refusing(x, y):
     if y == 0 or (x == 100 and y == 2):
         raise ValueError('not here')
