@@ -603,6 +603,47 @@ def test_responses_of_drawn_patches_solve_the_equations_and_are_not_reciprocal()
     assert np.allclose(receptance(patch, Place(1, up), Place(4, across), omega, 0.2).response, back)
 
 
+def test_a_shaken_bench_takes_gyration_along_or_not():
+    """Seen from the floor, u = d u_b + P y: gyration turns u' - d u_b' or u', damping and springs always the former."""
+    rng = np.random.default_rng(17)
+    patch, omega, d = drawn(rng), np.array([0.7, 2.3]), np.array([0.6, 0.8, 0.0])
+    damping = rng.uniform(0.1, 0.3, len(patch))
+    M, C, K, P = oracle(patch, damping)
+    lossy = oracle(patch, damping, False)[1]
+    ub, answer = np.tile(d[:2], len(patch)), Place(4, np.array([0.0, 1.0, 0.0]))
+    found = {frame: receptance(patch, d, answer, omega, damping, frame).response for frame in ('bench', 'floor')}
+    for k, w in enumerate(omega):
+        dynamic = K - w**2 * M + 1j * w * C  # of what is relative to the bench
+        for frame, kept in (('bench', 0.0), ('floor', 1.0)):
+            rest = (-w**2 * M + kept * 1j * w * (C - lossy)) @ ub
+            u = ub - P @ np.linalg.solve(P.T @ dynamic @ P, P.T @ rest)
+            assert found[frame][k] == pytest.approx(u.reshape(-1, 2)[4, 1], rel=1e-10)
+    assert abs(found['bench'] - found['floor']).min() > 0.05 * abs(found['floor']).min()  # the control: one is not the other
+    with pytest.raises(ValueError, match="gyration_seen_from must be one of 'bench', 'floor'"):
+        receptance(patch, d, answer, omega, damping, 'moon')
+
+
+def test_a_scene_says_what_gyration_turns_on_a_shaken_bench(tmp_path, capsys):
+    lattice, n = ready_scene('walls').read_text(), 0
+    for long, short in (('cells_1 = 30', 'cells_1 = 6'), ('cells_2 = 20', 'cells_2 = 5'), ('points = 126', 'points = 5')):
+        lattice = lattice.replace(long, short)
+    head = lattice[: lattice.index('[frf.wall]')]
+    response = lattice[lattice.index('[frf.response]') :]
+    head = head.replace('[lattice]\n', '[lattice]\ngyration_rad_per_s = 60.0\n', 1)
+    peaks = []
+    for said in ('', 'gyration_seen_from = "bench"\n', 'gyration_seen_from = "floor"\n'):
+        (tmp_path / 'scene.toml').write_text(f'{head}base_deg = 0.0\n{said}\n{response}')
+        n += 1
+        ends = main(['frf', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / f'{n}')])
+        if not said:
+            assert ends == 2
+            assert 'frf.gyration_seen_from: a bench is shaken on which particles gyrate' in capsys.readouterr().err
+        else:
+            assert ends == 0
+            peaks.append(np.genfromtxt(tmp_path / f'{n}' / 'frf.csv', delimiter=',', names=True)['complete_amplitude'])
+    assert abs(peaks[0] / peaks[1] - 1).max() > 0.02
+
+
 def test_transients_of_drawn_patches_are_the_matrix_exponential():
     rng = np.random.default_rng(11)
     patch = drawn(rng)

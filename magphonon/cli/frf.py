@@ -63,7 +63,7 @@ def run(options: Namespace) -> None:
                 moved = np.count_nonzero(source.any(axis=1))
                 lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees, '
                              f'all that lie farther towards {plan.wall.side_deg:g} degrees than those that are free')
-            result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
+            result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
             result.save(folder / f'frf_{model}.npz')
             names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
             columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]

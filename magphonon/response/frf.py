@@ -15,11 +15,11 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import units
-from ..errors import finite, positive
+from ..errors import finite, one_of, positive
 from ..files import Saved
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import ROUND_OFF
-from ..stiffness.rest import LinearSystem, components, refuse_held
+from ..stiffness.rest import J, LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
@@ -279,7 +279,7 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
 
 
 def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64], answer: Place, omega: ArrayLike,
-               damping: ArrayLike) -> FrequencyResponse:
+               damping: ArrayLike, gyration_seen_from: str = 'bench') -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one, each along its own direction.
 
     Parameters
@@ -293,6 +293,9 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
         damping by what moves with the bench; seen from the floor, the answer is w plus that of the bench.
     answer : Place
         Where the effect is seen.
+    gyration_seen_from : {'bench', 'floor'}
+        What gyration turns on a shaken bench: w', as of gyroscopes on pillars; or all motion seen from the floor, as on a bench that
+        turns and of charges in a field.  Then + M g J d u_b' is added on the right.
 
     Returns
     -------
@@ -323,7 +326,11 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     source = np.asarray(source)
     if source.ndim == 2:
         return Transmissibility(omega, seen(None, source))
-    return Transmissibility(omega, answer.direction @ source + omega**2 * seen(base_force(system, source)))
+    relative = omega**2 * seen(base_force(system, source))
+    if one_of('gyration_seen_from', gyration_seen_from, ('bench', 'floor')) == 'floor' and system.gyration.any():
+        turned = np.append(J @ source[:2], 0.0)
+        relative = relative + 1j * omega * seen(base_force(system, turned) * system.gyration[:, None])
+    return Transmissibility(omega, answer.direction @ source + relative)
 
 
 def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -119,6 +119,9 @@ class MovingWall(Table):
         return wall[:, None] * np.append(along, 0.0)
 
 
+GYRATION_SEEN_FROM = 'bench', 'floor'
+
+
 class FrfPlan(Damped):
     """Displacement per harmonic force over frequency; in a patch, where the force acts and where it is answered."""
 
@@ -129,6 +132,10 @@ class FrfPlan(Damped):
     base_deg: Angle | None = Field(None, description='the direction in degrees from the x axis in which the whole bench '
                                    'is shaken, in place of [frf.force]; the response is then per displacement of the bench, seen '
                                    'from the floor', examples=[90.0])
+    gyration_seen_from: Annotated[str, BeforeValidator(partial(one_of, '', choices=GYRATION_SEEN_FROM))] | None = Field(
+        None, description='with base_deg and particles that gyrate: "bench" where gyration turns the motion relative to the bench, '
+        'as of gyroscopes on pillars, or "floor" where it turns all motion, that of the bench too, as on a bench that turns and of '
+        'charges in a field', examples=['floor'])
     force: Pick | None = None
     wall: MovingWall | None = None
     response: Pick | None = None
