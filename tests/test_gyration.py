@@ -624,16 +624,15 @@ def test_a_shaken_bench_takes_gyration_along_or_not():
 
 
 def test_a_scene_says_what_gyration_turns_on_a_shaken_bench(tmp_path, capsys):
-    lattice, n = ready_scene('walls').read_text(), 0
+    lattice = ready_scene('walls').read_text()
     for long, short in (('cells_1 = 30', 'cells_1 = 6'), ('cells_2 = 20', 'cells_2 = 5'), ('points = 126', 'points = 5')):
         lattice = lattice.replace(long, short)
     head = lattice[: lattice.index('[frf.wall]')]
     response = lattice[lattice.index('[frf.response]') :]
     head = head.replace('[lattice]\n', '[lattice]\ngyration_rad_per_s = 60.0\n', 1)
     peaks = []
-    for said in ('', 'gyration_seen_from = "bench"\n', 'gyration_seen_from = "floor"\n'):
+    for n, said in enumerate(('', 'gyration_seen_from = "bench"\n', 'gyration_seen_from = "floor"\n')):
         (tmp_path / 'scene.toml').write_text(f'{head}base_deg = 0.0\n{said}\n{response}')
-        n += 1
         ends = main(['frf', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / f'{n}')])
         if not said:
             assert ends == 2

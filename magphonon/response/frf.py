@@ -294,8 +294,8 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     answer : Place
         Where the effect is seen.
     gyration_seen_from : {'bench', 'floor'}
-        What gyration turns on a shaken bench: w', as of gyroscopes on pillars; or all motion seen from the floor, as on a bench that
-        turns and of charges in a field.  Then + M g J d u_b' is added on the right.
+        What gyration turns on a shaken bench: w', as of gyroscopes on pillars; or all motion seen from the floor, as on a bench
+        that turns and of charges in a field.  Then + M g J d u_b' is added on the right.
 
     Returns
     -------

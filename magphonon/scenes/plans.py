@@ -133,9 +133,9 @@ class FrfPlan(Damped):
                                    'is shaken, in place of [frf.force]; the response is then per displacement of the bench, seen '
                                    'from the floor', examples=[90.0])
     gyration_seen_from: Annotated[str, BeforeValidator(partial(one_of, '', choices=GYRATION_SEEN_FROM))] | None = Field(
-        None, description='with base_deg and particles that gyrate: "bench" where gyration turns the motion relative to the bench, '
-        'as of gyroscopes on pillars, or "floor" where it turns all motion, that of the bench too, as on a bench that turns and of '
-        'charges in a field', examples=['floor'])
+        None, description='with base_deg and particles that gyrate: "bench" where gyration turns the motion relative to the '
+        'bench, as of gyroscopes on pillars, or "floor" where it turns all motion, that of the bench too, as on a bench that '
+        'turns and of charges in a field', examples=['floor'])
     force: Pick | None = None
     wall: MovingWall | None = None
     response: Pick | None = None

@@ -357,9 +357,9 @@ class Scene(Table):
             picked['force'] = picked['wall']
         if plan.base_deg is not None:
             if plan.gyration_seen_from is None and np.any(atoms.calc.gyration):
-                raise ValueError('frf.gyration_seen_from: a bench is shaken on which particles gyrate; say "bench" if gyration turns '
-                                 'their motion relative to the bench, as of gyroscopes on pillars, or "floor" if it turns all '
-                                 'motion, as on a bench that turns and of charges in a field')
+                raise ValueError('frf.gyration_seen_from: a bench is shaken on which particles gyrate; say "bench" if gyration '
+                                 'turns their motion relative to the bench, as of gyroscopes on pillars, or "floor" if it turns '
+                                 'all motion, as on a bench that turns and of charges in a field')
             picked['force'] = np.array([np.cos(plan.base_deg * u.deg), np.sin(plan.base_deg * u.deg), 0.0])
         return atoms, picked['force'], picked['response']
 

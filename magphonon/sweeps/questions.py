@@ -104,7 +104,7 @@ def _gap(situation: Situation, branch: str) -> float:
 
 def _growth(situation: Situation) -> float:
     if situation.margin >= -BORDER * situation.needed:
-        situation.scene.relaxation()  # refuses a patch whose defects let it buckle: nobody knows the rest about which it would grow
+        situation.scene.relaxation()  # refuses a patch that buckles by its defects: the rest about which it would grow is unknown
         return 0.0
     atoms = situation.atoms
     lowest = softest_of(atoms, foundation=common_spring(atoms), weighted=True).lowest
@@ -170,11 +170,13 @@ QUESTIONS = {
                                  'gap above branch {}', _branch_below),
     'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch at a special point, counted from 1', _frequency,
                                    'frequency at {}, branch {}', _point_and_branch),
-    'stability.needed': Question('N/m', 'foundation that the perfect lattice needs', lambda situation: situation.needed / (u.N / u.m),
+    'stability.needed': Question('N/m', 'foundation that the perfect lattice needs',
+                                 lambda situation: situation.needed / (u.N / u.m),
                                  'foundation needed'),
     'stability.margin': Question('N/m', 'foundation less what the perfect lattice needs; negative where it buckles',
                                  lambda situation: situation.margin / (u.N / u.m), 'foundation less what is needed'),
-    'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its defects are stable', _growth, 'growth rate'),
+    'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its defects are '
+                                 'stable', _growth, 'growth rate'),
     'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
     'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
                                  'amplitude for an error of 1 %'),

@@ -4,7 +4,8 @@ With the window h over the particles and the modes e of the linear lattice, of w
 
     u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
 
-Gyration does no work: <u u> does not know it, and these are frequencies without it.  Equipartition says no more than this: harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows
+Gyration does no work: <u u> does not know it, and these are frequencies without it.  Equipartition says no more than this:
+harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows
 anharmonic ones, as kT grows.  Three things spoil the number, and are taken off or told:
 
 - few frames: the inverse of a mean of M frames is too large by some n/M.  The frames, in order, are cut into segments longer than
