@@ -14,7 +14,7 @@ from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
 from .site_laws import SiteLaw, springs_of
 from .sites import Sites
-from .supercells import fitted
+from .supercells import NEAR, fitted, refuse_another_order
 
 if TYPE_CHECKING:
     from typing import Any
@@ -64,15 +64,24 @@ class Repulsion(Restartable):
     bloch_models: Any
     _laws: Any
     _sites: Sites
+    seen: NDArray[np.float64] | None = None  # positions of the last call
 
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
         """Energy, forces and what else of `properties` is asked for, of the reference displaced or strained, by name."""
         raise NotImplementedError
 
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
+        if atoms is not None:
+            refuse_another_order(self, atoms)
         super().calculate(atoms, properties, system_changes)
         calc, atoms = fitted(self, self.atoms)  # of the reference, or of a supercell of it in any order
         self.results = calc.answers(atoms, properties)
+        self.seen = self.atoms.positions
+
+    @cached_property
+    def near(self) -> float:
+        """Distance in mm beyond which the nearest site may be that of another particle."""
+        return float(NEAR * self.bonds.lengths.min(initial=np.inf))
 
     @cached_property
     def supercells(self) -> list[Any]:

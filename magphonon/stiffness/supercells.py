@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..lattices.bonds import lengths_of
 from .site_laws import refuse_changes
 from .sites import refuse_gyration
 
@@ -78,10 +79,14 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
 
 def strayed(calc: Repulsion, atoms: Atoms) -> bool:
     """Whether some particle is too far from the site of the same index for it to be its own, apart from a strain."""
+    return bool(lengths_of(calc.displacements(own_cell(calc, atoms))).max(initial=0.0) > calc.near)
+
+
+def own_cell(calc: Repulsion, atoms: Atoms) -> Atoms:
+    """The atoms without the strain of their cell."""
     here = atoms.copy()
     here.set_cell(calc.reference.cell, scale_atoms=True)
-    u = calc.displacements(here)
-    return bool(np.einsum('ix,ix->i', u, u).max() > (NEAR * calc.bonds.lengths.min()) ** 2)
+    return here
 
 
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
@@ -102,3 +107,35 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     calc.supercells.insert(0, calc.on(sites_of(calc, atoms)))
     del calc.supercells[KEPT:]
     return calc.supercells[0], atoms
+
+
+def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
+    """Refuse the particles of the reference in another order, such as sorted by symbol, at the first call with them.
+
+    Particles may change places in the course of many calls; those that are all at the sites of others from one call to the next
+    are another list, unless they moved together.
+    """
+    own, before = calc.reference, calc.seen
+    if before is None or len(before) != len(own):
+        before = own.positions
+    if len(atoms) != len(own) or not abs(atoms.positions - before).max(initial=0.0) > calc.near:  # asked at each call
+        return
+    if atoms.cell.rank != own.cell.rank or (atoms.pbc != own.pbc).any() or not strayed(calc, atoms):
+        return
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
+
+    def places(of):
+        found = np.linalg.solve(of.cell.complete().array.T, of.positions.T).T
+        return np.where(own.pbc, found % 1.0 % 1.0, found)  # twice: -1e-17 % 1 is 1
+
+    here, sites = places(atoms), places(own)
+    site = cKDTree(sites, boxsize=own.pbc.astype(float)).query(here)[1]
+    back = here - sites[site]
+    away = lengths_of((back - np.rint(back) * own.pbc) @ own.cell.complete().array)
+    u = calc.displacements(own_cell(calc, atoms))
+    together = lengths_of(u - u[0]).max() <= calc.near
+    if not together and away.max() <= calc.near and len(np.unique(site)) == len(own):
+        k = np.flatnonzero(site != np.arange(len(own)))[0]
+        raise ValueError(f'the particles are in another order than in the calculator: particle {k} is at the site of particle '
+                         f'{site[k]}; put them into its order, or make a calculator for these, MagneticRepulsion(atoms, law, ...)'
+                         ', or for a periodic cell atoms.calc.on(atoms)')

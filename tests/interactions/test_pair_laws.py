@@ -9,7 +9,17 @@ import pytest
 from oracles import LAWS, TABLE
 from scipy.integrate import quad
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, Tabulated, Yukawa, units as u
+from magphonon import (
+    AllNeighbours,
+    InversePower,
+    MagneticRepulsion,
+    PhysicsError,
+    Tabulated,
+    Yukawa,
+    lattices,
+    relaxed,
+    units as u,
+)
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions.pair_laws import GaussianMixture, Hertz, PairLaw, repulsion
 from magphonon.lattices.crystals import triangular
@@ -97,6 +107,58 @@ def test_energy_of_a_table_is_the_integral_of_its_force():
         ends = [r, *TABLE[r < TABLE]]  # piece by piece: the spline's third derivative jumps at its points
         integral = sum(quad(lambda s: repulsion(table, s), *piece, epsabs=0, epsrel=1e-13)[0] for piece in pairwise(ends))
         assert table.phi(r) == pytest.approx(integral, rel=1e-12, abs=0)
+
+
+GAPPED = np.array([2.5, 10.6, 11.4, 12.5, 14.0, 18.0, 24.0]), np.array([150, 0.19, 0.16, 0.085, 0.062, 0.017, 0.005])
+GAP = pytest.mark.filterwarnings('ignore:.*nothing holds the table:UserWarning')
+
+
+@GAP
+@pytest.mark.parametrize('seed', range(6))
+def test_energy_of_a_rough_table_is_the_integral_of_its_force_in_a_gap_too(seed):
+    """By SciPy's adaptive quadrature; the control is one rule of 16 points over each interval, of the same spline."""
+    rng = np.random.default_rng(seed)
+    r, f = GAPPED
+    if seed:
+        r = np.append(rng.uniform(2.5, 5), 10 + np.cumsum(rng.uniform(0.5, 2, 6)))
+        f = 8900 * r**-4.58 * np.exp(rng.normal(scale=0.2, size=7))
+    table = Tabulated(r, f)
+    x, w = np.polynomial.legendre.leggauss(16)
+    for a, b in pairwise([r[0], *np.sort(rng.uniform(r[0], r[1], 3)), r[1]]):
+        told, true = table.phi(a) - table.phi(b), quad(lambda s: -table.dphi(s), a, b, epsabs=0, epsrel=1e-12, limit=200)[0]
+        assert told == pytest.approx(true, rel=2e-11)  # 50 digits of the energy at the nearest reading may cancel
+    if not seed:
+        rule = (r[1] - r[0]) / 2 * w @ -table.dphi((r[0] + r[1]) / 2 + (r[1] - r[0]) / 2 * x)
+        assert abs(rule / (table.phi(r[0]) - table.phi(r[1])) - 1) > 1e-3
+
+
+@GAP
+def test_a_patch_with_a_hole_relaxes_by_a_rough_table(monkeypatch):
+    """The control is the rule of 16 points over a whole gap, whose energy disagrees with the forces."""
+    patch = lattices.hexagon(lattices.triangular(11.0, 0.7), 45.0)
+    del patch[len(patch) // 2]
+    patch.calc = MagneticRepulsion(patch, Tabulated(*GAPPED), foundation=0.05)
+    found = relaxed(patch).atoms
+    free = np.delete(np.arange(len(found)), found.constraints[0].index)
+    assert abs(found.get_forces()[free]).max() < 1e-12
+    monkeypatch.setattr('magphonon.interactions.pair_laws.SMOOTH', np.inf)
+    patch.calc = MagneticRepulsion(patch, Tabulated(*GAPPED), foundation=0.05)
+    with pytest.raises(PhysicsError, match='buckles or slides'):
+        relaxed(patch)
+
+
+def test_readings_that_do_not_hold_a_table_are_told():
+    r, f = np.arange(7.0, 14.1, 0.5), 8900 * np.arange(7.0, 14.1, 0.5) ** -4.58
+    noise = np.exp(0.05 * np.random.default_rng(1).normal(size=len(r)))
+    Tabulated(r, f * noise)  # evenly spaced: no warning, which would be an error here
+    Tabulated(np.sort(np.append(r, 10.005)), 8900 * np.sort(np.append(r, 10.005)) ** -4.58)  # close and right
+    with pytest.warns(UserWarning, match=r'readings at 2\.5 and 10\.6 mm nothing holds the table: .* measure there'):
+        Tabulated(*GAPPED)
+    twice, forces = np.insert(r, 7, 10.49), np.insert(f, 7, 1.02 * f[7])
+    with pytest.warns(UserWarning, match=r'readings at 10\.49 and 10\.5 mm are close together'):
+        Tabulated(twice, forces)
+    with pytest.raises(ValueError, match='are one; average their forces'):
+        Tabulated([1, 1 + 1e-12, 2, 3], [4, 3, 2, 1])
 
 
 def test_a_table_passes_smoothly_through_its_points():

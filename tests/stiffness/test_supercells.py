@@ -182,3 +182,45 @@ def test_phonons_of_ase_and_phonopy_take_the_calculator_of_the_cell(name, tmp_pa
     matrices = phonon.run_qpoints(q, with_dynamical_matrices=True).dynamical_matrices
     found = [np.linalg.eigvalsh(matrix[np.ix_(planar, planar)]) for matrix in matrices]
     assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize('name', [*CELLS, 'patch', 'walled'])
+@pytest.mark.parametrize('used', [False, True])
+def test_its_own_particles_in_another_order_are_refused(name, used):
+    rng = np.random.default_rng(len(name))
+    if name in CELLS:
+        cell, T = drawn(rng, name)
+        own = make_supercell(cell, T)
+        own.calc = cell.calc.on(own)
+    else:
+        own = lattices.rectangle(lattices.honeycomb(1.0, 1.0), 6.0, 5.0)
+        del own.constraints
+        if name == 'walled':
+            own.cell, own.pbc = [20.0, 20.0, 20.0], (1, 0, 0)
+        own.calc = MagneticRepulsion(own, LAW, foundation=4.0)
+    at_rest, calc = own.get_forces() if used else None, own.calc
+    for order in np.arange(len(own))[::-1], rng.permutation(len(own)), np.array([1, 0, *range(2, len(own))]):
+        other = own[order]
+        other.positions[:, 0] += 0.01 * rng.uniform(-1, 1, len(own))
+        other.calc = calc
+        for _ in range(2):  # a refusal does not make it the last call
+            with pytest.raises(ValueError, match=r'in another order .* is at the site of particle'):
+                other.get_forces()
+    if used:
+        assert_allclose(own.get_forces(), at_rest)
+
+
+def test_particles_that_move_together_or_change_places_by_and_by_are_themselves():
+    own = lattices.square(1.0, 1.0).repeat((5, 5, 1))
+    own.calc = MagneticRepulsion(own, LAW)
+    own.positions += (1.0, 0, 0)  # onto the sites of others, all of them
+    assert_allclose(own.get_forces(), 0, atol=1e-12)
+    own.positions += np.random.default_rng(0).integers(-2, 3, (25, 3)) @ (own.cell.array * own.pbc)
+    assert_allclose(own.get_forces(), 0, atol=1e-12)
+    pair = Atoms('Nd2', positions=[(-0.5, 0, 0), (0.5, 0, 0)], masses=[1.0, 1.0])
+    pair.calc = MagneticRepulsion(pair, LAW, foundation=1.0)
+    for angle in np.linspace(0, np.pi, 9):  # half a turn: each comes to the place of the other
+        pair.positions[1] = np.array([np.cos(angle), np.sin(angle), 0]) / 2
+        pair.positions[0] = -pair.positions[1]
+        forces = pair.get_forces()
+    assert_allclose(forces[:, 0], [0.0, 0.0], atol=1e-12)  # springs of 1 pulled by 1, against f = 1: as the sum along x says
