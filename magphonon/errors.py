@@ -18,6 +18,7 @@ MOST = 2**53
 """Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""
 LONGEST = 200
 """Largest number of characters of a value that a message shows."""
+SMALL = 2**28  # bytes that are not asked for: every machine has them
 
 
 class PhysicsError(ValueError):
@@ -135,6 +136,16 @@ def whole(name: str, value: object, least: int = 1) -> int:
         most = f' and at most {MOST}' if found > MOST else ''
         raise ValueError(f'{name} must be a whole number of at least {least}{most}, not {shown(value)}')
     return int(found)
+
+
+def refuse_memory(what: str, needed: float, mend: str) -> None:
+    """Refuse `what` would take more `needed` bytes than are free, before they are allocated; `mend` says what to do instead."""
+    if needed < SMALL:
+        return
+    from psutil import virtual_memory
+
+    if needed > (free := virtual_memory().available):
+        raise ValueError(f'{what} would take about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free; {mend}')
 
 
 def one_of(name: str, value: object, choices: Sequence[Any]) -> Any:

@@ -12,9 +12,9 @@ from ase.cell import Cell
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
-from ..errors import Unstable, finite, whole
+from ..errors import Unstable, finite, refuse_memory, whole
 from ..files import Saved
-from ..stiffness.lowest import ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
+from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import gyrating_modes, signed_root
 from ..stiffness.rest import LinearSystem
 
@@ -70,9 +70,11 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
         omega, vectors = (part[..., :count] for part in gyrating_modes(system.B().toarray(), system.K.toarray()))
         return Modes(omega, (system.shapes @ vectors).T.reshape(count, len(system), system.dim))
     if count == size:
+        refuse_memory(f'all {size} modes with their shapes', MATRICES * 8 * size**2,
+                      'ask for the lowest ones, modes(atoms, count=...)')
         squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
-        squares, vectors = lowest_eigenpairs(system.K, count, near=np.zeros(1))
+        squares, vectors = lowest_eigenpairs(system.K, count)
     shapes = (system.shapes @ vectors).T.reshape(count, len(system), system.dim)
     return Modes(signed_root(squares), shapes)
 

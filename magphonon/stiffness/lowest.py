@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 
+from ..errors import refuse_memory
 from .factors import Factors, factorised
 
 if TYPE_CHECKING:
@@ -24,6 +25,10 @@ neighbours in the plane), 1500 (fcc)."""
 FEW = 20
 """Smallest ratio of the matrix size to the number of wanted eigenvalues for which the inverse is faster.  Both methods took the
 same time at the ratio 14 for size 600 and at 20 for size 860."""
+LARGEST = 5000
+"""Largest size of a matrix that is diagonalised where iterations fail; it takes half a minute.  Above it, iterations are faster
+for a quarter of the eigenvalues."""
+MATRICES = 4  # of this size that are in memory while one is diagonalised
 RESTARTS = 50
 """Number of restarts after which Lanczos iterations are given up, as for hundreds of degenerate eigenvalues in flat bands;
 usually fewer than ten suffice."""
@@ -89,9 +94,15 @@ def lowest_eigenpairs(D: sparse.csr_array, count: int,
     values : ndarray, shape (count,)
         Ascending.
     vectors : ndarray, shape (n, count)
+
+    Raises
+    ------
+    ValueError
+        If iterations fail for a matrix of more than LARGEST rows.
     """
     highest = float(abs(D).sum(axis=1).max())  # Gershgorin
-    if highest and inverse_pays(D.shape[0], count, not np.iscomplexobj(D)):
+    size = D.shape[0]
+    if highest and inverse_pays(size, count, not np.iscomplexobj(D)):
         if near is None:
             shift, factors = _factors_close_below(D, highest)
         else:
@@ -99,12 +110,17 @@ def lowest_eigenpairs(D: sparse.csr_array, count: int,
         found = _by_lanczos(D, count, shift, factors)
         if found is not None and _none_missed(D, *found, CERTAIN * highest, factors.order):
             return found
+        if size > LARGEST:
+            raise ValueError(f'iterations do not tell the lowest {count} of {size} modes apart, as in a flat band, and {size} '
+                             f'are too many for a complete diagonalisation (at most {LARGEST}); ask for another number of them, '
+                             'or take a smaller structure')
+    refuse_memory(f'the lowest {count} of {size} modes', MATRICES * 8 * size**2, 'ask for fewer')
     return eigh(D.toarray(), subset_by_index=(0, count - 1))
 
 
 def inverse_pays(size: int, count: int, real: bool) -> bool:
     """Whether an inverse finds the lowest eigenvalues of a sparse matrix sooner than LAPACK."""
-    return size > (INVERSE if real else INVERSE // 2) and count <= size // FEW
+    return size > (INVERSE if real else INVERSE // 2) and count <= size // (FEW if size <= LARGEST else FEW // 5)
 
 
 def _factors_close_below(D, highest):

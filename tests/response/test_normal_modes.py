@@ -1,9 +1,13 @@
 """Modes and frequency responses: chains in closed form, direct solution, and where each way of computing them ends."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from motion import LAW, apart, oscillator, patch
+from numpy.testing import assert_allclose
+from scipy.sparse.linalg import eigsh
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.response import frf
@@ -20,6 +24,7 @@ from magphonon.response.chebyshev import (
 from magphonon.response.frf import frequency_response, harmonic_response
 from magphonon.response.normal_modes import modes
 from magphonon.response.propagation import free_motion, separated
+from magphonon.stiffness import lowest
 from magphonon.stiffness.rest import LinearSystem
 
 SPRING, MASS = 3 * 5e3 * 10.0**-4, 2.0  # a b L^-(a+1) N/mm; g
@@ -75,6 +80,30 @@ def test_the_lowest_modes_are_the_lowest_of_many_that_are_nearly_zero():
     atoms.set_masses(masses)
     expected = np.sqrt(foundation / np.sort(masses[1:-1])[::-1][:wanted])
     np.testing.assert_allclose(modes(atoms, wanted).omega, expected, rtol=1e-7)  # round-off of the highest square, 4e6 as large
+
+
+def test_the_lowest_modes_of_a_large_patch_need_no_dense_matrix(monkeypatch):
+    """They crowd far above zero, where a shift at zero, the control, does not separate them; SciPy's own inverse finds them."""
+    monkeypatch.setattr(lowest, 'eigh', None)
+    monkeypatch.setattr(lowest, 'LARGEST', 1000)
+    monkeypatch.setattr(lowest, 'RESTARTS', 8)  # two suffice; the control needs more than 32
+    patch = lattices.parallelogram(lattices.triangular(1.0, 1.0), 26, 26)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=100.0)
+    K = LinearSystem.of(patch).K
+    assert K.shape[0] > lowest.LARGEST
+    found = modes(patch, 6)
+    squares = eigsh(K, 6, sigma=99.9, return_eigenvectors=False)
+    assert_allclose(found.omega**2, np.sort(squares), rtol=1e-12)
+    with pytest.raises(ValueError, match='too many for a complete diagonalisation'):
+        lowest.lowest_eigenpairs(K, 6, near=np.zeros(1))
+
+
+def test_more_modes_than_memory_holds_are_refused_before_they_are_made(monkeypatch):
+    patch = lattices.parallelogram(lattices.triangular(1.0, 1.0), 60, 60)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    monkeypatch.setattr('psutil.virtual_memory', lambda: SimpleNamespace(available=1e9))
+    with pytest.raises(ValueError, match=r'all 6728 modes .* about 1\.45 GB of memory, and 1 GB are free; ask for the low'):
+        modes(patch)
 
 
 def test_modes_are_within_the_constraints():
