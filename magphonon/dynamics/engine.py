@@ -63,6 +63,16 @@ def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> None:
                          'ms; a tenth of the limit is accurate; allow_unstable=True runs anyway')
 
 
+def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitting) -> None:
+    """Raise ValueError if losses within a step of `dt` (ms) are so large that overdamped motion would be wrong by percents."""
+    gamma = float(damping.max(initial=0.0))
+    if gamma * dt > splitting.damped:
+        raise ValueError(f'damping by {gamma:.6g} 1/ms for a time step of {dt:.6g} ms is {gamma * dt:.3g}, and beyond '
+                         f'{splitting.damped:g} a step moves too far, by 2 % or more; take a time step of at most '
+                         f'{splitting.damped / gamma:.6g} ms{", order=4 or 6" if splitting.stages == 1 else ""}, or '
+                         'magphonon.propagate; allow_unstable=True runs anyway')
+
+
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 

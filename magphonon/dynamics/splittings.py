@@ -24,11 +24,15 @@ class Splitting:
         b_0 to b_s and a_1 to a_s, palindromes whose sums are one.
     limit : float
         Largest omega h of an oscillator for which the method is stable.
+    damped : float
+        Largest gamma h up to which overdamped motion is right to 2 %, at damping ratios of 1 to 100.  Beyond, a
+        step of Verlet moves by h^2 F/2m however large gamma is; drifts that know the damping serve longer.
     """
 
     kicks: tuple[float, ...]
     drifts: tuple[float, ...]
     limit: float
+    damped: float
 
     @property
     def stages(self) -> int:
@@ -63,12 +67,12 @@ def _both_ways(first, middle):
 
 
 SPLITTINGS = {
-    2: Splitting((0.5, 0.5), (1.0,), 2.0),
+    2: Splitting((0.5, 0.5), (1.0,), 2.0, 0.5),
     4: Splitting(_both_ways((0.0829844064174052, 0.396309801498368, -0.0390563049223486), 1),
-                 _both_ways((0.245298957184271, 0.604872665711080), 2), 3.1634),
+                 _both_ways((0.245298957184271, 0.604872665711080), 2), 3.1634, 4.0),
     6: Splitting(_both_ways((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
                              -0.0115113874206879), 2),
                  _both_ways((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 1),
-                 3.1414),
+                 3.1414, 6.0),
 }
 """By their order."""

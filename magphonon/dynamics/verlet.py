@@ -38,7 +38,7 @@ from ..stiffness.site_laws import SiteLaw
 from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
 from .drives import forces_and_walls, refuse_held_drives
-from .engine import Blocks, can_compile, half_step, not_compiled, refusal, refuse_long_step, refuse_turns
+from .engine import Blocks, can_compile, half_step, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_turns
 from .splittings import SPLITTINGS
 from .thermostat import Bath
 
@@ -83,7 +83,7 @@ class DrivenVerlet(VelocityVerlet):
         Of the error in the time step.  A step of order 4 or 6 takes 6 or 11 evaluations of the forces, and fewer in all where the
         error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number, and nothing gyrate.
     allow_unstable : bool
-        Run even if the time step is over the limit of stability.
+        Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional
         For times in ms and energies in mJ, see `magphonon.dynamics.verlet`; '-' is the terminal.
     loginterval : int
@@ -134,6 +134,7 @@ class DrivenVerlet(VelocityVerlet):
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
         if not allow_unstable:
             refuse_long_step(atoms, positive('timestep', timestep, 'ms'), self.splitting.limit)
+            refuse_long_decay(self._damping, timestep, self.splitting)
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
         if logfile:
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
@@ -331,6 +332,7 @@ class DrivenVerlet(VelocityVerlet):
                                  'new DrivenVerlet(atoms, ...), whose time begins at zero')
             if not self.allow_unstable:
                 refuse_long_step(self.atoms, self.dt, self.splitting.limit)
+                refuse_long_decay(self.damping, self.dt, self.splitting)
             refuse_turns(self.atoms, self.splitting)
             self._bath = self._new_bath()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)

@@ -463,7 +463,8 @@ class Tabulated:
         middle = np.sqrt(low * high)
         whole = self._force_integral(k, high)
         halves = self._force_integral(k, middle) + self._force_integral(k, high, middle)
-        return abs(whole - halves) > SMOOTH * abs(whole)
+        bend = abs(self._slopes[:3] * np.log(high / low) ** np.array([[3], [2], [1]])).sum(axis=0)  # of log f
+        return (abs(whole - halves) > SMOOTH * abs(whole)) & (bend > 1)
 
     def _interval(self, r):
         """Index k of the interval between two knots that holds each distance."""
@@ -521,8 +522,8 @@ def _warn_of_readings(r, f, spline):
     if abs(off[k, at]) > np.log(ASTRAY):
         where, power, table = np.exp((x[k] + part[at] * h[k], line[k, at], line[k, at] + off[k, at]))
         warnings.warn(f'between the readings at {r[k]:.4g} and {r[k + 1]:.4g} mm nothing holds the table: at {where:.4g} mm its '
-                      f'spline has {table:.3g} N, the inverse power through these two {power:.3g} N; measure there, leave the far '
-                      'reading out, or fit a law (magphonon.interactions.fit_forces)', stacklevel=4)
+                      f'spline has {table:.3g} N, the inverse power through these two {power:.3g} N; measure there, leave the '
+                      'far reading out, or fit a law (magphonon.interactions.fit_forces)', stacklevel=4)
 
 
 @dataclass(frozen=True)

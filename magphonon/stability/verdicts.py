@@ -21,6 +21,7 @@ from ..bands.force_constants import checked_supercell, default_distance
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
 from ..dynamics.engine import fastest, highest_frequency
+from ..dynamics.splittings import SPLITTINGS
 from ..errors import positive
 from ..interactions.bond_laws import groups, laws_of, taken
 from ..interactions.law_cards import card_of
@@ -184,8 +185,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     distance : float, optional
         Their displacement in mm; by default that of `finite_displacements`.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms, against which a `Travelling` foundation makes waves grow; all else is judged on its
-        mean springs.
+        Force per momentum in 1/ms, against which a `Travelling` foundation makes waves grow, and which may ask for shorter time
+        steps; all else is judged on its mean springs.
 
     Examples
     --------
@@ -473,7 +474,9 @@ def guided(case: Case) -> Finding:
 
 @check
 def timestep_limit(case: Case) -> Finding:
-    """2/omega_max in ms, infinite if no mode vibrates: of the structure, or of all waves of a lattice with a small cell."""
+    """2/omega_max in ms, infinite if no mode vibrates: of the structure, or of all waves of a lattice with a small cell; less
+    where the damping asks for shorter steps.
+    """
     waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
     whole = case.gyrating if gyrates else case.system
     if case.pumped is not None:  # on its springs where they are stiffest
@@ -490,6 +493,10 @@ def timestep_limit(case: Case) -> Finding:
     highest = max(float(highest), case.above[1] if case.above else 0.0)
     if not highest:
         return Finding(np.inf)
+    losses = SPLITTINGS[2].damped / max(float(np.max(case.damping)), np.finfo(float).tiny)
+    if losses < 2 / highest:
+        return Finding(losses, f'Time steps up to {losses / u.s:.4g} s are accepted with this damping, and a third of that is '
+                       f'accurate to 0.3 %; {2 / highest / u.s:.4g} s would be stable.')
     return Finding(2 / highest, f'Time steps up to {2 / highest / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
                    f'of {u.hertz(highest):.4g} Hz); a tenth of that is accurate.')
 

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine
 from motion import DT, MASS, oscillator, patch
 
-from magphonon import DrivenVerlet, InversePower, units as u
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, units as u, verdict
 from magphonon.dynamics.cages import Diverged
 from magphonon.dynamics.engine import frequency_bound, highest_frequency
+from magphonon.dynamics.splittings import SPLITTINGS
 
 
 @pytest.mark.parametrize('engine', ['ase', 'numpy'])
@@ -87,3 +89,42 @@ def test_a_soft_collision_is_noticed_too():
     atoms.set_momenta(np.outer(np.arange(49) == 24, [MASS * 2, 0, 0]))
     with pytest.raises(Diverged, match='mm from its neighbour'):
         DrivenVerlet(atoms, DT, engine='numpy').run(100)
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy', 'compiled'])
+@pytest.mark.parametrize(('order', 'ratio'), [(2, 2.0), (2, 10.0), (4, 1.0), (4, 10.0), (6, 1.0), (6, 30.0)])
+def test_overdamped_motion_is_right_to_percents_up_to_the_damping_that_is_refused(engine, order, ratio):
+    """One particle between two held ones, let go: the closed form, on both sides of the threshold."""
+    pytest.importorskip('numba') if engine == 'compiled' else None
+    atoms = Atoms('Nd3', positions=[(-1, 0, 0), (0, 0, 0), (1, 0, 0)], masses=[1.0, 1.0, 1.0])
+    atoms.set_constraint(FixAtoms([0, 2]))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1e-9, 4.0), foundation=1.0)  # omega = 1
+    gamma, most = 2 * ratio, SPLITTINGS[order].damped
+    slow, fast = (np.roots([1, gamma, 1]).real if ratio > 1 else np.array([-1 + 1e-6, -1 - 1e-6]))[::-1 if ratio > 1 else 1]
+
+    def error(damped, allow=False):
+        here = atoms.copy()
+        here.calc = atoms.calc
+        here.positions[1, 0] = 1e-3
+        dyn = DrivenVerlet(here, damped / gamma, damping=gamma, engine=engine, order=order, allow_unstable=allow)
+        steps = max(1, round(-1 / slow / dyn.dt))
+        dyn.run(steps)
+        t = steps * dyn.dt
+        return abs(dyn.displacements[1, 0] / (1e-3 * (fast * np.exp(slow * t) - slow * np.exp(fast * t)) / (fast - slow)) - 1)
+
+    assert error(0.99 * most) < 0.05
+    with pytest.raises(ValueError, match=f'take a time step of at most {most / gamma:.4g}'):
+        error(1.01 * most)
+    if order == 2:
+        assert error(4 * most, allow=True) > 0.1
+
+
+def test_the_step_that_the_verdict_accepts_knows_the_damping():
+    atoms = patch(5)
+    free = verdict(atoms).timestep_limit
+    assert verdict(atoms, damping=0.1 / free).timestep_limit == free
+    judged = verdict(atoms, damping=5 / free)
+    assert judged.timestep_limit == pytest.approx(free / 10)
+    DrivenVerlet(atoms, 0.999 * judged.timestep_limit, damping=5 / free)
+    with pytest.raises(ValueError, match='damping by'):
+        DrivenVerlet(atoms, 1.001 * judged.timestep_limit, damping=5 / free)
