@@ -236,6 +236,26 @@ def test_too_large_a_displacement_makes_a_stable_lattice_look_unstable(d, stable
     assert (lowest > 0) == stable
 
 
+@pytest.mark.parametrize('L0', [1.0, 3.0, 10.0])
+@pytest.mark.parametrize(('name', 'repeat'), [('square', (1, 1, 1)), ('square', (2, 2, 1)), ('honeycomb', (1, 1, 1)),
+                                              ('honeycomb', (2, 1, 1)), ('kagome', (1, 1, 1)), ('kagome', (2, 1, 1))])
+def test_just_what_is_needed_is_the_verge(name, repeat, L0):
+    """At 4, 3 and 6 f/L0; the controls: a little less buckles, a little more is stable."""
+    needed = LATTICES[name][1]
+    for factor in (1.0, 1 + 1e-8, 1 - 1e-8):
+        atoms = getattr(lattices, name)(L0, 1.0).repeat(repeat)
+        atoms.calc = MagneticRepulsion(atoms, InversePower(L0**2, 2.0), foundation=factor * needed / L0)
+        judged = verdict(atoms)
+        assert judged.stable == (factor > 1)
+        assert judged.case.unstable == (factor < 1)
+        assert (judged.case.grows[0] > 0) == (factor < 1)
+        if factor == 1:
+            assert judged.buckling.verge
+            assert 'on the verge of buckling in the plane' in judged.finding('buckling').words
+            assert str(judged).startswith('NOT OK')
+            assert 'nan' not in str(judged)
+
+
 def shear_at_m(phonon, cell):
     omega = phonopy_bands(phonon, cell.cell.bandpath('M', npoints=1, pbc=cell.pbc)).omega[0, 0]
     return omega * abs(omega)

@@ -15,7 +15,7 @@ from ..bands.topology import chern_numbers
 from ..bands.zone import PLANAR
 from ..interactions.pair_laws import repulsion
 from ..scenes.lattices import ALL
-from ..stability.buckling import common_spring, common_support, foundation_needed
+from ..stability.buckling import common_spring, common_support, foundation_needed, on_the_verge
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
@@ -179,8 +179,10 @@ def _stability(scene, atoms, bands, phonon):
     lines += neighbours(scene, speeds=True)
     if atoms.calc.layer:
         lines.append(verdict(atoms).finding('out_of_plane').words)
+    place = ' in the plane' if flat.calc.dim == 2 else ''
+    if on_the_verge(given, needed):
+        return [*lines, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what it needs.']
     if given >= needed:
-        place = ' in the plane' if flat.calc.dim == 2 else ''
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'
         return [*lines, f'Stable{place}{why}.']
     where = ', '.join(f'{x:.3g}' for x in softest)

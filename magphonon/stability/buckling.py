@@ -29,6 +29,7 @@ from ..stiffness.sites import Foundation, Sites, refuse_gyration
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
+VERGE = 1e-9  # distance from the foundation that is needed, as a fraction of it, within which round-off would decide
 FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat
 SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among which a stable one is searched for
 STEPS = 12  # number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`
@@ -104,6 +105,11 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
     K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model)
     springs = calc.foundation - common_spring(atoms) + foundation
     return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
+
+
+def on_the_verge(spring: float, needed: float) -> bool:
+    """Whether a foundation is just what is `needed`, both in N/mm, so that it neither holds the structure nor fails to."""
+    return needed > 0 and abs(spring - needed) <= VERGE * needed
 
 
 def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:

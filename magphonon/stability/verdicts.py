@@ -32,12 +32,14 @@ from ..stiffness.rest import LinearSystem, freedom, on_foundation
 from ..stiffness.site_laws import Travelling, springs_of
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
+    VERGE,
     Softest,
     common_spring,
     common_support,
     fastest_growth,
     flat_layer,
     highest_squared,
+    on_the_verge,
     softest_of,
     softest_out_of_plane,
     spacing_held,
@@ -123,7 +125,7 @@ class Verdict:
 
     @property
     def stable(self) -> bool:
-        """Whether the foundation holds the structure, in its plane and out of it."""
+        """Whether the foundation holds the structure, in its plane and out of it; not if it is just what the structure needs."""
         return self.case.stable
 
     @property
@@ -156,7 +158,7 @@ class Verdict:
     def __str__(self) -> str:
         faults = self.faults
         count = f'{len(faults)} problem{"s" * (len(faults) > 1)}'
-        head = 'OK' if not faults else f'NOT OK ({count})' if self.stable else f'UNSTABLE ({count})'
+        head = 'OK' if not faults else f'UNSTABLE ({count})' if self.case.unstable else f'NOT OK ({count})'
         return '\n'.join([head, *(f'  ! {text}' for text in faults), *(f'  - {text}' for text in self.notes)])
 
     __repr__ = __str__
@@ -290,12 +292,19 @@ class Case:
     @property
     def held(self) -> bool:
         """Whether the foundation holds the structure in its plane, or in space."""
-        return self.softest.needed <= self.spring
+        return self.softest.needed <= self.spring and not self.verge
+
+    @property
+    def verge(self) -> bool:
+        """Whether the foundation is just what the structure needs."""
+        return on_the_verge(self.spring, self.softest.needed)
 
     @cached_property
     def grows(self) -> tuple[float, NDArray[np.float64]]:
-        """Rate of the motion that grows fastest, 1/ms, and its wavevector: zero if the foundation or gyration holds it."""
-        if self.held:
+        """Rate of the motion that grows fastest, 1/ms, and its wavevector: zero if the foundation or gyration holds it, or on the
+        verge.
+        """
+        if self.held or self.verge:
             return 0.0, self.softest.q
         if self.gyrating is not None and not self.large:
             return fastest_growth(self.gyrating)
@@ -309,7 +318,8 @@ class Case:
         structure = LinearSystem.nearest(self.layer) if self.listed else self.layer
         spring, soft = common_support(structure), softest_out_of_plane(structure)
         moving = softest_out_of_plane(structure, spring, weighted=True)
-        growth = 0.0 if soft.needed <= spring else float(np.sqrt(-moving.lowest))
+        falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
+        growth = float(np.sqrt(-moving.lowest)) if falls else 0.0
         return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
 
     @cached_property
@@ -319,7 +329,12 @@ class Case:
 
     @property
     def stable(self) -> bool:
-        return not self.grows[0] and (self.above is None or self.above[0].stable) and not self.pumps
+        return not (self.verge or self.grows[0] or self.pumps) and (self.above is None or self.above[0].stable)
+
+    @property
+    def unstable(self) -> bool:
+        """Whether something grows; on the verge a structure is neither stable nor unstable."""
+        return bool(self.grows[0] or self.pumps or (self.above is not None and self.above[0].growth))
 
     @property
     def pumps(self) -> bool:
@@ -353,8 +368,13 @@ class Buckling:
 
     @property
     def stable(self) -> bool:
-        """Whether nothing grows; more than the foundation may hold it, gyration may."""
-        return self.needed <= self.spring or not self.growth
+        """Whether nothing grows; more than the foundation may hold it, gyration may.  Not on the verge."""
+        return not (self.verge or self.growth)
+
+    @property
+    def verge(self) -> bool:
+        """Whether the foundation is just what is needed, to 1e-9 of it: then round-off would decide whether something grows."""
+        return on_the_verge(self.spring, self.needed)
 
 
 class Supports(NamedTuple):
@@ -384,7 +404,7 @@ def residual(case: Case) -> Finding:
 def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space: of the complete model, because the others do not show buckling."""
     search = case.balanced and case.listed and not case.touching
-    scale = spacing_held(case.system) if search and case.large <= (SPACED if case.finite else 0) else None
+    scale = 1.0 if case.verge else spacing_held(case.system) if search and case.large <= (SPACED if case.finite else 0) else None
     unjudged = 'other spacings' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing)
@@ -392,7 +412,10 @@ def buckling(case: Case) -> Finding:
     uneven = np.ndim(case.calc.foundation) > 0
     spring, needed = _stiffness(found.spring), _stiffness(found.needed)
     own = ' at its softest spring' if uneven else ''
-    if not found.stable:
+    if found.verge:
+        words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, '
+                 'and round-off would decide. Take a stiffer one.')
+    elif not found.stable:
         room = f' A spacing above {at} would also make it stable.' if at else ''
         words = f'It buckles{where}{_growth(found)}. It needs a foundation of {needed} and has {spring}{own}.{room}'
         if case.gyrating is not None:
@@ -425,6 +448,9 @@ def out_of_plane(case: Case) -> Finding:
     if found.stable:
         margin = f'{_times(found.spring / found.needed)} the {need} that they need' if found.needed else 'more than they need'
         return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
+    if found.verge:
+        return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
+                       'just what it needs, and round-off would decide. Take stiffer ones.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
 
 
@@ -466,7 +492,7 @@ def guided(case: Case) -> Finding:
     free.calc = case.calc
     free.set_constraint(fixed)
     needed = softest_of(free).needed
-    if not case.stable or needed <= case.spring:
+    if not case.stable or needed <= (1 + VERGE) * case.spring:
         return Finding(needed)
     return Finding(needed, 'It is stable only because a constraint blocks sideways motion; without the constraint it would need '
                    f'a foundation of {_stiffness(needed)}.')
@@ -612,9 +638,12 @@ def density(case: Case) -> Finding:
                    'N.')
 
 
+def _at(found):
+    return f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in found.softest)})' if found.softest.any() else ''
+
+
 def _growth(found):
-    at = f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in found.softest)})' if found.softest.any() else ''
-    return f'{at}: the motion grows e-fold in {1 / found.growth / u.s:.3g} s'
+    return f'{_at(found)}: the motion grows e-fold in {1 / found.growth / u.s:.3g} s'
 
 
 def _times(ratio):

@@ -82,8 +82,15 @@ class Relaxation:
         moved = far if self.needed else 'was at rest already'
         off = f' (places of unstable equilibrium that it left on the way: {self.saddles})' if self.saddles else ''
         lowest = hertz(float(signed_root(np.array(self.lowest))))
-        return (f'The structure {moved}{off}. The largest force on a particle was {self.before:.3g} N and is {self.after:.3g} N; '
-                f'the lowest frequency is {lowest:.4g} Hz.')
+        calc = self.atoms.calc
+        nothing = RESIDUAL * abs(calc.law.dphi(calc.bonds.lengths)).max()
+        if self.before <= nothing:
+            force = 'No force is left on any particle'
+        else:
+            left = f'{self.after:.3g} N are left' if self.after > nothing else 'nothing is left'
+            force = f'The largest force on a particle was {self.before:.3g} N; {left}'
+        return f'The structure {moved}{off}. {force}; the lowest frequency is {lowest:.4g} Hz.'
+
 
 
 def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Relaxation:

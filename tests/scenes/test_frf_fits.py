@@ -291,7 +291,7 @@ def test_sdypy_finds_the_same_poles(tmp_path):
     source, omega = scene.shaken()[1], scene.frf.omega
     answers = [Place(k, np.eye(3)[axis]) for k in np.flatnonzero(system.mobile) for axis in (0, 1)]
     h = np.array([receptance(system, source, answer, omega, scene.frf.damping).response for answer in answers])
-    model = ema.Model(h * u.N / u.m, u.hertz(omega), lower=20, upper=180, pol_order_high=6)  # a higher one adds poles of round-off
+    model = ema.Model(h * u.N / u.m, u.hertz(omega), lower=20, upper=180, pol_order_high=6)  # a higher one adds false poles
     model.get_poles(show_progress=False)
     poles = np.array([p for p in np.ravel(model.all_poles[-1]) if p.imag > 0])
     theirs = abs(poles) / (2 * np.pi)
