@@ -13,8 +13,10 @@ docs/coverage.md says how often its 95 % intervals contain the true value.
 
 from __future__ import annotations
 
+import os
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from importlib.resources import files
 
 from ..errors import not_negative, one_of, positive
 from ..tables import FORCE, LENGTH
@@ -47,7 +49,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('files', metavar='FILE.csv', nargs='+',
                         help='table with the columns r_mm (distance of the centres), f_N and perhaps sigma_N and direction '
                              '(approach, return); with --bands one or more tables of ridges, as the spectrum_SCAN_ridges.csv '
-                             'that "magphonon spectrum" writes')
+                             'that "magphonon spectrum" writes; prototype_force, prototype_ridges and synthetic_force come with '
+                             'the package')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
@@ -78,7 +81,14 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_pictures(parser, frequencies=False)
 
 
+def ready_table(name: str) -> str:
+    """The file of this name, or else the table of this name that comes with the package, as ready scenes do."""
+    table = files('magphonon.data') / f'{name}.csv'
+    return str(table) if re.fullmatch(r'\w+', name) and not os.path.lexists(name) and table.is_file() else name
+
+
 def run(options: Namespace) -> None:
+    options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
         _fit_frf(options)
         return

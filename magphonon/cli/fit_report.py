@@ -9,15 +9,16 @@ import numpy as np
 
 from .. import lattices, units as u
 from ..bands.neighbours import neighbour_shifts
-from ..design.least_squares import DETERMINED, NORMAL
+from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, WITH_CARE, shells_within
-from ..scenes.band_fits import KEYS, TELLS
+from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..stiffness.calculator import MagneticRepulsion
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 from .neighbours import neighbours
 
+EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
 
@@ -93,7 +94,8 @@ def band_report(found, points: int, fixed: list[str]) -> str:
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     return '\n'.join([*lines, *_table(fits, rows), '',
                       'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
-                      *_allowed(found), *_undetermined(found), *_biased(found), *_left_out(found), *_verdict(found),
+                      *_allowed(found), *_undetermined(found), *_biased(found), *_left_out(found), *_stated(found),
+                      *_verdict(found),
                       *_entries(found)])
 
 
@@ -218,30 +220,49 @@ def _verdict(found):
     return [*lines, *_scattered(found)]
 
 
-def _worst(found):
-    points = found.points
-    residuals = found.better.residuals[: len(points)]  # those of priors come after
-    return points.names[max(range(len(points.names)), key=lambda k: np.sum(residuals[points.ridge == k] ** 2))]
-
-
 def _scattered(found):
     """What to think of points that scatter about the better model by more than their uncertainties say."""
     fit = found.better
-    if fit.scatter == 1:
+    if fit.chance >= FITS:  # also where only ridges that were left out do
         return []
     return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
             f'enlarged, and the evidence is lowered, by this factor. {_causes(found)}']
 
 
 def _causes(found):
-    """Why points may scatter, the likeliest cause first."""
-    one = found.scene.law.shells == 1
-    shells = ('Most likely it is the neighbours beyond the first shell, which this scene leaves out: take shells = "auto". Then '
-              'look' if one else 'Look')
-    priors = 'at what --prior says, ' if found.priors else ''
-    return (f'{shells} {priors}at mass and spacing of the scene, and at the ridge "{_worst(found)}", from which most of it '
-            'comes: is its motion or its source another than the table says? Ridges that are taken out until the rest agrees '
-            'make a confident and wrong answer; --without leaves one out and widens the intervals by what is missed.')
+    """Why points may scatter: what was tried, with the chi2 that is left, and what explains it."""
+    fit = found.better
+    tried = [f'{one.chi2:.4g}/{one.freedom} ' + ('with as many neighbours as matter (shells = "auto")' if name == NEIGHBOURS else
+                                                 f'without the ridge "{name}"') for name, one in found.causes.items()]
+    told = f'Fitted again, with one thing changed, chi2/freedom is {"; ".join(tried)}. ' if tried else ''
+    explain = [name for name, one in found.causes.items() if one.chi2 / one.freedom < fit.chi2 / fit.freedom / EXPLAINS]
+    best = NEIGHBOURS if NEIGHBOURS in explain else next(iter(explain), None)  # with them nothing that was measured is left out
+    also = f'{"what --prior says, " if found.priors else ""}mass and spacing of the scene'
+    if best is None:
+        return f'{told}None of these explains it: look at {also}.' if tried else f'Look at {also}.'
+    if best == NEIGHBOURS:
+        return f'{told}Take shells = "auto". If that is not enough, look at {also}.'
+    return (f'{told}Look at the ridge "{best}" first: is its motion or its source another than the table says? Then look at '
+            f'{also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. --without leaves one '
+            'out and widens the intervals by what is missed.')
+
+
+def _stated(found):
+    """The force that was measured before, as the scene states it, beside that of the ridges."""
+    if found.stated is None or not found.fits['complete'].follows:
+        return []
+    (before, sigma), (force, share) = found.stated, found.values()['force']
+    if not share <= DETERMINED:
+        return []
+    lines = [f'The table of forces is taken as exact but for its strength. [uncertainty] knows its exponent to '
+             f'{found.scene.uncertainty.exponent:.2g}: one steeper by this makes the force {100 * found.by_shape:+.2g} %, which '
+             'its interval above does not contain.'] if found.by_shape else []
+    share = np.hypot(share, found.by_shape)
+    apart = abs(force - before) / np.hypot(sigma, force * share)
+    doubt = '' if apart < CONFLICT else ' One of the two is wrong, or they are of different magnets.'
+    return [*lines,
+            f'The scene states a force of {before:.4g} +- {sigma:.2g} N with [uncertainty], and the ridges give {force:.4g} +- '
+            f'{force * share:.2g} N: {apart:.1f} standard deviations apart.{doubt}']
 
 
 def frf_report(found, fixed: list[str]) -> str:

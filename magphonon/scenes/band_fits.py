@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +20,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..waves.ridge_tables import RidgePoints
 from .keys import unit_of
 from .laws import KINDS
-from .scene import Scene
+from .scene import Scene, parts_of, scene_of
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, PLACES, varied
 
@@ -31,6 +33,9 @@ UNITS = {'force': 'N', **{kind.shape: unit_of(kind.parameters[kind.shape].key) f
          **dict.fromkeys((*SPRINGS, 'bond stiffness'), 'N/m')}  # of the values
 KEYS = {'_'.join([name, *filter(None, [unit.replace('/', '_per_')])]): name for name, unit in UNITS.items() if ' ' not in name}
 """The parameters by their name with a unit, as a prior names them: force_N, a, foundation_N_per_m and so on."""
+NEIGHBOURS = 'shells = "auto"'
+"""What `BandFits.causes` calls the neighbours that a scene with one shell leaves out."""
+SUSPECTS = 3  # number of ridges of which each is left out in turn, to see which one makes the points scatter
 TELLS = 2.0
 """Difference of the models in sigmas below which the data do not tell them apart."""
 
@@ -89,6 +94,47 @@ class BandFits:
         """
         alone = [name for name in self.names if name not in (*self.priors, 'force')]
         return bool(self.points.from_points.any() and alone)
+
+    @cached_property
+    def causes(self) -> dict[str, DispersionFit]:
+        """What may make the points scatter, each with the fit of the better model in which it is put right; the best one first.
+
+        Each of the ridges that the model misses most is left out, by its name; NEIGHBOURS count as many as matter.
+        """
+        fixed = [name for name in parameters_of(self.scene) if name not in self.names]
+        off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
+        tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
+        if self.scene.law.shells == 1:
+            tables, particles = parts_of(self.scene)
+            tables['law']['shells'] = 'auto'
+            tried[NEIGHBOURS] = scene_of(tables, particles), []
+        found = {}
+        for name, (scene, without) in tried.items():
+            with suppress(ValueError):  # too few points are left
+                found[name] = fit_bands(scene, self.points, fixed, self.priors, without).fits[self.better.model]
+        return dict(sorted(found.items(), key=lambda item: item[1].chi2))
+
+    @property
+    def stated(self) -> tuple[float, float] | None:
+        """The force at the spacing in N with its standard deviation, as [uncertainty] of the scene states it; None if nowhere."""
+        if self.scene.uncertainty is None or 'force' not in self.names or 'force' in self.priors:
+            return None
+        known, law = self.scene.uncertainty.tolerances(self.scene), self.scene.law.potential()
+        L = self.scene.lattice.spacing_m * u.m
+        slopes = np.array([0.0 if change.law is None or name == 'spacing' else change.law.dphi(L) / law.dphi(L)
+                           for name, change in known.changes.items()])
+        sigma, value = float(np.sqrt(slopes @ known.covariance @ slopes)), value_of(self.scene, 'force')
+        return (value, value * sigma) if sigma else None
+
+    @cached_property
+    def by_shape(self) -> float:
+        """Share by which the force changes if the exponent of a table is larger by the standard deviation in [uncertainty]."""
+        exponent = self.scene.law.kind == 'table' and self.scene.uncertainty is not None and self.scene.uncertainty.exponent
+        if not exponent or 'force' not in self.names:
+            return 0.0
+        fixed = [name for name in parameters_of(self.scene) if name not in self.names]
+        steeper = fit_bands(varied(self.scene, {'exponent': 1 + exponent}), self.points, fixed, self.priors)
+        return steeper.values()['force'][0] / self.values()['force'][0] - 1
 
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit."""

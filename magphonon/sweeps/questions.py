@@ -175,8 +175,8 @@ QUESTIONS = {
                                  'foundation needed'),
     'stability.margin': Question('N/m', 'foundation less what the perfect lattice needs; negative where it buckles',
                                  lambda situation: situation.margin / (u.N / u.m), 'foundation less what is needed'),
-    'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its defects are '
-                                 'stable', _growth, 'growth rate'),
+    'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its '
+                                 'defects are stable', _growth, 'growth rate'),
     'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
     'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
                                  'amplitude for an error of 1 %'),

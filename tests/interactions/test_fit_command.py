@@ -1,5 +1,6 @@
 """The command that fits measured forces: what it writes and says, and what it refuses."""
 
+import re
 
 import numpy as np
 import pytest
@@ -21,6 +22,25 @@ def test_the_synthetic_set_says_so_and_can_be_made_again():
     np.testing.assert_allclose(forces.r, again.r, rtol=1e-12)
     np.testing.assert_allclose(forces.f, again.f, atol=6e-7)  # six decimals are printed
     np.testing.assert_allclose(forces.sigma, again.sigma, rtol=1e-12)
+
+
+def test_the_tables_of_the_prototype_are_two_measurements_of_one_lattice(tmp_path, monkeypatch, capsys):
+    """By their names from any folder; the force of both is that of the paper, 0.2369 N, and that of the rings is another."""
+    forces = read_forces(SYNTHETIC.parent / 'prototype_force.csv')
+    again = synthetic_forces(read_scene(ready_scene('prototype')).law.potential(), np.linspace(8, 15, 15), 2e-3, seed=1911)
+    np.testing.assert_allclose(forces.f, again.f, atol=6e-7)
+    monkeypatch.chdir(tmp_path)
+    found = {}
+    for name, words in (('prototype_force', ['--spacing', '10mm']), ('synthetic_force', ['--spacing', '10mm']),
+                        ('prototype_ridges', ['--bands', str(ready_scene('prototype'))])):
+        assert main(['fit', name, *words]) == 0
+        printed = capsys.readouterr().out
+        found[name] = [float(x) for x in re.search(r'force .*? ([\d.]+),? \[?([\d.]+)(?:,| to) ([\d.]+)', printed).groups()]
+        assert 'scatter' not in printed
+    assert all(found[name][1] < 0.2369 < found[name][2] for name in ('prototype_force', 'prototype_ridges'))
+    assert not found['synthetic_force'][1] < 0.2369 < found['synthetic_force'][2]
+    (tmp_path / 'prototype_force').write_text('r_m,f_N\n1,2\n')  # a file of the user comes first
+    assert main(['fit', 'prototype_force']) == 2
 
 
 def scene_with(entry, folder):
