@@ -156,7 +156,7 @@ class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
         return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes, decay)
 
 
-def analytic_bands(atoms: Atoms, path: BandPath | str, model: str = 'complete', vectors: bool = False,
+def analytic_bands(atoms: Atoms, path: BandPath | str, model: str | None = None, vectors: bool = False,
                    branches: int | None = None, damping: ArrayLike | None = None) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
 
@@ -166,8 +166,8 @@ def analytic_bands(atoms: Atoms, path: BandPath | str, model: str = 'complete', 
         One cell with its MagneticRepulsion or AllNeighbours.
     path : ase.dft.kpoints.BandPath or str
         From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone.
-    model : {'complete', 'conventional'}
-        D0 + D*, or D0 alone.
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
     vectors : bool
         Keep the modes too.
     branches : int, optional
@@ -292,7 +292,7 @@ class GroupVelocities(NamedTuple):
     velocity: np.ndarray
 
 
-def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complete') -> GroupVelocities:
+def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = None) -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
     For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, where B = 0 unless particles gyrate.  At degenerate
@@ -360,7 +360,7 @@ def cut_off(atoms: Atoms) -> float | None:
     return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
 
 
-def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 'complete') -> NDArray[np.float64]:
+def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str | None = None) -> NDArray[np.float64]:
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 
     With a foundation there is no acoustic branch; the speeds returned are those of the lattice without it.
@@ -371,7 +371,8 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 
         One cell with its MagneticRepulsion or AllNeighbours.
     direction : array_like, shape (dim,), optional
         By default along x.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Returns
     -------

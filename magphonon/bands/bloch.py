@@ -28,7 +28,7 @@ DIVIDE = 400
 (relatively robust representations); at 800 it takes 1.3 times as long, at 1200 2.5 times."""
 
 
-def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complete', vectors: bool = False,
+def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = None, vectors: bool = False,
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
 
@@ -41,7 +41,8 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
         One cell with its MagneticRepulsion or AllNeighbours.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
     vectors : bool
         Compute the modes too.
     branches : int, optional
@@ -85,7 +86,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     return omega, modes.reshape(*omega.shape, len(system), system.dim)
 
 
-def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'complete',
+def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str | None = None,
                  vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies and decays of a periodic structure with losses, whose modes move as `e^{-(decay + i omega) t}`.
 

@@ -79,7 +79,7 @@ class DensityOfStates(units.InHertz, Saved, kind='densities of states', units={
 
 
 def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | None = None,
-                    model: str = 'complete') -> DensityOfStates:
+                    model: str | None = None) -> DensityOfStates:
     """Density of states of an infinite lattice, by linear interpolation between the points of a mesh over its zone.
 
     Parameters
@@ -91,7 +91,8 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     steps : int, optional
         Mesh steps along each reciprocal vector; if not given, 1998 for a chain, 180 in the plane, 30 in space, and fewer for
         cells of more than six particles.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Returns
     -------
@@ -120,7 +121,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     return DensityOfStates(middles, counted / np.diff(edges), float(branches), np.diff(edges) / 2, np.zeros(len(middles)))
 
 
-def band_ranges(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
+def band_ranges(atoms: Atoms, steps: int | None = None, model: str | None = None) -> NDArray[np.float64]:
     """Ranges of frequency in which an infinite lattice has modes; overlapping branches make one range.
 
     Parameters
@@ -174,7 +175,7 @@ def _nearest_approach(system, frequencies, below, model):
     return ends
 
 
-def band_gaps(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
+def band_gaps(atoms: Atoms, steps: int | None = None, model: str | None = None) -> NDArray[np.float64]:
     """Gaps between the bands of an infinite lattice, shape (gaps, 2); see `band_ranges`."""
     ranges = band_ranges(atoms, steps, model)
     return np.stack([ranges[:-1, 1], ranges[1:, 0]], axis=1)

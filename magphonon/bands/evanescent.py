@@ -157,7 +157,7 @@ class ComplexBands(units.InHertz):
             return 1 / np.imag(self.xi)
 
 
-def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: str = 'complete',
+def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: str | None = None,
                   damping: ArrayLike = 0.0) -> ComplexBands:
     """All waves along a direction at given frequencies, propagating and evanescent.
 
@@ -170,7 +170,8 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
         lattice along R2, (0, 1, 0) for a row of sources along R1 and (1/2, 1, 0) for a point source.
     omega : array_like, shape (frequencies,)
         In rad/ms; negative for the square root of -omega^2, as in `Bands`.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
     damping : float or array_like, shape (particles,)
         Force per momentum gamma in 1/ms; weak damping adds the decay gamma/(2 v) to a wave of the group velocity v.
 

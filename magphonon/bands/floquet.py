@@ -58,7 +58,7 @@ class FloquetBands(units.InHertz):
         return np.imag(self.omega).max(axis=1)
 
 
-def floquet_bands(atoms: Atoms, q: ArrayLike, model: str = 'complete', damping: ArrayLike = 0.0,
+def floquet_bands(atoms: Atoms, q: ArrayLike, model: str | None = None, damping: ArrayLike = 0.0,
                   tolerance: float = 1e-8) -> FloquetBands:
     """Quasi-frequencies of a lattice on a `Travelling` foundation, by Hill's method.
 
@@ -68,8 +68,8 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: str = 'complete', damping: 
         One cell with its MagneticRepulsion on a Travelling foundation.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors, as the `kpts` of a path.
-    model : {'complete', 'conventional'}
-        D0 + D*, or D0 alone.
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
     damping : float or array_like, shape (particles,)
         Force per momentum in 1/ms.
     tolerance : float
@@ -120,7 +120,7 @@ def _strongest(omega, weight, hill):
 class Hill:
     """The matrices of Hill's method for a cell on a Travelling foundation; the arguments are those of `floquet_bands`."""
 
-    def __init__(self, atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0.0) -> None:
+    def __init__(self, atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> None:
         calc = repulsion_of(atoms)
         law = calc.sites.foundation
         if not isinstance(law, Travelling):

@@ -14,8 +14,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import one_of
-from ..stiffness.bond import MODELS, stiffness_change
+from ..stiffness.bond import stiffness_change
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.matrices import bloch_matrix, mass_weighted
 from ..stiffness.rest import LinearSystem
@@ -41,7 +40,7 @@ class Gruneisen(NamedTuple):
     gamma: np.ndarray
 
 
-def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> Gruneisen:
+def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str | None = None) -> Gruneisen:
     """Grueneisen parameters `-d ln w/d ln V` of the bands; V is the length, area or volume of a cell.
 
     The foundation keeps its stiffness; its anchors and the held particles follow the spacing.
@@ -68,8 +67,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
     if calc.load.any() or calc.spring_forces.any():
         raise ValueError('a dead load or stretched springs of the foundation hold the particles, and it is not known how they '
                          'follow the spacing; take differences of relaxed structures')
-    one_of('model', model, MODELS)
-    dK = stiffness_change(calc.bond_vectors, growth(calc, system.free.toarray()), calc.interaction, model)
+    dK = stiffness_change(calc.bond_vectors, growth(calc, system.free.toarray()), calc.interaction, model or calc.model)
     omega, vectors = bloch_modes(system, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)
     dD = mass_weighted(bloch_matrix(calc.bonds, dK, wavevectors(q)), system.masses)
@@ -89,9 +87,10 @@ def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.flo
     """Derivative `R + C u` of the bond vectors with respect to the logarithm of the spacing, in mm, shape (bonds, dim).
 
     The calculator is at rest; `free`, shape (particles * dim, free), are the orthonormal directions that constraints leave free.
+    Rest is a matter of statics, which are those of the complete model.
     """
     R, C = calc.bond_vectors, calc.bonds.incidence
-    push = -(C.T @ np.einsum('bxy,by->bx', calc.rest_stiffness(), R)).ravel()
-    Phi = free.T @ calc.rest_hessian() @ free
+    push = -(C.T @ np.einsum('bxy,by->bx', calc.rest_stiffness('complete'), R)).ravel()
+    Phi = free.T @ calc.rest_hessian('complete') @ free
     u = free @ (np.linalg.pinv(Phi, FLOPPY, hermitian=True) @ (free.T @ push))
     return R + C @ u.reshape(-1, calc.dim)

@@ -77,7 +77,7 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     (0.158, 0.007)
     """
     atoms, q = _in_plane(LinearSystem.of(atoms, gyrating=True).atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
-    omega = bloch_modes(atoms, q)[0]
+    omega = bloch_modes(atoms, q, 'complete')[0]
     if not atoms.calc.pairwise:
         return NeighbourShifts(omega, omega, True)
     every, known = _every(atoms, q)

@@ -28,7 +28,7 @@ STEPS = 120  # wavevectors along a strip, 0 and 1/2 among them, between which a 
 CLEAR = 0.8  # least share of the motion in one half of the strip for a wave to belong to its edge
 
 
-def chern_numbers(cell: Atoms | LinearSystem, model: str = 'complete') -> NDArray[np.int_]:
+def chern_numbers(cell: Atoms | LinearSystem, model: str | None = None) -> NDArray[np.int_]:
     """Chern number of each band of a planar lattice; all are zero unless particles gyrate.
 
     By the method of Fukui, Hatsugai and Suzuki (J. Phys. Soc. Jpn. 74, 1674 (2005)) for waves `e^{i(k.R - omega t)}`, in
@@ -38,7 +38,8 @@ def chern_numbers(cell: Atoms | LinearSystem, model: str = 'complete') -> NDArra
     ----------
     cell : ase.Atoms or LinearSystem
         One cell with its MagneticRepulsion.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Returns
     -------
@@ -117,7 +118,7 @@ class EdgeFlow(NamedTuple):
     at_right: np.ndarray
 
 
-def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str = 'complete') -> EdgeFlow:
+def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str | None = None) -> EdgeFlow:
     """The waves along the edges of a strip at a frequency within a gap of its lattice, and how many more run one way.
 
     They are where an eigenvalue of `K(q) - omega^2 - i omega B` vanishes.
@@ -128,7 +129,8 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str = 'complete'
         One cell of a strip with its MagneticRepulsion, periodic along one direction, as `lattices.ribbon` cuts it.
     omega : float
         In rad/ms.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Raises
     ------

@@ -83,7 +83,7 @@ class ZoneMap(units.InHertz, Saved, kind='frequencies over the zone', units={
         return 2 * np.pi * (self.q @ Cell(self.cell).reciprocal().array)[..., :2]
 
 
-def zone_map(atoms: Atoms, steps: int = 96, model: str = 'complete') -> ZoneMap:
+def zone_map(atoms: Atoms, steps: int = 96, model: str | None = None) -> ZoneMap:
     """Frequencies and group velocities over the first Brillouin zone.
 
     Parameters
@@ -92,7 +92,8 @@ def zone_map(atoms: Atoms, steps: int = 96, model: str = 'complete') -> ZoneMap:
         One cell of a planar lattice with its MagneticRepulsion.
     steps : int
         Mesh steps along each reciprocal vector; a multiple of 6 puts M and K of the hexagonal lattices on the mesh.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Examples
     --------

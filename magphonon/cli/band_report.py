@@ -153,7 +153,7 @@ def _moduli(atoms):
 
 
 def _stability(scene, atoms, bands, phonon):
-    needed, softest = foundation_needed(atoms)
+    needed, softest = foundation_needed(atoms, 'complete')
     flat = atoms.copy()
     flat.calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
     sums = np.einsum('ixx->x', foundation_recovered(phonon)) / len(phonon.unitcell)

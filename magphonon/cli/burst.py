@@ -207,7 +207,7 @@ def _unstable(cell):
     if np.any(cell.calc.gyration):
         judged = verdict(cell)
         return [] if judged.stable else ['', f'UNSTABLE: {judged.finding("buckling").words}']
-    needed, given = foundation_needed(cell)[0], common_spring(cell)
+    needed, given = foundation_needed(cell, 'complete')[0], common_spring(cell)
     if on_the_verge(given, needed):
         return ['', f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what it needs.']
     if given >= needed:

@@ -85,7 +85,7 @@ class DispersionFit(ParameterFit):
         return super().scatter <= FOLLOWS
 
 
-def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str = 'complete',
+def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str | None = None,
                    priors: Mapping[str, tuple[float, float]] | None = None) -> DispersionFit:
     """Fit parameters of a lattice to measured points of its branches.
 
@@ -98,7 +98,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         The parameters to fit.
     points : RidgePoints
         Without those that share noise, see `RidgePoints.independent`.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
     priors : dict, optional
         What is known of parameters from elsewhere: the factor and its relative standard uncertainty.
 
@@ -133,6 +134,9 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     def cell(*x):
         return build(dict(zip(names, np.exp(x).tolist(), strict=True)))
 
+    start = cell(*np.zeros(len(names)))[0]
+    model = model or start.calc.model
+
     def with_branches(branches, start):
         return _settled(cell, names, points, model, priors, lambda *_: branches, start)
 
@@ -140,7 +144,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
     fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
-    count = bloch_modes(cell(*np.zeros(len(names)))[0], points.q[:1], model)[0].shape[1]
+    count = bloch_modes(start, points.q[:1], model)[0].shape[1]
     told = _told(points, count)
     if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
         others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]

@@ -169,7 +169,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tupl
     designs = []
     for L in found:
         value, slope = target(build(L))
-        designs.append(Design(L, float(value), float(slope), foundation_needed(build(L))[0]))
+        designs.append(Design(L, float(value), float(slope), foundation_needed(build(L), 'complete')[0]))
     return designs
 
 
@@ -191,7 +191,7 @@ class NoDesign(PhysicsError):
 
 def _holds(build, spacing):
     atoms = build(spacing)
-    return common_spring(atoms) >= foundation_needed(atoms)[0]
+    return common_spring(atoms) >= foundation_needed(atoms, 'complete')[0]
 
 
 def _stable_stretches(build, spacings):

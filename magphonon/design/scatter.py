@@ -98,7 +98,7 @@ class SiteSlopes:
     @cached_property
     def _hessian(self):
         calc = self.system.calc
-        return hessian(calc.bonds, calc.rest_stiffness(), calc.foundation)  # of the complete model, as all statics
+        return hessian(calc.bonds, calc.rest_stiffness('complete'), calc.foundation)  # of the complete model, as all statics
 
     @cached_property
     def _statics(self):

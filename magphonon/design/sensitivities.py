@@ -104,7 +104,7 @@ def spacing_change(law: PairLaw) -> LawChange:
 
 
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Change],
-                            model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+                            model: str | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies by the logarithms of parameters.
 
     Where branches cross, degenerate perturbation theory: among the modes of equal frequency those are taken in which
@@ -118,7 +118,8 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Chan
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     changes : sequence of Change
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Returns
     -------
@@ -213,7 +214,7 @@ def hessian_changes(system: LinearSystem, changes: Collection[Change]) -> list[s
     for change, push, moves in zip(changes, pushes, moved, strict=True):
         dK = _stiffness_change(calc, change, calc.model)
         if moves:
-            motion = (P @ inverse(P.T @ calc.rest_hessian() @ P)(P.T @ push.ravel())).reshape(push.shape)
+            motion = (P @ inverse(P.T @ calc.rest_hessian('complete') @ P)(P.T @ push.ravel())).reshape(push.shape)
             dK = dK + stiffness_change(R, C @ motion, calc.interaction, calc.model)
         found.append(hessian(calc.bonds, dK, change.foundation))
     return found
@@ -238,4 +239,4 @@ def _pushes(system, changes):
 def _stiffness_change(calc, change, model):
     if change.law is None:
         return np.zeros((len(calc.bonds), calc.dim, calc.dim))
-    return model_stiffness(calc.bond_vectors, change.law, model)
+    return model_stiffness(calc.bond_vectors, change.law, model or calc.model)

@@ -135,7 +135,7 @@ def _std(covariance, slopes):
     return np.sqrt(np.maximum(np.einsum('p...,pr,r...->...', slopes, covariance, slopes), 0.0))
 
 
-def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: str = 'complete') -> Spread:
+def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: str | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
     Where branches cross, each keeps its own spread; see `magphonon.design.sensitivities.frequency_sensitivities`, also for NaN.
@@ -146,7 +146,8 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
         One cell with its MagneticRepulsion.
     q : array_like, shape (wavevectors, 3)
     tolerances : Tolerances
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Returns
     -------

@@ -338,7 +338,7 @@ class DesignPlan(Table):
             return atoms
 
         if self.spacing_from is None:
-            needed, _ = foundation_needed(build(present))
+            needed, _ = foundation_needed(build(present), 'complete')
             if needed > k:
                 raise ValueError(f'design.cut_off_Hz = {self.cut_off_Hz:g} gives a foundation of {_si(k)}, but at the spacing of '
                                  f'{present / u.m:g} m the lattice needs {_si(needed)}; raise the cut-off to '
@@ -349,7 +349,7 @@ class DesignPlan(Table):
             return k, spacings_for(build, self.spacing_from.target(scene), self.spacing_from.wanted, (low, high))
         except NoDesign as error:
             if not error.stable:
-                needed = min(foundation_needed(build(spacing))[0] for spacing in (low, high))
+                needed = min(foundation_needed(build(spacing), 'complete')[0] for spacing in (low, high))
                 raise ValueError(f'design.spacings_m: the lattice buckles at every spacing from {low / u.m:g} to {high / u.m:g} '
                                  f'm on a foundation of {_si(k)}; it needs at least {_si(needed)}, a cut-off of '
                                  f'{self._cut_off(scene, needed):.6g} Hz') from None

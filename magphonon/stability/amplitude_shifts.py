@@ -131,7 +131,7 @@ class _Waves:
         """D(q) of the free directions, real where q and -q are the same; of a finite structure sparse."""
         if not self.zone:
             return self.system.stiffness
-        P, D = self.system.free, self.system.calc.bloch_matrix(np.array([q]))[0]
+        P, D = self.system.free, self.system.calc.bloch_matrix(np.array([q]), 'complete')[0]
         return P.T @ (D.real if _edge(q) else D) @ P
 
     def at(self, q):

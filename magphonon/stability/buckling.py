@@ -89,7 +89,7 @@ def _over_zone(matrix, cell, pbc, particles, steps):
     return Softest(*softest_wave(matrix, cell, pbc, steps))
 
 
-def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: float = 1.0, foundation: float = 0.0,
+def softest_of(atoms: Atoms | LinearSystem, model: str | None = None, scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> Softest:
     """`softest` of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
 
@@ -102,7 +102,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
             return _softest_of_sums(atoms, model, foundation, weighted, steps)
         atoms = LinearSystem.about(atoms.calc, atoms)  # pyright: ignore[reportArgumentType]  it is pairwise
     calc, cell = atoms.calc, atoms.atoms
-    K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model)
+    K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model or calc.model)
     springs = calc.foundation - common_spring(atoms) + foundation
     return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
 
@@ -115,12 +115,12 @@ def on_the_verge(spring: float, needed: float) -> bool:
 def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
     """Rate in 1/ms of the wave that grows fastest where particles gyrate, and its wavevector; zero if all are held.
 
-    On a mesh over the zone, with the wave that is softest without gyration among its points.
+    Of the complete model, on a mesh over the zone, with the wave that is softest without gyration among its points.
     """
     along = [np.arange(GYRATING) / GYRATING if periodic else np.zeros(1) for periodic in system.atoms.pbc]
     q = np.stack(np.meshgrid(*along, indexing='ij'), axis=-1).reshape(-1, 3)
-    q = np.vstack([softest_of(system.without_gyration(), weighted=True).q, q])
-    rates = growth(system.B().toarray(), system.bloch(q))
+    q = np.vstack([softest_of(system.without_gyration(), 'complete', weighted=True).q, q])
+    rates = growth(system.B().toarray(), system.bloch(q, 'complete'))
     return float(rates.max()), q[rates.argmax()]
 
 
@@ -156,8 +156,9 @@ def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, w
         K = calc.rest_stiffness('complete')
         return softest(calc.bonds, K, atoms.free[:, z], cell, calc.foundation + other, masses)
     root = 1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms))
-    return _over_zone(lambda q: (calc.bloch_matrix(q)[:, 2::3, 2::3] + other * np.eye(len(root))) * root * root[:, None],
-                      atoms.cell.array, atoms.pbc, len(atoms), _steps_of_sums(calc))
+    springs, weights = other * np.eye(len(root)), root * root[:, None]
+    return _over_zone(lambda q: (calc.bloch_matrix(q, 'complete')[:, 2::3, 2::3] + springs) * weights, atoms.cell.array,
+                      atoms.pbc, len(atoms), _steps_of_sums(calc))
 
 
 def flat_layer(atoms: Atoms) -> bool:
@@ -212,7 +213,7 @@ class FoundationNeeded(NamedTuple):
     q: NDArray[np.float64]
 
 
-def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete', steps: int | None = None) -> FoundationNeeded:
+def foundation_needed(atoms: Atoms | LinearSystem, model: str | None = None, steps: int | None = None) -> FoundationNeeded:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
     A flat layer is judged by its motion in the plane alone, whatever its supports along z; `softest_out_of_plane` is for these.
@@ -228,7 +229,8 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete', step
         One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation
         is not included, as far as it is common to all particles.  Constraints remain in force, and the springs are taken as
         slack at the present positions.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
         The conventional model never needs a foundation, because it does not show buckling.
     steps : int, optional
         Wavevectors along each reciprocal vector, see `softest`.
@@ -249,11 +251,11 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete', step
     return FoundationNeeded(found.needed, found.q)
 
 
-def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
+def spacing_held(atoms: Atoms | LinearSystem, model: str | None = None) -> float | None:
     """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
 
     All bonds are stretched by the same factor.  The result is the nearest change between stable and unstable, between 0.1 and 10
-    times the present spacing and within the range of the law.
+    times the present spacing and within the range of the law.  `model` as for `foundation_needed`.
 
     Returns
     -------
@@ -277,7 +279,7 @@ def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
     k = common_spring(atoms)
 
     def lacking(scale):
-        found = softest_of(atoms, scale=scale, steps=12)  # minima that are negative are refined
+        found = softest_of(atoms, model, scale, steps=12)  # minima that are negative are refined
         return -found.lowest - k - (ROUND_OFF * found.highest if found.needed <= 0 else 0)
 
     from scipy.optimize import brentq

@@ -43,7 +43,7 @@ class Growth:
     q: np.ndarray
 
 
-def pumped_growth(atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0.0) -> Growth | None:
+def pumped_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> Growth | None:
     """The wave that a `Travelling` foundation makes grow fastest; None for a finite structure of too many particles.
 
     Parameters

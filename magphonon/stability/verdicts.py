@@ -282,7 +282,7 @@ class Case:
 
     @cached_property
     def softest(self) -> Softest:
-        return softest_of(self.system)
+        return softest_of(self.system, 'complete')
 
     @cached_property
     def spring(self) -> float:
@@ -308,7 +308,7 @@ class Case:
             return 0.0, self.softest.q
         if self.gyrating is not None and not self.large:
             return fastest_growth(self.gyrating)
-        return float(np.sqrt(-softest_of(self.system, foundation=self.spring, weighted=True).lowest)), self.softest.q
+        return float(np.sqrt(-softest_of(self.system, 'complete', foundation=self.spring, weighted=True).lowest)), self.softest.q
 
     @cached_property
     def above(self) -> tuple[Buckling, float] | None:
@@ -325,7 +325,7 @@ class Case:
     @cached_property
     def growth(self) -> Growth | None:
         """The wave that the modulation makes grow fastest; None without one, or if it is not judged."""
-        return pumped_growth(self.pumped, damping=self.damping) if self.pumped is not None and self.balanced else None
+        return pumped_growth(self.pumped, 'complete', self.damping) if self.pumped is not None and self.balanced else None
 
     @property
     def stable(self) -> bool:
@@ -404,7 +404,8 @@ def residual(case: Case) -> Finding:
 def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space: of the complete model, because the others do not show buckling."""
     search = case.balanced and case.listed and not case.touching
-    scale = 1.0 if case.verge else spacing_held(case.system) if search and case.large <= (SPACED if case.finite else 0) else None
+    searched = search and case.large <= (SPACED if case.finite else 0)
+    scale = 1.0 if case.verge else spacing_held(case.system, 'complete') if searched else None
     unjudged = 'other spacings' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing)
@@ -491,7 +492,7 @@ def guided(case: Case) -> Finding:
     free = case.atoms.copy()
     free.calc = case.calc
     free.set_constraint(fixed)
-    needed = softest_of(free).needed
+    needed = softest_of(free, 'complete').needed
     if not case.stable or needed <= (1 + VERGE) * case.spring:
         return Finding(needed)
     return Finding(needed, 'It is stable only because a constraint blocks sideways motion; without the constraint it would need '

@@ -211,12 +211,12 @@ class AllNeighbours(Repulsion):
         at_zero = self.sums.far_stiffness(self.sums.waves(np.zeros((1, self.sums.d))), self._offsets(), part)
         return self._weighted(at_zero).reshape(len(self.reference), -1, self.dim, self.dim).sum(axis=1)
 
-    def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
+    def bloch_matrix(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
         """Bloch matrix with the foundation, as `stiffness.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
 
         At k = 0 the lattice moves together with its neutralising background.
         """
-        part = PART[one_of('model', model, MODELS)]
+        part = PART[one_of('model', model or self.model, MODELS)]
         D = bloch_matrix(self.bonds, self._near(part), q, self.foundation)
         onsite, offsets = self._far_onsite(part), self._offsets()
         for few in np.array_split(np.arange(len(q)), -(-len(q) // 32)):
@@ -225,17 +225,17 @@ class AllNeighbours(Repulsion):
         return D
 
     def bloch_series(self, along: NDArray[np.float64],
-                     model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+                     model: str | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """Bloch matrix to second order in k `along`, as `stiffness.bloch_series`, without the terms given by `singular`."""
-        part, x = PART[one_of('model', model, MODELS)], self.bonds.vectors[:, : self.dim]
+        part, x = PART[one_of('model', model or self.model, MODELS)], self.bonds.vectors[:, : self.dim]
         near = bloch_series(self.bonds, self._near(part), x @ along)
         onsite = self._far_onsite(part)
         far = self._weighted(self.sums.far_series(along, self._offsets(), part))
         return tuple(near[k] + self._assembled(far[k], onsite * (k == 0))[0] for k in range(3))
 
-    def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
+    def singular(self, along: NDArray[np.float64], model: str | None = None) -> NDArray[np.float64]:
         """The part of the Bloch matrix that exceeds k^2 in long waves; see `EwaldSums.singular`."""
-        return self.sums.singular(along, PART[one_of('model', model, MODELS)])
+        return self.sums.singular(along, PART[one_of('model', model or self.model, MODELS)])
 
     def onsite(self, part: str = 'all') -> NDArray[np.float64]:
         """Sum of the stiffness of all bonds of each particle in N/mm, shape (particles, dim, dim), without the foundation."""

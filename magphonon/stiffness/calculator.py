@@ -325,25 +325,25 @@ class MagneticRepulsion(Repulsion):
     def site_stiffness(self) -> Any:
         return self.site_stiffness_at(0.0)
 
-    def rest_stiffness(self, model: str = 'complete') -> NDArray[np.float64]:
-        """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
-        return model_stiffness(self.bond_vectors, self.interaction, model)
+    def rest_stiffness(self, model: str | None = None) -> NDArray[np.float64]:
+        """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm; of the calculator's own model if none is given."""
+        return model_stiffness(self.bond_vectors, self.interaction, model or self.model)
 
-    def rest_hessian(self, model: str = 'complete') -> sparse.csr_array:
+    def rest_hessian(self, model: str | None = None) -> sparse.csr_array:
         """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
         return hessian(self.bonds, self.rest_stiffness(model), self.site_stiffness)
 
-    def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
+    def bloch_matrix(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
         """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
         return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.site_stiffness)
 
     def bloch_series(self, along: NDArray[np.float64],
-                     model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+                     model: str | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """Bloch matrix without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
         R = (self.bonds.shift @ self.reference.cell.array)[:, : self.dim]
         return bloch_series(self.bonds, self.rest_stiffness(model), R @ along)
 
-    def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
+    def singular(self, along: NDArray[np.float64], model: str | None = None) -> NDArray[np.float64]:
         """Zero, shape (dim, dim): with finitely many neighbours no term exceeds the second order in long waves."""
         return np.zeros((self.dim, self.dim))
 

@@ -185,16 +185,16 @@ class Repulsion(Restartable):
         """Displacements from the reference in mm, shape (particles, dim)."""
         raise NotImplementedError
 
-    def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
+    def bloch_matrix(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
         """Bloch matrix at the reference, foundation included, N/mm; `q` of shape (wavevectors, 3)."""
         raise NotImplementedError
 
     def bloch_series(self, along: NDArray[np.float64],
-                     model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+                     model: str | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """The Bloch matrix without foundation to second order in the wavevector `along`, a unit vector."""
         raise NotImplementedError
 
-    def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
+    def singular(self, along: NDArray[np.float64], model: str | None = None) -> NDArray[np.float64]:
         """Signs of the terms that exceed the second order in long waves, shape (dim, dim); zero for laws of short range."""
         raise NotImplementedError
 

@@ -328,7 +328,7 @@ class LinearSystem:
         squares, vectors = np.linalg.eigh(self.K.toarray())
         return squares, vectors
 
-    def bloch(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
+    def bloch(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
         """Matrices of squared frequencies K(q) in rad^2/ms^2, shape (wavevectors, free, free); q of shape (wavevectors, 3)."""
         calc: Any = self.atoms.calc
         return self.reduced(calc.bloch_matrix(q, model))

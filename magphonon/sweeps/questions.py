@@ -52,7 +52,7 @@ class Situation:
     @cached_property
     def needed(self) -> float:
         """Foundation that the lattice needs, N/mm."""
-        return foundation_needed(self.atoms)[0]
+        return foundation_needed(self.atoms, 'complete')[0]
 
     @property
     def margin(self) -> float:
@@ -107,7 +107,7 @@ def _growth(situation: Situation) -> float:
         situation.scene.relaxation()  # refuses a patch that buckles by its defects: the rest about which it would grow is unknown
         return 0.0
     atoms = situation.atoms
-    lowest = softest_of(atoms, foundation=common_spring(atoms), weighted=True).lowest
+    lowest = softest_of(atoms, 'complete', foundation=common_spring(atoms), weighted=True).lowest
     return float(np.sqrt(max(-lowest, 0.0)) * u.s)
 
 
@@ -119,7 +119,7 @@ def _faults(situation: Situation) -> float:
 
 
 def _spacing(situation: Situation) -> float:
-    scale = spacing_held(situation.atoms)
+    scale = spacing_held(situation.atoms, 'complete')
     if scale is None:
         raise ValueError('no spacing from a tenth to ten times the present one is the border of buckling')
     return float(scale * situation.atoms.calc.bonds.lengths.min() / u.m)

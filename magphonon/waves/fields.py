@@ -192,7 +192,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     if across < FEWEST:
         raise ValueError(f'the points are {across:.2g} spacings wide at their narrowest, and a map of the plane needs {FEWEST}; '
                          'measure more rows, or give one row alone')
-    top = bloch_modes(cell, _zone(12))[0].max()
+    top = bloch_modes(cell, _zone(12), 'complete')[0].max()
     frames, wanted = len(scan.times), int(np.ceil(across * 2 * np.pi / top / scan.dt))
     if frames < max(wanted, FEWEST):
         raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; to resolve as much in frequency as its points do '
@@ -266,7 +266,7 @@ def _zone(steps):
 
 def _polarisations(cell, q):
     """Real, as D(k) of one particle is; shape (..., branches, 2)."""
-    shapes: Any = bloch_modes(cell, q.reshape(-1, 3), vectors=True)[1]
+    shapes: Any = bloch_modes(cell, q.reshape(-1, 3), 'complete', vectors=True)[1]
     return shapes.real[:, :, 0, :2].reshape(*q.shape[:-1], -1, 2)
 
 
@@ -288,7 +288,7 @@ def _collected(field, cell, q, centres=False):
         G = np.tensordot((waves if sign > 0 else waves.conj()) * weight[:, None], motions, (0, 1))
         return np.einsum('kfx,kmx->kmf', G, shapes)
 
-    for omega, (u, u_slope) in field.transforms(MARGIN * bloch_modes(cell, _zone(12))[0].max()):
+    for omega, (u, u_slope) in field.transforms(MARGIN * bloch_modes(cell, _zone(12), 'complete')[0].max()):
         sums = 0.0
         for sign in (1, -1):
             G = over(u, h, sign)
@@ -340,7 +340,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     power, *moments = parts.sum(axis=0)
     with np.errstate(divide='ignore', invalid='ignore'):
         d_omega, *d_k = moments / power
-    expected, shapes = bloch_modes(cell, q)[0], _polarisations(cell, q)
+    expected, shapes = bloch_modes(cell, q, 'complete')[0], _polarisations(cell, q)
     lines = slice(FIRST * PAD, None)
     seen = np.zeros(power.shape, bool)
     background = np.median(power[..., lines], axis=-1, keepdims=True) / np.log(2)
@@ -369,7 +369,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
         centre = start[0] + sums[..., 1, :] / sums[..., 0, :]
         k = start[1] + np.moveaxis(sums[..., 2:, :] / sums[..., :1, :], -2, -1)
         at_k = np.concatenate([k, 0 * k[..., :1]], axis=-1) @ cell.cell.array.T / (2 * np.pi)
-        bands = bloch_modes(cell, at_k)[0].reshape(*k.shape[:-1], -1)
+        bands = bloch_modes(cell, at_k, 'complete')[0].reshape(*k.shape[:-1], -1)
         return centre, at_k, centre - np.take_along_axis(bands, np.broadcast_to(branch, centre.shape)[..., None], axis=-1)[..., 0]
 
     each_segment = parts[:, 0].sum(axis=(1, 2, 3))
@@ -411,7 +411,8 @@ def _bent(field, cell, q, omega):
     lobe = abs(np.exp(1j * offset @ field.sites.T) @ h) ** 2
     in_fractions = offset @ cell.cell.array[:2, :2].T / (2 * np.pi)
     there = q[:, None] + np.pad(in_fractions, ((0, 0), (0, 1)))
-    bands, shapes = bloch_modes(cell, there.reshape(-1, 3))[0].reshape(*there.shape[:2], -1), _polarisations(cell, there)
+    bands = bloch_modes(cell, there.reshape(-1, 3), 'complete')[0].reshape(*there.shape[:2], -1)
+    shapes = _polarisations(cell, there)
     away = (bands[:, None] - omega[:, :, None, None]) / field.bin_omega  # wavevectors, branches, offsets, branches there
     with np.errstate(divide='ignore', invalid='ignore'):
         line = np.where(abs(away) < 2, np.sinc(away) / (1 - away**2), 0) ** 2  # of a Hann window
@@ -419,8 +420,8 @@ def _bent(field, cell, q, omega):
         weight = share * lobe[:, None] * np.nan_to_num(line, posinf=0.25)
         weight /= weight.sum(axis=(2, 3), keepdims=True)
     centre = q[:, None] + np.pad(weight.sum(axis=3) @ in_fractions, ((0, 0), (0, 0), (0, 1)))
-    at_centre = np.einsum('kmm->km', bloch_modes(cell, np.nan_to_num(centre).reshape(-1, 3))[0].reshape(*omega.shape, -1))
-    return (weight * bands[:, None]).sum(axis=(2, 3)) - at_centre
+    at_centre = bloch_modes(cell, np.nan_to_num(centre).reshape(-1, 3), 'complete')[0].reshape(*omega.shape, -1)
+    return (weight * bands[:, None]).sum(axis=(2, 3)) - np.einsum('kmm->km', at_centre)
 
 
 def _scatter(off, variance, branch, leg, at):

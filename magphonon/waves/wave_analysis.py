@@ -60,7 +60,7 @@ class Branch(units.InHertz):
     omega: np.ndarray
 
 
-def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete') -> Branch:
+def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str | None = None) -> Branch:
     """Branch of the analytic bands for the waves that a row of particles sees, from xi = 0 to pi.
 
     Parameters
@@ -73,7 +73,8 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete
         point source (Gamma-K).
     mode : int
         Number of the branch from below, from 0; in the triangular lattice shear is 0 and longitudinal 1.
-    model : {'complete', 'conventional'}
+    model : {'complete', 'conventional'}, optional
+        D0 + D*, or D0 alone; that of the calculator if not given.
 
     Examples
     --------
@@ -342,7 +343,7 @@ class Stationary:
         return np.where((abs(found - self.xi) <= self.step) & (self.slope > 0), found, np.nan)
 
 
-def stationary_waves(cell: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[Stationary, Stationary]:
+def stationary_waves(cell: Atoms, q: ArrayLike, model: str | None = None) -> tuple[Stationary, Stationary]:
     """The waves of a point source of which the energy runs along a row: those along it, and the oblique ones.
 
     `q` is the wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
