@@ -17,3 +17,4 @@ from .repulsion import Repulsion as Repulsion
 from .rest import LinearSystem as LinearSystem
 from .restart import restored as restored
 from .site_laws import OnSite as OnSite, Travelling as Travelling
+from .split import split as split

@@ -1,0 +1,174 @@
+"""D0 and D* of a structure with any ASE calculator that sums over pairs: its pair law is read off two atoms.
+
+An energy that is written in lengths of pairs, `E = sum phi(r_ij)`, has the stiffness D0 + D* of each pair (Eq. 4).  An energy of
+many bodies has no D* of its own: the six distances among four points in a plane obey one equation, and a multiple of it, added to
+the energy, changes the force in each pair and so D*, but no force on any point.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
+from typing import Any
+
+import ase.units
+import numpy as np
+from ase import Atoms
+from ase.calculators.calculator import Calculator
+from ase.neighborlist import neighbor_list
+from numpy.typing import NDArray
+
+from ..errors import positive
+from .calculator import MagneticRepulsion
+
+MM = 1e-7  # per Angstrom
+MJ = ase.units._e / 1e-3  # per eV
+GRAM = ase.units._amu * 1e3  # per amu
+STEP = 1e-3
+"""Step of the differences for the curvature, relative to the distance: of fourth order, so off by 1e-9 for a law as steep as
+r^-13, while round-off of the forces is some 1e-13."""
+SHAKEN = 0.02  # standard deviation of the places at which forces are compared, in shortest distances
+SAME = 1e-6  # difference of forces, in largest forces, above which they are no sum over pairs
+FARTHEST = 30.0  # shortest distances within which the force of a pair must have ended, if no cutoff is given
+
+
+@dataclass(frozen=True, eq=False)
+class PairOf:
+    """The pair law of two atoms as a calculator of ASE has it, in mm and mJ; its slopes are forces, its curvature differences."""
+
+    calculator: Calculator
+    symbols: tuple[str, str]
+    _known: dict[float, tuple[float, float]] = field(default_factory=dict, repr=False, compare=False)
+
+    def _of(self, r: Any, which: int) -> NDArray[np.float64]:
+        r = np.asarray(r, float)
+        for apart in {*r.ravel().tolist()} - self._known.keys():
+            two = Atoms(self.symbols, [[0, 0, 0], [apart / MM, 0, 0]])
+            two.calc = self.calculator
+            self._known[apart] = two.get_potential_energy() * MJ, two.get_forces()[0, 0] * MJ / MM
+        return np.array([self._known[apart][which] for apart in r.ravel().tolist()]).reshape(r.shape)
+
+    def phi(self, r: Any) -> NDArray[np.float64]:
+        """Energy in mJ of two atoms at the distances `r` in mm."""
+        return self._of(r, 0)
+
+    def dphi(self, r: Any) -> NDArray[np.float64]:
+        """Slope of the energy in N."""
+        return self._of(r, 1)
+
+    def d2phi(self, r: Any) -> NDArray[np.float64]:
+        """Curvature of the energy in N/mm."""
+        r = np.asarray(r, float)
+        near, far = (self.dphi(r * (1 + k * STEP)) - self.dphi(r * (1 - k * STEP)) for k in (1, 2))
+        return (8 * near - far) / (12 * STEP * r)
+
+
+def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
+    """The same structure with a calculator that knows D0 and D* apart, for any ASE calculator that is a sum over pairs.
+
+    Every tool of this package takes the result: bands of both models, its Hessian by parts, sound speeds, the verdict.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        In ASE's units (Angstrom, eV, amu), with a calculator: Lennard-Jones, Morse, pair potentials of matscipy or LAMMPS.
+    cutoff : float, optional
+        Distance in Angstrom within which atoms interact; found from the forces of two atoms if they end.
+
+    Returns
+    -------
+    ase.Atoms
+        A copy in mm, g and ms with a MagneticRepulsion, so that its frequencies are told in Hz.  Each element is a kind.
+
+    Raises
+    ------
+    ValueError
+        If the forces on the shaken structure are not the sum over its pairs, as those of embedded-atom, bond-order and
+        machine-learned potentials; the message says by how much.  If no cutoff is given, and the force of two atoms has no end.
+
+    Examples
+    --------
+    >>> from ase.build import bulk
+    >>> from ase.calculators.lj import LennardJones
+    >>> from magphonon import analytic_bands
+    >>> from magphonon.stiffness import split
+    >>> argon = bulk('Ar', 'fcc', a=5.256)
+    >>> argon.calc = LennardJones(sigma=3.4, epsilon=0.0103, rc=7.5)
+    >>> both = [analytic_bands(split(argon), 'GX', model).frequencies_Hz[-1, 0] / 1e12 for model in ('complete', 'conventional')]
+    >>> [round(float(f), 3) for f in both]  # the transverse branch at X in THz: D* takes 3 % of it
+    [1.389, 1.431]
+    """
+    if atoms.calc is None:
+        raise ValueError('the atoms carry no calculator to split; attach one of ASE that is a sum over pairs')
+    symbols = atoms.get_chemical_symbols()
+    kinds = sorted(set(symbols))
+    laws = {(a, b): PairOf(atoms.calc, (kinds[a], kinds[b])) for a, b in combinations_with_replacement(range(len(kinds)), 2)}
+    here = _in_mm(atoms, [kinds.index(symbol) for symbol in symbols])
+    reach = _reach(laws, _shortest(atoms) * MM) if cutoff is None else positive('cutoff', cutoff, 'Angstrom') * MM
+    _refuse_many_bodies(atoms, laws, reach)
+    with warnings.catch_warnings():
+        warnings.filterwarnings('ignore', message='a mass of')  # atoms are denser than magnets, and their units are right
+        here.calc = MagneticRepulsion(here, laws if len(kinds) > 1 else laws[0, 0], cutoff=reach)
+    return here
+
+
+def _in_mm(atoms, kinds):
+    here = Atoms(atoms.symbols, atoms.positions * MM, cell=atoms.cell.array * MM, pbc=atoms.pbc, tags=kinds,
+                 masses=atoms.get_masses() * GRAM)
+    here.set_constraint(atoms.constraints)
+    return here
+
+
+def _shortest(atoms):
+    """The shortest distance in Angstrom."""
+    cutoff = 1.0
+    while not len(found := neighbor_list('d', atoms, cutoff)):
+        cutoff *= 2
+        if cutoff > 1e6:
+            raise ValueError('no two of these atoms are near each other: there is no pair to split')
+    return found.min()
+
+
+def _reach(laws: Mapping[Any, PairOf], shortest: float) -> float:
+    """Distance in mm beyond which no pair of atoms acts."""
+    grid = shortest * np.arange(1, FARTHEST, 0.2)
+    ends = []
+    for law in laws.values():
+        if law.dphi(grid[-1]) != 0:
+            raise ValueError(f'the atoms {" and ".join(law.symbols)} still act on each other {grid[-1] / MM:.3g} Angstrom apart: '
+                             'give a cutoff= in Angstrom')
+        acting = np.flatnonzero(law.dphi(grid))
+        inside, outside = (grid[acting[-1]], grid[acting[-1] + 1]) if len(acting) else (0.0, shortest)
+        while outside - inside > 1e-9 * outside:
+            middle = (inside + outside) / 2
+            inside, outside = (middle, outside) if law.dphi(middle) != 0 else (inside, middle)
+        ends.append(outside)
+    return max(ends)
+
+
+def _refuse_many_bodies(atoms, laws, reach):
+    """Refuse a calculator whose forces on the shaken structure differ from the sum over its pairs."""
+    shaken = atoms.repeat([2 if periodic else 1 for periodic in atoms.pbc])
+    shaken.set_constraint()
+    kinds = sorted(set(atoms.get_chemical_symbols()))
+    shaken.positions += SHAKEN * _shortest(atoms) * _moving(shaken) * np.random.default_rng(0).normal(size=(len(shaken), 3))
+    shaken.calc = atoms.calc
+    forces = shaken.get_forces() * MJ / MM
+    which = np.array([kinds.index(symbol) for symbol in shaken.get_chemical_symbols()])
+    i, j, r, R = neighbor_list('ijdD', shaken, reach / MM)
+    sums = np.zeros_like(forces)
+    for (a, b), law in laws.items():
+        mine = (np.minimum(which[i], which[j]) == a) & (np.maximum(which[i], which[j]) == b)
+        np.add.at(sums, i[mine], (law.dphi(r[mine] * MM) / r[mine])[:, None] * R[mine])
+    largest, apart = abs(forces).max(), abs(forces - sums).max()
+    if apart > SAME * largest:
+        raise ValueError(f'{type(atoms.calc).__name__} is no sum over pairs: when the atoms are shaken by {SHAKEN:.0%} of their '
+                         f'distance, its forces differ from those of all pairs by up to {apart / largest:.2g} of the largest. D* '
+                         'is defined for energies written in lengths of pairs only')
+
+
+def _moving(atoms):
+    """1 along the directions that a planar or linear structure spans, else 0, shape (3,)."""
+    return (np.ptp(atoms.positions, axis=0) > 0) | atoms.pbc

@@ -1,0 +1,126 @@
+"""D0 and D* of atoms with any ASE calculator over pairs, against differences of the calculator's own forces."""
+
+import ase.units
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.build import bulk
+from ase.calculators.calculator import Calculator, all_changes
+from ase.calculators.emt import EMT
+from ase.calculators.lj import LennardJones
+from ase.calculators.morse import MorsePotential
+from ase.neighborlist import neighbor_list
+
+from magphonon import analytic_bands
+from magphonon.bands import bloch_modes
+from magphonon.stiffness import split
+
+PER_S = ase.units._e * 1e20 / ase.units._amu  # eV/Angstrom^2/amu in 1/s^2
+
+
+class Pairs(Calculator):
+    """c_ab (cos(pi r/(2 rc)))^4 r^-a over pairs of any elements within rc, or of all atoms if rc is infinite."""
+
+    implemented_properties = ['energy', 'forces']  # noqa: RUF012
+
+    def __init__(self, strengths, a, reach, many=0.0):
+        super().__init__()
+        self.strengths, self.a, self.reach, self.many = strengths, a, reach, many
+
+    def slope(self, r):
+        if np.isinf(self.reach):
+            return r**-self.a, -self.a * r ** (-self.a - 1)
+        x = np.pi * r / (2 * self.reach)
+        return np.cos(x) ** 4 * r**-self.a, -np.cos(x) ** 3 * r**-self.a * (4 * np.sin(x) * x / r + self.a * np.cos(x) / r)
+
+    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+        super().calculate(atoms, properties, system_changes)
+        within = self.reach if np.isfinite(self.reach) else 1000.0
+        i, j, r, R = neighbor_list('ijdD', atoms, within)
+        symbols = np.array(atoms.get_chemical_symbols())
+        c = np.array([self.strengths[frozenset(pair)] for pair in zip(symbols[i], symbols[j], strict=True)])
+        phi, slope = self.slope(r)
+        forces = np.zeros((len(atoms), 3))
+        np.add.at(forces, i, (c * slope / r)[:, None] * R)
+        density = np.bincount(i, phi, len(atoms))  # of an embedded atom, whose energy is not that of its pairs
+        np.add.at(forces, i, (self.many * (density[i] + density[j]) * slope / r)[:, None] * R)
+        self.results = {'energy': (c * phi).sum() / 2 + self.many * (density**2).sum() / 2, 'forces': forces}
+
+
+def by_differences(atoms, q, h=1e-4):
+    """Squared frequencies in 1/s^2 at q of a supercell as large as the forces reach, from the calculator's own forces alone."""
+    n = [3 if periodic else 1 for periodic in atoms.pbc]
+    large, cells = atoms.repeat(n), np.array(list(np.ndindex(*n)))
+    large.calc, count = atoms.calc, len(atoms)
+    D = np.zeros((3 * count, 3 * count), complex)
+    for k in range(3 * count):
+        forces = []
+        for step in (h, -h):
+            moved = large.copy()
+            moved.calc = atoms.calc
+            moved.positions[k // 3, k % 3] += step
+            forces.append(moved.get_forces())
+        column = -(forces[0] - forces[1]) / (2 * h)
+        for c, cell in enumerate(cells):
+            wrapped = (cell + 1) % 3 - 1 if all(m == 3 for m in n) else np.where(np.array(n) == 3, (cell + 1) % 3 - 1, 0)
+            D[:, k] += np.exp(-2j * np.pi * (q @ wrapped)) * column[c * count : (c + 1) * count].ravel()
+    mass = np.sqrt(np.repeat(atoms.get_masses(), 3))
+    return np.linalg.eigvalsh((D + D.conj().T) / 2 / np.outer(mass, mass)) * PER_S
+
+
+def cells():
+    rng = np.random.default_rng(4)
+    for structure, a in (('fcc', 5.3), ('bcc', 4.2), ('hcp', 3.8)):
+        crystal = bulk('Ar', structure, a=a)
+        crystal.set_cell(crystal.cell.array * rng.uniform(0.97, 1.03), scale_atoms=True)
+        yield structure, crystal, Pairs({frozenset({'Ar'}): 50.0}, rng.uniform(2, 6), 1.35 * a)
+    salt = bulk('NaCl', 'rocksalt', a=5.6)
+    yield 'rocksalt', salt, Pairs({frozenset({'Na'}): 3.0, frozenset({'Cl'}): 20.0, frozenset({'Na', 'Cl'}): 9.0}, 4.0, 4.3)
+
+
+@pytest.mark.parametrize('given', list(cells()), ids=lambda given: given[0])
+def test_frequencies_are_those_of_the_calculators_own_forces(given):
+    _, atoms, atoms.calc = given
+    q = np.random.default_rng(len(atoms)).integers(-1, 2, 3) / 3  # a wave that fits into three cells along each vector
+    exact, here = by_differences(atoms, q), split(atoms)
+    found, without = (np.sort(np.sign(omega) * omega**2).ravel() * 1e6
+                      for omega in (bloch_modes(here, q[None], model)[0] for model in ('complete', 'conventional')))
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6 * abs(exact).max())
+    assert abs(without - exact).max() > 1e-2 * abs(exact).max()
+
+
+@pytest.mark.parametrize('calc', [LennardJones(sigma=3.4, epsilon=0.0103, rc=6.0),
+                                  MorsePotential(epsilon=0.01, r0=3.7, rho0=5.0, rcut1=1.5, rcut2=1.8)])
+def test_calculators_of_ase_are_split_and_their_reach_is_found(calc):
+    argon = bulk('Ar', 'fcc', a=5.256)
+    argon.calc = calc
+    here = split(argon)
+    end = calc.parameters.get('rc') or calc.parameters['rcut2'] * calc.parameters['r0']
+    assert here.calc.bonds.lengths.max() < end * 1e-7
+    assert len(here.calc.bonds) == len(neighbor_list('i', argon, end)) // 2
+    X = analytic_bands(here, 'X').frequencies_Hz
+    np.testing.assert_allclose(X, analytic_bands(split(argon, cutoff=end * (1 - 1e-6)), 'X').frequencies_Hz, rtol=1e-9)
+
+
+def test_many_body_energies_are_refused_with_the_difference():
+    copper = bulk('Cu', 'fcc', a=3.6)
+    copper.calc = EMT()
+    with pytest.raises(ValueError, match=r'EMT is no sum over pairs.*up to 0\.\d+ of the largest'):
+        split(copper)
+    argon = bulk('Ar', 'fcc', a=5.3)
+    for many, refused in ((0.0, False), (1e-2, True)):
+        argon.calc = Pairs({frozenset({'Ar'}): 50.0}, 4.0, 7.0, many)
+        if refused:
+            with pytest.raises(ValueError, match='no sum over pairs'):
+                split(argon)
+        else:
+            split(argon)
+
+
+def test_a_force_without_an_end_asks_for_a_cutoff():
+    chain = Atoms('Ar', cell=[4.0, 20, 20], pbc=(True, False, False))
+    chain.calc = Pairs({frozenset({'Ar'}): 1.0}, 3.0, np.inf)
+    with pytest.raises(ValueError, match='give a cutoff= in Angstrom'):
+        split(chain)
+    with pytest.raises(ValueError, match='carry no calculator'):
+        split(Atoms('Ar'))
