@@ -20,7 +20,7 @@ from ..errors import finite, positive
 from ..files import Saved, not_saved, saved_arrays
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
-from ..stiffness.sites import each_spring
+from ..stiffness.site_laws import each_spring
 from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:

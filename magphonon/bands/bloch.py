@@ -69,14 +69,14 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = N
     system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     count = every = system.directions
-    alone = len(system) == 1 and every == 2 == system.dim and calc.pairwise and not vectors and not system.gyration.any()
+    alone = len(system) == 1 and every == 2 == system.dim and calc.pairwise and not vectors and not system.turning
     by_cosines = alone and np.ndim(calc.site_stiffness) < 3
     parts = _of_one_particle(system, q, model) if by_cosines else _by_lapack(system, q, model, vectors)
     if branches is not None:
         count = whole('branches', branches)
         if count > every:
             raise ValueError(f'the cell has {every} branches, not {count}')
-        if len(q) and calc.pairwise and not system.gyration.any() and inverse_pays(every, count, real=False):
+        if len(q) and calc.pairwise and not system.turning and inverse_pays(every, count, real=False):
             parts = _lowest_by_inverse(system, q, model, count, vectors)
     squares, columns = zip(*parts, strict=True)
     omega = signed_root(np.concatenate(squares)[:, :count])
@@ -98,7 +98,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str | No
     system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     gamma = site_damping(damping, len(system))
-    if not (np.ptp(gamma) or system.gyration.any()):  # every mode loses the same
+    if not (np.ptp(gamma) or system.turning):  # every mode loses the same
         omega, modes = bloch_modes(system, q, model, vectors)
         squares, half = np.sign(omega) * omega**2, gamma[0] / 2
         under = np.sqrt(abs(squares - half**2))
@@ -125,7 +125,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str | No
 
 def _by_lapack(system, q, model, vectors):
     """All squared frequencies of batches of wavevectors, shape (batch, modes), and the columns of modes or None."""
-    parts, B = in_batches(q, system.atoms.calc), system.B().toarray() if system.gyration.any() else None
+    parts, B = in_batches(q, system.atoms.calc), system.B().toarray() if system.turning else None
     for part in tqdm(parts, desc='wavevectors', delay=2, disable=None, leave=False) if len(parts) > 1 else parts:
         K = system.bloch(part, model)
         if B is not None:

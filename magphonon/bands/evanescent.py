@@ -30,7 +30,8 @@ from scipy import linalg
 from .. import units
 from ..errors import finite, one_of
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import site_blocks, site_damping
+from ..stiffness.site_laws import site_blocks
+from ..stiffness.sites import site_damping
 
 LINK = 1e-11
 """Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to
@@ -210,7 +211,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
 def _dynamic(system, omega, damping):
     """The matrices omega^2 + i omega B of damping and gyration, real without them."""
     gamma, one = site_damping(damping, len(system)), np.eye(system.directions)
-    if not (gamma.any() or system.gyration.any()):
+    if not (gamma.any() or system.turning):
         return (omega * abs(omega))[:, None, None] * one
     for w in omega[omega < 0][:1]:
         raise ValueError(f'with damping or gyration omega must be zero or positive, not {w:.9g} rad/ms')

@@ -21,8 +21,7 @@ from ..errors import positive
 from ..stiffness.matrices import companion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, on_foundation
-from ..stiffness.site_laws import Travelling
-from ..stiffness.sites import each_spring, site_damping
+from ..stiffness.sites import site_damping
 from .bloch import wavevectors
 
 MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
@@ -122,17 +121,16 @@ class Hill:
 
     def __init__(self, atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> None:
         calc = repulsion_of(atoms)
-        law = calc.sites.foundation
-        if not isinstance(law, Travelling):
-            raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of foundation={law!r}; give the '
+        wave = calc.tie.modulation(calc.anchors)
+        if wave is None:
+            raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of {calc!r}; give the '
                              'calculator foundation=Travelling(k, eps, W, kap)')
-        mean = on_foundation(atoms, law.k)
-        self.system, self.model, self.W = LinearSystem.of(mean, gyrating=True).moving(), model, law.W
+        mean = on_foundation(atoms, calc.tie.k)
+        self.system, self.model, self.W = LinearSystem.of(mean, gyrating=True).moving(), model, wave.W
         self.modes = self.system.directions
-        self.kap = mean.cell.array @ law.kap / (2 * np.pi) * mean.pbc  # in fractions of the reciprocal vectors
+        self.kap = mean.cell.array @ wave.kap / (2 * np.pi) * mean.pbc  # in fractions of the reciprocal vectors
         n, dim = len(mean), self.system.dim
-        depth = np.repeat(law.eps / 2 * np.exp(-1j * law.phases(calc.anchors)), dim) * each_spring(law.k, n, dim)
-        self.A = self.system.reduced(np.diag(depth))
+        self.A = self.system.reduced(np.diag(np.broadcast_to(wave.A, (n, dim)).ravel()))
         self.B = self.system.B(site_damping(damping, n)).toarray()
 
     def solved(self, q: NDArray[np.float64], harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:

@@ -215,7 +215,7 @@ def _omega(atoms, D):
     system = LinearSystem.about(atoms.calc, atoms)
     shapes = system.shapes.toarray()
     K = shapes.T @ D @ shapes
-    return gyrating_modes(system.B().toarray(), K)[0] if system.gyration.any() else signed_root(np.linalg.eigvalsh(K))
+    return gyrating_modes(system.B().toarray(), K)[0] if system.turning else signed_root(np.linalg.eigvalsh(K))
 
 
 def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:

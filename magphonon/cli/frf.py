@@ -102,7 +102,7 @@ def _natural(system, omega):
     from ..stiffness.matrices import signed_root
 
     size, ends = system.free.shape[1], omega[[0, -1]]
-    if size > MOST_COUNTED or (size > SMALL and system.gyration.any()):  # only real symmetric matrices are counted
+    if size > MOST_COUNTED or (size > SMALL and system.turning):  # only real symmetric matrices are counted
         return np.empty(0), [f'  natural frequencies: {size}']
     if size <= SMALL:
         natural = natural_frequencies(system)

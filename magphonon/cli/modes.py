@@ -167,7 +167,7 @@ def _modes(system, ranges):
     from ..response.chebyshev import stable_interval
     from ..response.normal_modes import Modes, local_modes, modes
 
-    size, turns = system.K.shape[0], system.gyration.any()
+    size, turns = system.K.shape[0], system.turning
     if turns and size > MOST_TURNING:
         raise ValueError(f'the patch has {size} free directions; modes of particles that gyrate take dense matrices, of up to '
                          f'{MOST_TURNING}: take a smaller patch, or "magphonon frf"')
@@ -213,7 +213,7 @@ def _with_others(scene, system, found, shown):
     from ..scenes.scene import LONG_RANGE, PAIRS
     from ..stiffness.rest import LinearSystem
 
-    if scene.finite or system.gyration.any() or not isinstance(getattr(scene.law, 'asked', None), int):
+    if scene.finite or system.turning or not isinstance(getattr(scene.law, 'asked', None), int):
         return []
     enough = scene.enough_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:

@@ -30,7 +30,7 @@ from ..stiffness.bond import model_stiffness, stiffness_change
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED, LinearSystem
-from ..stiffness.sites import Foundation
+from ..stiffness.site_laws import Foundation
 
 CROSSING = 1e-9
 """Difference of two branches, as a fraction of the highest frequency, below which they cross."""

@@ -13,7 +13,7 @@ from warnings import warn
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import expm
 
@@ -24,7 +24,6 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
 from ..stiffness.matrices import GROWS
 from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
-from ..stiffness.site_laws import SiteLaw, Travelling
 from ..stiffness.sites import out_of_plane, refuse_gyration
 from .bond_increments import RANGES, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
@@ -95,17 +94,16 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """
     system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
     if _held_by_gyration(system):
-        bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.gyration)
+        bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.turning)
         if system.directions > DENSE or system.growth():
             return bound
         return 2 / _longest_step(system.K.toarray(), system.B().toarray(), 2 / bound)
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
 
 
-def fastest(square: float, gyration: ArrayLike) -> float:
+def fastest(square: float, turning: float) -> float:
     """Bound of |s| of all motion e^{st} whose squared frequencies are within +-square: `g/2 + sqrt(g^2/4 + square)`."""
-    g = np.max(np.abs(gyration)) / 2
-    return float(g + np.sqrt(g**2 + square))
+    return float(turning / 2 + np.sqrt(turning**2 / 4 + square))
 
 
 def _longest_step(K, B, bound):
@@ -133,7 +131,7 @@ def _longest_step(K, B, bound):
 
 def _held_by_gyration(system):
     """Whether particles gyrate and stiffness alone does not hold them: then what a step of Verlet keeps is not positive."""
-    return system.gyration.any() and not system.stable
+    return system.turning and not system.stable
 
 
 def frequency_bound(atoms: Atoms, dt: float) -> float:
@@ -167,8 +165,8 @@ def _stiffest(atoms: Any) -> Any:
     """The atoms on the stiffest foundation that time makes of theirs."""
     if isinstance(atoms, LinearSystem):
         return atoms
-    law = atoms.calc.sites.foundation
-    return on_foundation(atoms, law.stiffest) if isinstance(law, SiteLaw) and law.changes else atoms
+    law = atoms.calc.tie
+    return on_foundation(atoms, law.stiffest) if law.changes else atoms
 
 
 def _particle_bound(system):
@@ -236,11 +234,10 @@ def refusal(atoms: Atoms) -> str | None:
 
 def not_compiled(calc: Any) -> str | None:
     """Why compiled steps cannot integrate what blocks in NumPy can, or None if they can."""
-    law = calc.sites.foundation
-    if not isinstance(law, SiteLaw):
+    if not calc.tie.known:  # constant springs
         return None
-    if not isinstance(law, Travelling):
-        return f'the foundation is {law!r}, a function in Python'
+    if calc.tie.modulation(calc.anchors) is None:
+        return f'the foundation is {calc.tie!r}, a function in Python'
     return 'modulated springs are not slack at rest' if calc.slack.any() else None
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..stiffness.sites import Foundation
+    from ..stiffness.site_laws import Foundation
     from .bond_increments import Increments, Pieces
     from .memory_layout import Layout
     from .site_forces import SiteForces

@@ -34,7 +34,6 @@ from tqdm import tqdm
 from ..errors import not_negative, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
-from ..stiffness.site_laws import SiteLaw
 from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
 from .drives import forces_and_walls, refuse_held_drives
@@ -262,8 +261,7 @@ class DrivenVerlet(VelocityVerlet):
             momenta = self.atoms.get_momenta()
             momenta[self._sum_of_drives.particles] += share * self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
-        law = self.atoms.calc.sites.foundation if isinstance(self.atoms.calc, MagneticRepulsion) else None
-        if isinstance(law, SiteLaw) and law.changes:
+        if isinstance(self.atoms.calc, MagneticRepulsion) and self.atoms.calc.tie.changes:
             self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
@@ -363,9 +361,7 @@ class DrivenVerlet(VelocityVerlet):
     def _setting(self):
         """All that forces and motion depend on, but for the state itself."""
         atoms, calc = self.atoms, self.atoms.calc
-        of_sites = (calc.sites.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
-        changeable = getattr(calc, 'model', None), *(
-            values if isinstance(values, SiteLaw) else np.asarray(values).tobytes() for values in of_sites)
+        changeable = getattr(calc, 'model', None), getattr(calc, 'sites', None)  # frozen: `set` makes others
         damping = self.damping[:1] if self.damping.strides == (0,) else self.damping  # of all, where it is one number
         return (calc, self.dt, self._sum_of_drives, changeable, [constraint.todict() for constraint in atoms.constraints],
                 *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, damping)))

@@ -246,7 +246,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
         raise ValueError('nothing drives the structure; give a force, or the displacements of walls')
     force = _force_on(system, force)
     gamma = float(rates[0])
-    if np.ptp(rates) or system.gyration.any():
+    if np.ptp(rates) or system.turning:
         answer = harmonic_response(system, force, omega, rates)
         return FrequencyResponse(answer.omega, answer.response[:, particles])
     s = system.shapes.T @ force[:, : system.dim].ravel()

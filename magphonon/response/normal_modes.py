@@ -66,7 +66,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     count = size if count is None else whole('count', count)
     if count > size:
         raise ValueError(f'the structure has {size} modes, not {count}')
-    if system.gyration.any():
+    if system.turning:
         omega, vectors = (part[..., :count] for part in gyrating_modes(system.B().toarray(), system.K.toarray()))
         return Modes(omega, (system.shapes @ vectors).T.reshape(count, len(system), system.dim))
     if count == size:
@@ -92,7 +92,7 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     (38,)
     """
     system = LinearSystem.of(atoms, gyrating=True).moving()
-    return modes(system).omega if system.gyration.any() else signed_root(np.linalg.eigvalsh(system.K.toarray()))
+    return modes(system).omega if system.turning else signed_root(np.linalg.eigvalsh(system.K.toarray()))
 
 
 def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
@@ -121,7 +121,7 @@ def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
 def refuse_unstable(system: LinearSystem, damping: ArrayLike = 0.0) -> None:
     """`refuse_growing` for a structure of any size, without its spectrum if stiffness alone holds it."""
     if not system.stable:
-        refuse_growing(*((-(system.growth(damping) ** 2), 0.0) if system.gyration.any() else lowest_mode(system.K)[:2]))
+        refuse_growing(*((-(system.growth(damping) ** 2), 0.0) if system.turning else lowest_mode(system.K)[:2]))
 
 
 def refuse_growing(lowest: float, highest: float) -> None:

@@ -228,7 +228,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     rows, shapes = system.rows(particles)
     load = _Load(system, drives, push, tolerance)
     state = _initial_state(atoms, system, load.walls.particles)
-    turning = abs(system.gyration).max()
+    turning = system.turning
     alike = not (np.ptp(rates) or turning)
     K = products_of(system) if alike else system.K
 

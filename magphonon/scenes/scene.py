@@ -38,7 +38,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.leaning import leaning
 from ..stiffness.relaxation import Relaxation, relaxed
 from ..stiffness.rest import freedom
-from ..stiffness.sites import of_sites
+from ..stiffness.site_laws import of_sites
 from .consistency import check
 from .fields import Table, Text, listed, reason
 from .lattices import ALL, AUTO, TOLERANCE, AnyLattice, Foundation, Oscillator, Patch, Supercell

@@ -18,8 +18,7 @@ from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
-from ..stiffness.rest import J, LinearSystem
-from ..stiffness.site_laws import springs_of
+from ..stiffness.rest import LinearSystem
 
 ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squared frequency is zero
 HARMONICS = 8
@@ -103,7 +102,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     (('rotating', 'rotating'), array([475., 475.]))
     """
     system = LinearSystem.of(atoms)
-    springs_of(system.calc.sites.foundation, 'a shift with amplitude')  # higher derivatives of others are not known
+    system.calc.tie.springs('a shift with amplitude')  # higher derivatives of others are not known
     calc, P, pbc = system.calc, system.free, system.atoms.pbc
     zone = bool(pbc.any()) and P.shape[1] <= DENSE
     if q is not None and not zone:
@@ -160,7 +159,8 @@ class _Waves:
         kinds, kind = [], 'standing' if _edge(q) else 'travelling'
         P, dim = self.system.free, self.system.dim
         if e.shape[1] > 1:  # angular momentum about the normal of the plane
-            turning = P.T @ sparse.kron(sparse.diags_array(self.system.masses), np.pad(J, (0, dim - 2))) @ P
+            J = np.pad([[0.0, 1.0], [-1.0, 0.0]], (0, dim - 2))
+            turning = P.T @ sparse.kron(sparse.diags_array(self.system.masses), J) @ P
             L, turns = np.linalg.eigh(1j * e.conj().T @ (turning @ e))
             if abs(L).max() > DEGENERACY:
                 e, kinds = e @ turns, ['rotating' if abs(spin) > DEGENERACY else kind for spin in L]

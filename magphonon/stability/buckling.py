@@ -25,7 +25,8 @@ from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
-from ..stiffness.sites import Foundation, Sites, refuse_gyration
+from ..stiffness.site_laws import Foundation
+from ..stiffness.sites import Sites, refuse_gyration
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero

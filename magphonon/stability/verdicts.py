@@ -29,7 +29,6 @@ from ..interactions.pair_laws import Hertz, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, on_foundation
-from ..stiffness.site_laws import Travelling, springs_of
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     VERGE,
@@ -203,22 +202,23 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     if layer is not None:
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
-    law = atoms.calc.sites.foundation if isinstance(atoms.calc, Repulsion) else None
-    atoms = on_foundation(atoms, law.k) if isinstance(law, Travelling) else atoms
+    law = atoms.calc.tie if isinstance(atoms.calc, Repulsion) else None
+    pumped = law is not None and law.modulated
+    atoms = on_foundation(atoms, law.k) if pumped else atoms
     run: dict[str, Any] = {'layer': layer, 'damping': damping, 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
         return Verdict(Case(atoms, atoms, np.zeros(1), **run))
     calc = repulsion_of(atoms)
-    springs_of(calc.sites.foundation, 'a verdict')
+    calc.tie.springs('a verdict')
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
     system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)), gyrating=True)
-    if isinstance(law, Travelling):
+    if pumped:
         run['pumped'] = on_foundation(system.atoms, law)
-    if system.gyration.any():
+    if system.turning:
         run['gyrating'], system = system, system.without_gyration()
     away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())
     return Verdict(Case(system.atoms, system, system.left, away, closest, **run))
@@ -339,7 +339,7 @@ class Case:
     @property
     def pumps(self) -> bool:
         """Whether the modulation makes a wave grow."""
-        return self.growth is not None and self.growth.rate > GROWS * self.pumped.calc.sites.foundation.W  # pyright: ignore[reportOptionalMemberAccess]  it has one
+        return self.growth is not None and self.growth.rate > GROWS * self.pumped.calc.tie.W  # pyright: ignore[reportOptionalMemberAccess]  it has one
 
 
 @dataclass(frozen=True)
@@ -460,7 +460,7 @@ def pumping(case: Case) -> Finding:
     """Growth of waves by a modulation of the foundation, against the damping of the verdict."""
     if case.pumped is None or not (case.held and case.balanced):
         return Finding()
-    found, law = case.growth, case.pumped.calc.sites.foundation  # pyright: ignore[reportOptionalMemberAccess]  it has one
+    found, law = case.growth, case.pumped.calc.tie  # pyright: ignore[reportOptionalMemberAccess]  it has one
     if found is None:
         return Finding(unjudged='waves that the modulation of the foundation makes grow')
     what = f'The modulation of the foundation, {law.eps:.4g} of it at {u.hertz(law.W):.4g} Hz,'
@@ -507,14 +507,14 @@ def timestep_limit(case: Case) -> Finding:
     waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
     whole = case.gyrating if gyrates else case.system
     if case.pumped is not None:  # on its springs where they are stiffest
-        stiffest = on_foundation(case.pumped, case.pumped.calc.sites.foundation.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
+        stiffest = on_foundation(case.pumped, case.pumped.calc.tie.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
         whole = LinearSystem.nearest(stiffest, gyrating=True)
     system = whole.without_gyration() if gyrates else whole
     if not waves:
         highest = highest_frequency(whole)
     elif gyrates and not case.held:  # then gyration counts, and so do the hills
         lowest = softest_of(case.system, foundation=case.spring, weighted=True).lowest
-        highest = fastest(max(highest_squared(system), -lowest), case.gyrating.gyration)
+        highest = fastest(max(highest_squared(system), -lowest), case.gyrating.turning)
     else:
         highest = np.sqrt(max(highest_squared(system), 0.0))
     highest = max(float(highest), case.above[1] if case.above else 0.0)
@@ -622,7 +622,7 @@ def gyration(case: Case) -> Finding:
     """Largest gyration of a particle in rad/ms, 0 if none gyrates."""
     if case.gyrating is None:
         return Finding(0.0)
-    largest = float(abs(case.gyrating.gyration).max())
+    largest = case.gyrating.turning
     return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s: forces alone do not show it, and phonopy, '
                    'LAMMPS and other tools leave it out or are refused.')
 

@@ -31,15 +31,8 @@ from .bond import MODELS, Central, bond_stiffness
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .repulsion import Repulsion
-from .sites import (
-    Foundation,
-    Sites,
-    displacement_components,
-    from_reference,
-    range_of,
-    refuse_motion_out_of_the_plane,
-    warn_of_units,
-)
+from .site_laws import Foundation, range_of
+from .sites import Sites, displacement_components, from_reference, refuse_motion_out_of_the_plane, warn_of_units
 
 TAIL = 12.3
 """Distance in spacings from which a law counts as an inverse power: the bands of discs, whose law approaches that of dipoles,

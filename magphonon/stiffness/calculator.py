@@ -23,12 +23,11 @@ from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, displaced, interaction_along, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
 from .repulsion import Repulsion, masses_of
-from .site_laws import SiteLaw
+from .site_laws import range_of
 from .sites import (
     Sites,
     displacement_components,
     from_reference,
-    range_of,
     refuse_height,
     refuse_infinite,
     refuse_motion_out_of_the_plane,
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ..interactions.bond_laws import Laws
-    from .sites import Foundation
+    from .site_laws import Foundation
 
 STRETCHED = 3.0  # ratio of the length of a bond to its length in the reference above which the particles are no longer neighbours
 NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '
@@ -244,7 +243,7 @@ class MagneticRepulsion(Repulsion):
             refuse_motion_out_of_the_plane(here, atoms)
         energy, gradient = here._repulsion(u)
         forces[:, : self.dim] = here._forces(u, gradient)
-        energies += here._site_energies(u)
+        energies += sum((term.energy(u) for term in here.terms), 0.0)
         for end in (here.bonds.i, here.bonds.j):  # half of the energy that each bond has gained since rest belongs to either end
             energies += np.bincount(end, 0.5 * (energy - at_rest), len(u))
         found = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
@@ -280,13 +279,12 @@ class MagneticRepulsion(Repulsion):
     @property
     def spring_forces(self) -> NDArray[np.float64]:
         """Forces of the foundation at rest, `-k (rest - anchor)` of springs, in N, shape (particles, dim)."""
-        given, slack = self.sites.foundation, self.slack[:, : self.dim]
-        return -given.gradient(slack) if isinstance(given, SiteLaw) else -given * slack
+        return -self.tie.gradient(self.slack[:, : self.dim])
 
     @cached_property
     def offset(self) -> NDArray[np.float64]:
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
-        return self.load[:, : self.dim] + self.spring_forces
+        return sum((term.constant() for term in self.terms), np.zeros((len(self.reference), self.dim)))
 
     def _displaced(self, u):
         return displaced(self.bonds, self.bond_vectors, self.bonds.relative(u), self.model)
@@ -297,33 +295,14 @@ class MagneticRepulsion(Repulsion):
         energy, gradient = self.interaction.forces(vectors)
         return energy, gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
 
-    def _site_energies(self, u):
-        given, slack = self.sites.foundation, self.slack[:, : self.dim]
-        if not isinstance(given, SiteLaw):
-            return np.einsum('ix,ix->i', 0.5 * given * u - self.offset, u)
-        return given.energies(slack + u) - given.energies(slack) - (self.load[:, : self.dim] * u).sum(axis=1)
-
     def _forces(self, u, gradient):
-        given, bonds = self.sites.foundation, self.bonds.net(gradient)
-        if not isinstance(given, SiteLaw):
-            return self.offset - bonds - given * u
-        return self.load[:, : self.dim] - bonds - given.gradient(self.slack[:, : self.dim] + u)
+        return sum((term.force(u) for term in self.terms), self.offset - self.bonds.net(gradient))
 
     def pumped(self, atoms: Atoms, t: float) -> NDArray[np.float64]:
-        """What a foundation that changes adds to the forces of the calculator at the time `t` in ms: N, shape (particles, 3)."""
-        forces = np.zeros((len(atoms), 3))
-        forces[:, : self.dim] = self.sites.foundation.pumped(self.displacements(atoms) + self.slack[:, : self.dim], t,
-                                                                  self.anchors)
+        """What the time `t` in ms adds to the forces of the calculator: N, shape (particles, 3)."""
+        forces, u = np.zeros((len(atoms), 3)), self.displacements(atoms)
+        forces[:, : self.dim] = sum(term.pumped(u, t) for term in self.terms)
         return forces
-
-    def site_stiffness_at(self, u: NDArray[np.float64] | float) -> Any:
-        """Stiffness of each site at displacements u: one number, or shape (particles, dim) or (particles, dim, dim), in N/mm."""
-        given = self.sites.foundation
-        return given.stiffness(self.slack[:, : self.dim] + u) if isinstance(given, SiteLaw) else given
-
-    @property
-    def site_stiffness(self) -> Any:
-        return self.site_stiffness_at(0.0)
 
     def rest_stiffness(self, model: str | None = None) -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm; of the calculator's own model if none is given."""

@@ -18,7 +18,7 @@ from ..errors import finite, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
 from .calculator import MagneticRepulsion
 from .repulsion import repulsion_of
-from .sites import each_spring
+from .site_laws import each_spring
 
 LARGEST_SCATTER = 0.2  # relative: fewer than one of 3 million sites is expected to become negative
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'

@@ -12,7 +12,7 @@ from ..interactions.leaning import leaning_law
 from .all_neighbours import AllNeighbours
 from .ewald import lattice_sum
 from .repulsion import Repulsion
-from .sites import each_spring
+from .site_laws import each_spring
 
 EQUAL = 1e-9  # relative difference of what leaning takes from the springs of two sites that is round-off
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 
-from .sites import site_blocks
+from .site_laws import site_blocks
 
 if TYPE_CHECKING:
     from typing import Any
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ..lattices.bonds import Bonds
-    from .sites import Foundation
+    from .site_laws import Foundation
 
 
 ALONG = 1e-12

@@ -12,9 +12,9 @@ from ase.calculators.calculator import all_changes
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
-from .site_laws import SiteLaw, springs_of
 from .sites import Sites
 from .supercells import NEAR, fitted, refuse_another_order
+from .terms import terms_of
 
 if TYPE_CHECKING:
     from typing import Any
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
     from .calculator import MagneticRepulsion
-    from .sites import Foundation
+    from .site_laws import Foundation, Springs
+    from .terms import Term
 
 
 class Repulsion(Restartable):
@@ -100,7 +101,8 @@ class Repulsion(Restartable):
         own = {f.name: f.metadata['checked'](parameters[f.name], self.reference, self.dim) for f in fields(Sites)
                if f.name in parameters}
         self._sites = replace(self._sites, **own)
-        vars(self).pop('offset', None)
+        for made_of_sites in ('terms', 'tie', 'offset', 'site_stiffness'):
+            vars(self).pop(made_of_sites, None)
         self.supercells.clear()
         changed = super().set(**parameters | own)
         self.reset()
@@ -150,18 +152,36 @@ class Repulsion(Restartable):
 
         ValueError where there are other ties than constant springs: what takes these too asks `site_stiffness`.
         """
-        return springs_of(self._sites.foundation)
+        return self.tie.springs()
 
-    @property
+    @cached_property
+    def tie(self) -> Springs:
+        """The law that ties each particle to its place."""
+        return self._sites.tie
+
+    @cached_property
+    def terms(self) -> list[Term]:
+        """The parts of the forces, of K and of B that the sites add."""
+        return terms_of(self)
+
+    @cached_property
     def site_stiffness(self) -> Any:
         """Stiffness of each site at rest in N/mm: one number, or shape (particles, dim) or (particles, dim, dim)."""
-        return self.foundation
+        return self.site_stiffness_at(0.0)
+
+    def site_stiffness_at(self, u: NDArray[np.float64] | float) -> Any:
+        """Stiffness of each site at displacements u: one number, or shape (particles, dim) or (particles, dim, dim), in N/mm."""
+        return sum((term.stiffness(u) for term in self.terms), 0.0)
+
+    @property
+    def slack(self) -> NDArray[np.float64]:
+        """Extension of the foundation springs at rest: vectors from anchor to rest in mm, shape (particles, 3)."""
+        return np.broadcast_to(0.0, self.reference.positions.shape)
 
     @property
     def tied(self) -> bool:
         """Whether anything ties particles to their places."""
-        given = self._sites.foundation
-        return isinstance(given, SiteLaw) or bool(np.any(given))
+        return self._sites.has('foundation')
 
     @property
     def gyration(self) -> Foundation:

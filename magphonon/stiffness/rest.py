@@ -36,7 +36,6 @@ ELSEWHERE = 1e-3
 """Distance from the reference, as a fraction of the shortest bond, from which balanced particles are at another rest; closer ones
 may be displaced so little that their forces only seem balanced."""
 TILT = 1e-12  # relative component of a direction that is round-off, as after a rotation in the plane or about the normal
-J = np.array([[0.0, 1.0], [-1.0, 0.0]])  # turns a velocity by a right angle, clockwise
 SUCH_TOOLS = 'tools of this kind'
 HELD = 1e-12  # relative component of a blocked force below which it is round-off of the direction
 
@@ -306,20 +305,22 @@ class LinearSystem:
         """Matrix of squared frequencies, `S^T H S`, in rad^2/ms^2, shape (free, free)."""
         return sparse.csr_array(self.shapes.T @ self.hessian @ self.shapes)
 
-    @property
-    def gyration(self) -> NDArray[np.float64]:
-        """G of each site in rad/ms, shape (particles,)."""
-        return np.broadcast_to(self.atoms.calc.gyration, len(self))  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+    @cached_property
+    def turning(self) -> float:
+        """The largest rate in rad/ms at which forces by the velocity turn it, zero where there are none."""
+        calc: Any = self.atoms.calc
+        rates = [np.sqrt((term.rate() ** 2).sum(axis=(1, 2)) / 2).max() for term in calc.terms if term.turns]
+        return float(max(rates, default=0.0))
 
     def B(self, damping: ArrayLike = 0.0) -> sparse.csr_array:
         """Matrix of the velocities, `P^T (c - g (x) J) P`, in 1/ms, for the damping c (1/ms) of all sites or of each.
 
         It is the same in weighted coordinates: c and g are forces per momentum.  A guided particle does not gyrate.
         """
+        calc: Any = self.atoms.calc
         n, dim = len(self), self.dim
-        blocks = np.broadcast_to(damping, n)[:, None, None] * np.eye(dim)
-        if self.gyration.any():
-            blocks = blocks - self.gyration[:, None, None] * J
+        losses = np.broadcast_to(damping, n)[:, None, None] * np.eye(dim)
+        blocks = sum((term.rate() for term in calc.terms), losses)
         return sparse.csr_array(self.free.T @ sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1))) @ self.free)
 
     @cached_property

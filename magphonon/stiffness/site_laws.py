@@ -1,79 +1,179 @@
-"""What ties particles to their places other than springs that stay the same: springs that a wave modulates, laws of the site.
+"""What ties particles to their places: springs, springs that a wave modulates, laws of the site.
 
-A foundation is a number, an array of spring constants, or a `SiteLaw`.  A calculator, which does not know the time, answers for
-the law that stays the same; time steps add what is `pumped`.  What supposes constant springs asks `calc.foundation`, which
-refuses here in words; what takes any site asks `calc.site_stiffness`.
+A foundation is a number, an array of spring constants, or a law; `tie_of` makes a law of each, `Springs` or one derived from it.
+A calculator, which does not know the time, answers for the law that stays the same; time steps add what is `pumped`.  What
+assumes constant springs asks `calc.foundation`, which refuses here in words; what takes any site asks `calc.site_stiffness`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import finite, positive
-from .sites import of_sites, range_of, site_blocks, site_springs
+from ..errors import finite, not_negative, positive
+
+Foundation = float | NDArray[np.float64]
+"""Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
 
 
-class SiteLaw:
-    """Base of `Travelling` and `OnSite`: the energy V of each particle by its displacement d from its anchor.
-
-    A law that `changes` depends on time.
+class Modulation(NamedTuple):
+    """Springs `k(t) = k + 2 Re A e^{iWt}`: the frequency W in rad/ms, the wavevector kap in rad/mm along which A goes as
+    e^{-i kap.R} where sites are alike, and A in N/mm, shape (particles, dim).
     """
 
-    changes: bool | ClassVar[bool]
-    known: ClassVar[str]  # what knows such a law, for a message
+    W: float
+    kap: NDArray[np.float64]
+    A: NDArray[np.complex128]
+
+
+class Springs:
+    """Constant springs, and the base of all laws of the sites: the energy V of a particle by its displacement d from its anchor.
+
+    Displacements d and u are in mm, shape (particles, dim).  A law that depends on time overrides `beyond`, and says that it
+    `changes`; one that is not linear, `energies` and `stiffness` too.
+
+    Parameters
+    ----------
+    k : float or array_like
+        In N/mm.
+    """
+
+    k: Any
+    changes: bool | ClassVar[bool] = False
+    modulated: ClassVar[bool] = False  # whether `modulation` is all that time does to it
+    known: ClassVar[str] = ''  # what knows such a law, for a message; nothing where everything does
+    saved: ClassVar[tuple[str, ...]] = ()  # what files hold of it; nothing of what they cannot hold
+
+    def __init__(self, k: Any) -> None:
+        self.k = k
 
     def energies(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
-        """V in mJ, shape (particles,), at `d` in mm, shape (particles, dim)."""
-        raise NotImplementedError
-
-    def gradient(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
-        """V' in N, shape (particles, dim)."""
-        raise NotImplementedError
+        """V in mJ, shape (particles,)."""
+        return (self.k * d**2).sum(axis=1) / 2
 
     def stiffness(self, d: NDArray[np.float64]) -> Any:
         """V'' in N/mm: one number, shape (particles, dim), or (particles, dim, dim)."""
-        raise NotImplementedError
+        return self.k
 
-    def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the time `t` in ms adds to the force -V' in N, shape (particles, dim); anchors in mm, shape (particles, 3)."""
-        raise NotImplementedError
+    def beyond(self, d: NDArray[np.float64], t: float | None = None, anchors: Any = None) -> Any:
+        """What V' is beyond k d, in N, shape (particles, dim), at the time t in ms, or of the law that stays the same.
+
+        Anchors are in mm, shape (particles, 3).
+        """
+        return 0.0
+
+    def gradient(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
+        """V' in N, shape (particles, dim)."""
+        return self.beyond(d) + self.k * d
+
+    def gain(self, slack: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What displacements u add to V where d = slack at rest, in mJ, shape (particles,)."""
+        return np.einsum('ix,ix->i', self.k * (0.5 * u + slack), u)
+
+    def pull(self, slack: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What displacements u add to V' where d = slack at rest, in N, shape (particles, dim)."""
+        return self.k * u
+
+    def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> Any:
+        """What the time t adds to the force -V' in N, shape (particles, dim)."""
+        return self.beyond(d) - self.beyond(d, t, anchors)
+
+    def modulation(self, anchors: NDArray[np.float64]) -> Modulation | None:
+        """How the springs swing, if that is all that time does to them."""
+        return None
 
     @property
     def stiffest(self) -> Any:
         """A foundation that stays the same and is as stiff as this one ever is, as far as that is known."""
         return self
 
-    def of(self, particles: int, dim: int) -> Self:
+    def springs(self, what: str = 'this') -> Any:
+        """The constant springs, or ValueError for another law, of which `what` knows nothing."""
+        if self.known:
+            raise ValueError(f'{what} supposes that constant springs tie the particles to their places, but {self!r} does: '
+                             f'{self.known}')
+        return self.k
+
+    def of(self, particles: int, dim: int, layer: bool = False) -> Self:
         """The same law, checked for so many particles."""
-        raise NotImplementedError
+        return self._on(site_springs(self.k, particles, dim, layer))
 
     def on(self, image: NDArray[np.intp]) -> Self:
         """The same law on other sites, of which `image` tells which one each was."""
-        raise NotImplementedError
+        return self._on(of_sites(self.k, image))
+
+    def _on(self, k):
+        other = copy(self)
+        vars(other)['k'] = k  # the laws derived from this one are frozen
+        return other
 
 
-def springs_of(foundation: Any, what: str = 'this') -> Any:
-    """A foundation of constant springs, or ValueError for another one, of which `what` knows nothing."""
-    if isinstance(foundation, SiteLaw):
-        raise ValueError(f'{what} supposes that constant springs tie the particles to their places, but {foundation!r} does: '
-                         f'{foundation.known}')
-    return foundation
+def tie_of(foundation: Any) -> Springs:
+    """The law of a foundation: itself, or that of springs of so many N/mm."""
+    return foundation if isinstance(foundation, Springs) else Springs(foundation)
+
+
+def kept(law: Springs) -> Any:
+    """A law as the sites keep it: of springs their constants alone."""
+    return law if law.known else law.k
 
 
 def refuse_changes(calc: Any, what: str) -> None:
     """Refuse a foundation that changes with time, of which `what` sees nothing."""
-    law = calc.sites.foundation
-    if isinstance(law, SiteLaw) and law.changes:
-        raise ValueError(f'{what} know no time, but {law!r} changes with it: {law.known}')
+    if calc.tie.changes:
+        raise ValueError(f'{what} know no time, but {calc.tie!r} changes with it: {calc.tie.known}')
+
+
+def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
+    """The foundation in N/mm as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
+
+    For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
+    """
+    if np.ndim(foundation) == 0 and not layer:
+        return not_negative('foundation', foundation, 'N/mm')
+    given = finite('foundation', foundation)
+    for where in np.argwhere(given < 0)[:1]:
+        not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
+    shapes = (particles,), (particles, 1), (1, dim), (particles, dim), *([()] if layer else [])
+    if given.shape not in shapes:
+        raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
+                         f'{particles} particles in {dim} dimensions, not {given.shape}')
+    springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
+    if (springs == springs[0, 0]).all() and not layer:
+        return float(springs[0, 0])
+    springs.flags.writeable = False
+    return springs
+
+
+def of_sites(values: Any, sites: NDArray[np.intp] | slice) -> Any:
+    """The `values` at some sites; they are given for each site, or as one number for all."""
+    return values[sites] if np.ndim(values) else values
+
+
+def range_of(values: Foundation) -> str:
+    """The text for `repr`: the number if there is only one, otherwise the lowest and the highest value of all sites."""
+    return repr(values) if np.ndim(values) == 0 else f'<{np.min(values):.4g} to {np.max(values):.4g}>'
+
+
+def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.float64]:
+    """Stiffness of the foundation along each component of the displacements, shape (particles * dim,), in N/mm."""
+    return np.broadcast_to(foundation, (particles, dim)).ravel()
+
+
+def site_blocks(stiffness: Any, particles: int, dim: int) -> NDArray[np.float64]:
+    """Stiffness of each site as a tensor, shape (particles, dim, dim), from that or from springs along the components."""
+    if np.ndim(stiffness) == 3:
+        return np.broadcast_to(stiffness, (particles, dim, dim))
+    return each_spring(stiffness, particles, dim).reshape(particles, dim, 1) * np.eye(dim)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Travelling(SiteLaw):
+class Travelling(Springs):
     """Springs modulated by a wave: `k_i(t) = k [1 + eps cos(W t - kap.R_i)]`, with R_i the anchor of particle i.
 
     Waves that run with the modulation and against it meet other partners, so that bands open gaps on one side only [1]_; where
@@ -108,6 +208,8 @@ class Travelling(SiteLaw):
     W: float
     kap: Any
     changes: ClassVar[bool] = True
+    modulated: ClassVar[bool] = True
+    saved: ClassVar[tuple[str, ...]] = ('k', 'eps', 'W', 'kap')
     known: ClassVar[str] = 'floquet_bands and time steps (DrivenVerlet) know it; for the mean springs set foundation=k'
 
     def __post_init__(self) -> None:
@@ -123,35 +225,19 @@ class Travelling(SiteLaw):
         kap = ', '.join(f'{x:.6g}' for x in np.round(self.kap, 12))
         return f'Travelling({range_of(self.k)}, eps={self.eps:g}, W={self.W:g}, kap=({kap}))'
 
-    def energies(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
-        return (self.k * d**2).sum(axis=1) / 2
-
-    def gradient(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.k * d
-
-    def stiffness(self, d: NDArray[np.float64]) -> Any:
-        return self.k
-
     @property
     def stiffest(self) -> Any:
         return (1 + self.eps) * self.k
 
-    def phases(self, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
-        """kap.R at each anchor, shape (particles,)."""
-        return anchors @ self.kap
+    def beyond(self, d: NDArray[np.float64], t: float | None = None, anchors: Any = None) -> Any:
+        return 0.0 if t is None else self.eps * np.cos(self.W * t - anchors @ self.kap)[:, None] * self.k * d
 
-    def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
-        return -self.eps * np.cos(self.W * t - self.phases(anchors))[:, None] * self.k * d
-
-    def of(self, particles: int, dim: int) -> Self:
-        return replace(self, k=site_springs(self.k, particles, dim))
-
-    def on(self, image: NDArray[np.intp]) -> Self:
-        return replace(self, k=of_sites(self.k, image))
+    def modulation(self, anchors: NDArray[np.float64]) -> Modulation:
+        return Modulation(self.W, np.array(self.kap), self.eps / 2 * np.exp(-1j * (anchors @ self.kap))[:, None] * self.k)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OnSite(SiteLaw):
+class OnSite(Springs):
     """Energy V(d) of each particle by its displacement d from its anchor: several wells, a tensor, a magnet below.
 
     Linear tools take V'' at rest, time steps the whole law.  A function of the time makes it `g(t) V(d)`: electromagnets.
@@ -220,48 +306,45 @@ class OnSite(SiteLaw):
     def energies(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.energy(d) + (self.k * d**2).sum(axis=1) / 2
 
-    def gradient(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.slope(d) + self.k * d
+    def gain(self, slack: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.energies(slack + u) - self.energies(slack)
+
+    def pull(self, slack: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.gradient(slack + u) - self.gradient(slack)
 
     def stiffness(self, d: NDArray[np.float64]) -> Any:
         return self.curvature(d) + site_blocks(self.k, *d.shape)
 
-    def factor(self, t: float) -> Any:
-        """The number, or one for each particle, by which V is multiplied at the time `t`."""
-        return 1.0 if self.g is None else self.g(t)
+    def beyond(self, d: NDArray[np.float64], t: float | None = None, anchors: Any = None) -> Any:
+        return self.slope(d) if t is None or self.g is None else (self.g(t) * self.slope(d).T).T
 
-    def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
-        return ((1 - self.factor(t)) * self.slope(d).T).T
-
-    def of(self, particles: int, dim: int) -> Self:
+    def of(self, particles: int, dim: int, layer: bool = False) -> Self:
         zero = np.zeros((particles, dim))
         try:
             for name, shape in (('energy', (particles,)), ('slope', (particles, dim)), ('curvature', (particles, dim, dim))):
                 finite(f'{name} of the law of the sites at their anchors', getattr(self, name)(zero), shape)
         except (IndexError, TypeError) as error:
             raise ValueError(f'the law of the sites does not take displacements of shape {zero.shape}: {error}') from None
-        return replace(self, k=site_springs(self.k, particles, dim))
+        return super().of(particles, dim, layer)
 
     def on(self, image: NDArray[np.intp]) -> Self:
-        if np.ndim(self.K) == 3:
-            return type(self).tensor(self.K[image], self.g)
-        return replace(self, k=of_sites(self.k, image))
+        return type(self).tensor(self.K[image], self.g) if np.ndim(self.K) == 3 else super().on(image)
 
 
 def foundation_to_dict(given: Any) -> Any:
     """A foundation as files of ASE hold it."""
-    if isinstance(given, Travelling):
-        return {'kind': 'Travelling', 'k': given.k, 'eps': given.eps, 'W': given.W, 'kap': given.kap}
-    return {'kind': 'OnSite'} if isinstance(given, OnSite) else given
+    law = tie_of(given)
+    return {'kind': type(law).__name__} | {name: getattr(law, name) for name in law.saved} if law.known else law.k
 
 
 def foundation_from_dict(given: Any) -> Any:
     """The foundation that `foundation_to_dict` wrote."""
     if not isinstance(given, dict):
         return given
-    if given.get('kind') == 'OnSite':
+    law = {law.__name__: law for law in Springs.__subclasses__() if law.saved}.get(given.get('kind', Travelling.__name__))
+    if law is None:
         raise ValueError('the law of the sites is made of functions in Python, which no file holds; make the calculator again')
     try:
-        return Travelling(*(given[name] for name in ('k', 'eps', 'W', 'kap')))
+        return law(*(given[name] for name in law.saved))
     except KeyError as missing:
         raise ValueError(f'the saved foundation lacks {missing}; write the calculator again') from None

@@ -17,6 +17,7 @@ from .. import units
 from ..errors import finite, not_negative, shown
 from ..interactions.bond_laws import BondLaws
 from .bond import sizes
+from .site_laws import Foundation, Springs, kept, of_sites, tie_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from .calculator import MagneticRepulsion
     from .repulsion import Repulsion
 
-Foundation = float | NDArray[np.float64]
-"""Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
 FREQUENCIES_Hz = 1e-4, 1e13
 """Range of frequencies, from a period of three hours to the atoms of a solid; outside it a unit or an exponent is wrong."""
 DENSITY = 50.0
@@ -79,32 +78,39 @@ class Sites:
         """The same properties as they are kept, read-only, for the particles of a reference; ValueError where they do not fit."""
         return replace(self, **{f.name: f.metadata['checked'](getattr(self, f.name), reference, dim) for f in fields(self)})
 
+    def has(self, name: str) -> bool:
+        """Whether a property of any site is other than zero."""
+        return bool(np.any(getattr(self, name)))
+
     def __len__(self) -> int:
         return len(self.anchors)
 
+    @property
+    def tie(self) -> Springs:
+        """The law of the foundation."""
+        return tie_of(self.foundation)
+
     def __getitem__(self, image: Any) -> Self:
         """The properties at other sites, of which `image` (indices, mask or slice) tells which one each was."""
-        return replace(self, **{name: on_sites(value, image) for name, value in vars(self).items()})
+        return replace(self, **{name: _at(name, value, image) for name, value in vars(self).items()})
 
     def joined(self, others: Sequence[Sites]) -> Self:
         """The properties at these sites and then at those of others."""
         every = [self, *others]
-        return replace(self, **{name: _joined([getattr(sites, name) for sites in every], [len(sites) for sites in every])
+        return replace(self, **{name: _joined(name, [getattr(sites, name) for sites in every], [len(sites) for sites in every])
                                 for name in self.names()})
 
 
-def on_sites(values: Any, image: Any) -> Any:
-    """A property at other sites; laws of the site know themselves how to go there."""
-    return values.on(image) if hasattr(values, 'on') else of_sites(values, image)
+def _at(name, value, image):
+    return kept(tie_of(value).on(image)) if name == 'foundation' else of_sites(value, image)
 
 
-def _joined(values, sizes):
+def _joined(name, values, sizes):
     first = values[0]
-    if all(value is first for value in values) and (np.ndim(first) == 0 or hasattr(first, 'on')):
-        return on_sites(first, np.tile(np.arange(sizes[0]), len(sizes)))
-    for law in [value for value in values if hasattr(value, 'on')][:1]:
-        raise ValueError(f'{law!r} is a law of the sites, and structures with different laws of this kind cannot be joined; run '
-                         'them one after another')
+    if np.ndim(first) == 0 and all(value is first for value in values):
+        return _at(name, first, np.tile(np.arange(sizes[0]), len(sizes)))
+    if name == 'foundation':
+        values = [tie_of(value).springs('a structure joined of several that differ') for value in values]
     width = max((np.shape(value)[1:] for value in values), key=len)
     each = [np.reshape(value, (-1, *(np.shape(value)[1:] or (1,) * len(width)))) for value in values]
     return np.concatenate([np.broadcast_to(value, (size, *width)) for value, size in zip(each, sizes, strict=True)])
@@ -129,36 +135,13 @@ def site_load(load: ArrayLike | None, particles: int, dim: int) -> NDArray[np.fl
 
 
 def site_tie(foundation: Any, reference: Atoms, dim: int) -> Any:
-    """What ties particles to their places: springs in N/mm, or a law of the site, checked."""
-    if hasattr(foundation, 'of'):
-        return foundation.of(len(reference), dim)
-    return site_springs(foundation, len(reference), dim, dim == 3 and not reference.pbc.all())
+    """What ties particles to their places, checked: springs in N/mm, or another law of the site."""
+    return kept(tie_of(foundation).of(len(reference), dim, dim == 3 and not reference.pbc.all()))
 
 
 def displacement_components(reference: Atoms, foundation: Any) -> int:
     """Number of components of a displacement: 3 in space, and in a plane if the foundation has three components."""
     return 3 if reference.pbc.all() or np.shape(foundation)[1:] == (3,) else 2
-
-
-def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
-    """The foundation in N/mm as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
-
-    For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
-    """
-    if np.ndim(foundation) == 0 and not layer:
-        return not_negative('foundation', foundation, 'N/mm')
-    given = finite('foundation', foundation)
-    for where in np.argwhere(given < 0)[:1]:
-        not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
-    shapes = (particles,), (particles, 1), (1, dim), (particles, dim), *([()] if layer else [])
-    if given.shape not in shapes:
-        raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
-                         f'{particles} particles in {dim} dimensions, not {given.shape}')
-    springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
-    if (springs == springs[0, 0]).all() and not layer:
-        return float(springs[0, 0])
-    springs.flags.writeable = False
-    return springs
 
 
 def site_strengths(strengths: ArrayLike | None, particles: int) -> NDArray[np.float64]:
@@ -216,28 +199,6 @@ def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
         raise ValueError(f'damping must be one number or one for each of the {particles} particles, not {given.shape}')
     not_negative('damping', float(given.min(initial=0.0)), '1/ms')
     return np.broadcast_to(given, particles)
-
-
-def of_sites(values: Any, sites: NDArray[np.intp] | slice) -> Any:
-    """The `values` at some sites; they are given for each site, or as one number for all."""
-    return values[sites] if np.ndim(values) else values
-
-
-def range_of(values: Foundation) -> str:
-    """The text for `repr`: the number if there is only one, otherwise the lowest and the highest value of all sites."""
-    return repr(values) if np.ndim(values) == 0 else f'<{np.min(values):.4g} to {np.max(values):.4g}>'
-
-
-def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.float64]:
-    """Stiffness of the foundation along each component of the displacements, shape (particles * dim,), in N/mm."""
-    return np.broadcast_to(foundation, (particles, dim)).ravel()
-
-
-def site_blocks(stiffness: Any, particles: int, dim: int) -> NDArray[np.float64]:
-    """Stiffness of each site as a tensor, shape (particles, dim, dim), from that or from springs along the components."""
-    if np.ndim(stiffness) == 3:
-        return np.broadcast_to(stiffness, (particles, dim, dim))
-    return each_spring(stiffness, particles, dim).reshape(particles, dim, 1) * np.eye(dim)
 
 
 def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:

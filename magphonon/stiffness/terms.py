@@ -1,0 +1,100 @@
+"""A structure is a sum of terms: each adds its part to the forces about a rest, and to M u'' + B u' + K u = f.
+
+The bonds are one term, kept apart because their parts are those of pairs.  The others are terms of single sites, each made of one
+property of `Sites` where any site has it.  Calculators and `LinearSystem` know the sums alone.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from .repulsion import Repulsion
+
+
+class Term:
+    """What one property of the sites does; what it does not do is zero.  u are displacements from rest in mm."""
+
+    turns: ClassVar[bool] = False  # whether it has a `rate`
+
+    def __init__(self, calc: Any) -> None:
+        self.calc, self.dim, self.slack = calc, calc.dim, calc.slack[:, : calc.dim]
+
+    def constant(self) -> Any:
+        """Force at rest in N, shape (particles, dim)."""
+        return 0.0
+
+    def force(self, u: NDArray[np.float64]) -> Any:
+        """What displacements add to the force at rest, in N, shape (particles, dim)."""
+        return 0.0
+
+    def energy(self, u: NDArray[np.float64]) -> Any:
+        """Energy from rest in mJ, shape (particles,)."""
+        return 0.0
+
+    def stiffness(self, u: NDArray[np.float64] | float) -> Any:
+        """Blocks of K in N/mm: one number, or shape (particles, dim) or (particles, dim, dim)."""
+        return 0.0
+
+    def rate(self) -> Any:
+        """Blocks of B without losses, force per momentum in 1/ms: shape (1 or particles, dim, dim)."""
+        return 0.0
+
+    def pumped(self, u: NDArray[np.float64], t: float) -> Any:
+        """What the time t in ms adds to the force, in N, shape (particles, dim)."""
+        return 0.0
+
+
+class Load(Term):
+    """A constant force h, of energy -h.u."""
+
+    def constant(self) -> Any:
+        return self.calc.load[:, : self.dim]
+
+    def energy(self, u: NDArray[np.float64]) -> Any:
+        return -(self.constant() * u).sum(axis=1)
+
+
+class Tie(Term):
+    """The law V of the displacement of each site from its anchor, from which it is `slack` away at rest."""
+
+    def constant(self) -> Any:
+        return -self.calc.tie.gradient(self.slack)
+
+    def force(self, u: NDArray[np.float64]) -> Any:
+        return -self.calc.tie.pull(self.slack, u)
+
+    def energy(self, u: NDArray[np.float64]) -> Any:
+        return self.calc.tie.gain(self.slack, u)
+
+    def stiffness(self, u: NDArray[np.float64] | float) -> Any:
+        return self.calc.tie.stiffness(self.slack + u)
+
+    def pumped(self, u: NDArray[np.float64], t: float) -> Any:
+        return self.calc.tie.pumped(self.slack + u, t, self.calc.anchors)
+
+
+class Gyration(Term):
+    """The force m u' x g of the vector g of each site; one number is that along z."""
+
+    turns: ClassVar[bool] = True
+
+    def rate(self) -> Any:
+        g = np.asarray(self.calc.gyration)
+        g = g if g.ndim == 2 else g.reshape(-1, 1) * [0.0, 0.0, 1.0]
+        return -np.cross(np.eye(3), g[:, None]).swapaxes(1, 2)[:, : self.dim, : self.dim]
+
+
+TERMS = {'load': Load, 'foundation': Tie, 'gyration': Gyration}
+"""The term of each property of the sites that has one."""
+
+
+def terms_of(calc: Repulsion) -> list[Term]:
+    """The terms of the sites of a calculator."""
+    return [term(calc) for name, term in TERMS.items() if calc.sites.has(name)]
