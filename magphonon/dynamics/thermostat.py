@@ -1,6 +1,6 @@
 """Thermal noise of damped particles: exact half steps of the Ornstein-Uhlenbeck process.
 
-With E what half a step of damping and gyration leaves of a velocity (v_x + i v_y of particles that gyrate), and independent
+With E what half a step of damping and gyration leaves of a velocity (v_x + i v_y, or a matrix in space), and independent
 normal numbers xi, half a step is
 
     v <- E v + sqrt((1 - |E|^2) kT/m) xi
@@ -22,11 +22,12 @@ DRAWN = 2**17  # about how many normal numbers are drawn at a time
 
 
 class Bath:
-    """What the half steps of a run add to velocities: kT in mJ, and the decay E of each particle, complex where it gyrates."""
+    """What the half steps of a run add to velocities: kT in mJ, and the decay E of each particle, complex or a matrix where it gyrates."""
 
     def __init__(self, temperature: float, masses: NDArray[np.float64], decay: NDArray[np.float64], seed: int, dim: int) -> None:
         self.decay, self.seed, self.thermal = decay, seed, float(np.sqrt(temperature / masses.min()))
-        self._spread = np.sqrt((1 - abs(decay) ** 2) * temperature / masses)[:, None]
+        left = abs(decay) ** 2 if decay.ndim == 1 else (decay**2).sum(axis=(1, 2)) / 3
+        self._spread = np.sqrt((1 - left) * temperature / masses)[:, None]
         self._shape = max(1, DRAWN // (2 * len(masses) * dim)), 2, len(masses), dim
         self._part, self._drawn = -1, np.zeros(0)
 

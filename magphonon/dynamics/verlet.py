@@ -225,10 +225,10 @@ class DrivenVerlet(VelocityVerlet):
 
     def _half_step(self):
         """What losses and gyration leave of velocities in half a step; None if there are neither."""
-        gyration = getattr(self.atoms.calc, 'gyration', 0.0)
-        if not (self.damping.any() or np.any(gyration)):
+        rate = getattr(self.atoms.calc, 'rate', 0.0)
+        if not (self.damping.any() or np.any(rate)):
             return None
-        return half_step(self.damping, gyration, freedom(self.atoms)[1] if np.any(gyration) else [], self.dt)
+        return half_step(self.damping, rate, freedom(self.atoms)[1] if np.any(rate) else [], self.dt)
 
     def _new_bath(self):
         """The noise that belongs to the present damping and masses."""
@@ -244,8 +244,11 @@ class DrivenVerlet(VelocityVerlet):
         if E is None:
             return
         p = self.atoms.get_momenta()
-        turned = E * (p[:, 0] + 1j * p[:, 1])
-        p = np.column_stack([turned.real, turned.imag, abs(E) * p[:, 2]])
+        if E.ndim == 3:
+            p = np.einsum('ixy,iy->ix', E, p)
+        else:
+            turned = E * (p[:, 0] + 1j * p[:, 1])
+            p = np.column_stack([turned.real, turned.imag, abs(E) * p[:, 2]])
         if self._bath:
             noise = self._bath.kicks(self.nsteps)[half]
             p[:, : noise.shape[1]] += self.atoms.get_masses()[:, None] * noise

@@ -19,7 +19,7 @@ from ..errors import finite, one_of, positive
 from ..files import Saved
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import ROUND_OFF
-from ..stiffness.rest import J, LinearSystem, components, refuse_held
+from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
@@ -327,16 +327,18 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     if source.ndim == 2:
         return Transmissibility(omega, seen(None, source))
     relative = omega**2 * seen(base_force(system, source))
-    if one_of('gyration_seen_from', gyration_seen_from, ('bench', 'floor')) == 'floor' and system.gyration.any():
-        turned = np.append(J @ source[:2], 0.0)
-        relative = relative + 1j * omega * seen(base_force(system, turned) * system.gyration[:, None])
+    if one_of('gyration_seen_from', gyration_seen_from, ('bench', 'floor')) == 'floor' and system.turning:
+        relative = relative + 1j * omega * seen(base_force(system, -system.rate @ source[: system.dim]))
     return Transmissibility(omega, answer.direction @ source + relative)
 
 
 def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Masses along a direction in which the bench is shaken, in g, within what constraints leave free; shape (particles, 3)."""
+    """Masses along a direction in which the bench is shaken, or one of each site, in g, within what constraints leave free.
+
+    Shape (particles, 3).
+    """
     force, P, dim = np.zeros((len(system), 3)), system.free, system.dim
-    force[:, :dim] = (P @ (P.T @ np.outer(system.masses, direction[:dim]).ravel())).reshape(-1, dim)
+    force[:, :dim] = (P @ (P.T @ (system.masses[:, None] * direction[..., :dim]).ravel())).reshape(-1, dim)
     return force
 
 

@@ -174,6 +174,11 @@ class Repulsion(Restartable):
         return sum((term.stiffness(u) for term in self.terms), 0.0)
 
     @property
+    def rate(self) -> NDArray[np.float64]:
+        """Forces by the velocity, -m times these matrices, in 1/ms, shape (1 or particles, dim, dim)."""
+        return sum((term.rate() for term in self.terms), np.zeros((1, self.dim, self.dim)))
+
+    @property
     def slack(self) -> NDArray[np.float64]:
         """Extension of the foundation springs at rest: vectors from anchor to rest in mm, shape (particles, 3)."""
         return np.broadcast_to(0.0, self.reference.positions.shape)

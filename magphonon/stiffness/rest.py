@@ -308,19 +308,20 @@ class LinearSystem:
     @cached_property
     def turning(self) -> float:
         """The largest rate in rad/ms at which forces by the velocity turn it, zero where there are none."""
-        calc: Any = self.atoms.calc
-        rates = [np.sqrt((term.rate() ** 2).sum(axis=(1, 2)) / 2).max() for term in calc.terms if term.turns]
-        return float(max(rates, default=0.0))
+        return float(np.sqrt((self.rate**2).sum(axis=(1, 2)) / 2).max())
+
+    @property
+    def rate(self) -> NDArray[np.float64]:
+        """B of each site without losses, in 1/ms, shape (1 or particles, dim, dim): force per momentum."""
+        return self.atoms.calc.rate  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]  which `about` sets
 
     def B(self, damping: ArrayLike = 0.0) -> sparse.csr_array:
         """Matrix of the velocities, `P^T (c - g (x) J) P`, in 1/ms, for the damping c (1/ms) of all sites or of each.
 
         It is the same in weighted coordinates: c and g are forces per momentum.  A guided particle does not gyrate.
         """
-        calc: Any = self.atoms.calc
-        n, dim = len(self), self.dim
-        losses = np.broadcast_to(damping, n)[:, None, None] * np.eye(dim)
-        blocks = sum((term.rate() for term in calc.terms), losses)
+        n = len(self)
+        blocks = np.broadcast_to(damping, n)[:, None, None] * np.eye(self.dim) + self.rate
         return sparse.csr_array(self.free.T @ sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1))) @ self.free)
 
     @cached_property

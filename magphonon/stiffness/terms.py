@@ -6,7 +6,7 @@ property of `Sites` where any site has it.  Calculators and `LinearSystem` know 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 class Term:
     """What one property of the sites does; what it does not do is zero.  u are displacements from rest in mm."""
-
-    turns: ClassVar[bool] = False  # whether it has a `rate`
 
     def __init__(self, calc: Any) -> None:
         self.calc, self.dim, self.slack = calc, calc.dim, calc.slack[:, : calc.dim]
@@ -82,8 +80,6 @@ class Tie(Term):
 
 class Gyration(Term):
     """The force m u' x g of the vector g of each site; one number is that along z."""
-
-    turns: ClassVar[bool] = True
 
     def rate(self) -> Any:
         g = np.asarray(self.calc.gyration)
