@@ -188,9 +188,9 @@ def _largest_eigenvalue(D, tolerance):
 
 
 def half_step(damping: NDArray[np.float64], rate: Any, guided: Sequence[int] | NDArray[np.int_], dt: float) -> NDArray[Any]:
-    """What losses and forces by the velocity, of a `rate` by site, leave of velocities in half a step, shape (particles,).
+    """What losses and forces by the velocity, of a `rate`, leave of velocities in half a step, shape (particles,).
 
-    In the plane, of v_x + i v_y, it is `E = e^{-(c + i g) dt/2}`, real if g = 0; in space, of vectors, a matrix for each particle.
+    In the plane, of v_x + i v_y, it is `E = e^{-(c + i g) dt/2}`, real if g = 0; in space a matrix for each particle.
     Particles that a line guides do not turn.
     """
     if not np.any(rate):

@@ -22,7 +22,7 @@ DRAWN = 2**17  # about how many normal numbers are drawn at a time
 
 
 class Bath:
-    """What the half steps of a run add to velocities: kT in mJ, and the decay E of each particle, complex or a matrix where it gyrates."""
+    """What the half steps of a run add to velocities: kT in mJ, and the decay E of each particle, not real if it gyrates."""
 
     def __init__(self, temperature: float, masses: NDArray[np.float64], decay: NDArray[np.float64], seed: int, dim: int) -> None:
         self.decay, self.seed, self.thermal = decay, seed, float(np.sqrt(temperature / masses.min()))

@@ -419,11 +419,12 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
     law, system = atoms.calc.law, LinearSystem.of(atoms)
     if not isinstance(law, InversePower):
         raise ValueError(f'{law!r} has no exponent to change; it must be an InversePower')
-    shortest, bare = system.calc.bonds.lengths.min(), Sites()  # neither springs nor loads
+    flat = system.calc.in_plane() if system.calc.layer else system.calc
+    shortest, bare = flat.bonds.lengths.min(), Sites()  # neither springs nor loads
     force = -law.dphi(shortest)
 
     def needed(a):
-        calc = system.calc.changed(sites=bare, laws=InversePower(force * shortest**a, a))
+        calc = flat.changed(sites=bare, laws=InversePower(force * shortest**a, a))
         return softest_of(LinearSystem.about(calc, system.atoms), steps=STEPS).needed
 
     found: dict[float, float] = {float(a): needed(float(a)) for a in _shown(np.asarray(exponents, dtype=float), 'exponents')}

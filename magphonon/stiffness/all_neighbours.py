@@ -132,7 +132,7 @@ class AllNeighbours(Repulsion):
                 'particles per cell')
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
-                laws: Any = None, model: str | None = None) -> AllNeighbours:
+                laws: Any = None, model: str | None = None, dim: int | None = None) -> AllNeighbours:
         """A calculator with another reference, other sites or another law; its bonds follow from these."""
         own = self.sites if sites is None else sites
         return AllNeighbours(self.reference if reference is None else reference, self.laws if laws is None else laws,

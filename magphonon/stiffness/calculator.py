@@ -70,10 +70,11 @@ class MagneticRepulsion(Repulsion):
     The conventional model keeps the bond directions fixed.  Where the forces of a pair are not along its bond the energy is that
     of the vectors R + du, and in the conventional model that of the same vectors stretched, to (r0 + n.du)/r0 of R.
 
-    Particles in a structure that is not periodic in all three directions are planar: they must share one z, and no force acts
-    along z.  (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
+    Particles that share one z are planar, unless the structure is periodic in all three directions: no force acts along z.
+    (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
     `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of their supports along z.  The repulsion
-    then acts along the line between two particles, or as that of `magphonon.interactions.UprightMagnets`.
+    then acts along the line between two particles, or as that of `magphonon.interactions.UprightMagnets`.  All other structures
+    are in space.
 
     Parameters
     ----------
@@ -104,11 +105,13 @@ class MagneticRepulsion(Repulsion):
         Instead of `shells`: the distance in mm within which particles interact.
     bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
         The interacting pairs, instead of `shells` and `cutoff`.  Their vectors are computed at the reference.
-    gyration : float or array_like, shape (particles,)
-        g in rad/ms, of all particles or of each: the force `m g J u'`, J = [[0, 1], [-1, 0]], turns velocities clockwise in the
-        plane, as gyroscopes, a rotating bench (twice its rate) or a magnetic field on charges do.  It does no work, and is
-        none of the `forces` that ASE asks for: the tools of this package that know it, and `DrivenVerlet`, add it, the others
-        refuse it; ASE's own dynamics cannot, and leave it out.
+    gyration : float or array_like, shape (particles,), or in space (3,) or (particles, 3)
+        g in rad/ms, of all particles or of each: the force `m u' x g` turns velocities about the vector g, or about z, as
+        gyroscopes, a rotating bench (twice its rate) or a magnetic field on charges do.  In the plane it is `m g J u'`,
+        J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work, and is none of the `forces` that ASE asks for: the tools of
+        this package that know it, and `DrivenVerlet`, add it, the others refuse it; ASE's own dynamics cannot, and leave it out.
+    dim : {2, 3}, optional
+        Number of components of a displacement, if it is not to be decided by the positions, the cell and the foundation.
 
     Warns
     -----
@@ -130,7 +133,7 @@ class MagneticRepulsion(Repulsion):
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
     default_parameters: ClassVar = dict.fromkeys(Sites.names(settable=True), 0.0) | {'model': 'complete'}
     saved: ClassVar[tuple[str, ...]] = ('model', 'bonds', *Sites.names(seldom=False))
-    seldom: ClassVar[tuple[str, ...]] = Sites.names(seldom=True)
+    seldom: ClassVar[tuple[str, ...]] = (*Sites.names(seldom=True), 'dim')
     pairwise = True
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
@@ -139,16 +142,16 @@ class MagneticRepulsion(Repulsion):
     def __init__(self, reference: Atoms, laws: Laws, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, model: str = 'complete', shells: int = 1, cutoff: float | None = None,
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
-                 load: ArrayLike | None = None, gyration: ArrayLike = 0.0) -> None:
+                 load: ArrayLike | None = None, gyration: ArrayLike = 0.0, dim: int | None = None) -> None:
         self._laws = checked_laws(laws)
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
-        self.dim = displacement_components(reference, foundation)
         first = not isinstance(bonds, Bonds)  # a calculator made from another one receives its Bonds
         reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
         self._reach = reach if bonds is None else f'bonds={len(bonds)}'
         self.bonds = bonds = bonds_of(self.reference, bonds, shells, cutoff)
+        self.dim = one_of('dim', displacement_components(reference, foundation, bonds) if dim is None else dim, (2, 3))
         self.reference.positions.flags.writeable = False  # constant forces are computed from them once
         self._sites = Sites(strengths, anchors, load, foundation, gyration).checked(self.reference, self.dim)
         self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self.strengths, self.dim)
@@ -185,12 +188,12 @@ class MagneticRepulsion(Repulsion):
         return super().set(**parameters)
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
-                laws: Any = None, model: str | None = None) -> MagneticRepulsion:
+                laws: Any = None, model: str | None = None, dim: int | None = None) -> MagneticRepulsion:
         here = self.reference if reference is None else reference
         if bonds is None:
             bonds = self.bonds if reference is None else self.bonds.at(reference)
         return MagneticRepulsion(here, self.laws if laws is None else laws, bonds=bonds, model=model or self.model,
-                                 **vars(self.sites if sites is None else sites))
+                                 dim=dim or self.dim, **vars(self.sites if sites is None else sites))
 
     def on(self, supercell: Atoms) -> MagneticRepulsion:
         """The same calculator on a supercell of its reference, whatever the order of the particles there."""

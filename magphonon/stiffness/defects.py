@@ -130,7 +130,7 @@ def scattered(atoms: Atoms, scatter: Scatter, seed: int) -> Atoms:
     """The structure with random scatter at all sites, held ones too; a seed gives the same structure on every machine."""
     normal: dict[str, Any] = dict(zip(QUANTITIES, site_normals(seed, len(atoms)).T, strict=True))
     moved = np.stack([normal[axis] for axis in 'xyz'], axis=1) * scatter.position
-    if not repulsion_of(atoms).reference.pbc.all():
+    if repulsion_of(atoms).dim == 2 or atoms.calc.layer:  # pyright: ignore[reportOptionalMemberAccess]
         moved[:, 2] = 0
     factors = {name: 1 + getattr(scatter, name) * normal[name] for name in ('mass', 'strength', 'stiffness')}
     return _varied(atoms, moved=moved, **factors)

@@ -12,7 +12,7 @@ from ase.calculators.calculator import all_changes
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
-from .sites import Sites
+from .sites import FLAT, Sites, height
 from .supercells import NEAR, fitted, refuse_another_order
 from .terms import terms_of
 
@@ -109,7 +109,7 @@ class Repulsion(Restartable):
         return changed
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
-                laws: Any = None, model: str | None = None) -> Any:
+                laws: Any = None, model: str | None = None, dim: int | None = None) -> Any:
         """A calculator with another reference, other bonds, sites, laws or another model: every one that is made from another.
 
         What is not given stays, particle by particle; bonds are measured again at the reference.
@@ -174,9 +174,9 @@ class Repulsion(Restartable):
         return sum((term.stiffness(u) for term in self.terms), 0.0)
 
     @property
-    def rate(self) -> NDArray[np.float64]:
-        """Forces by the velocity, -m times these matrices, in 1/ms, shape (1 or particles, dim, dim)."""
-        return sum((term.rate() for term in self.terms), np.zeros((1, self.dim, self.dim)))
+    def rate(self) -> Any:
+        """Forces by the velocity, -m times these matrices, in 1/ms: shape (1 or particles, dim, dim), or zero."""
+        return sum((term.rate() for term in self.terms), 0.0)
 
     @property
     def slack(self) -> NDArray[np.float64]:
@@ -189,18 +189,19 @@ class Repulsion(Restartable):
         return self._sites.has('foundation')
 
     @property
-    def gyration(self) -> Foundation:
-        """Rate g in rad/ms at which the force m g J u' turns velocities, clockwise: one number, or shape (particles,)."""
+    def gyration(self) -> Any:
+        """Rate g in rad/ms at which the force m u' x g turns velocities: one number, shape (particles,) or (particles, 3)."""
         return self._sites.gyration
 
     @property
     def layer(self) -> bool:
         """Whether the particles of a planar structure may move out of the plane, each on its own support."""
-        return self.dim == 3 and not self.reference.pbc.all()
+        flat = height(self.reference, self.bonds) <= FLAT * self.bonds.lengths.min(initial=np.inf)
+        return self.dim == 3 and not self.reference.pbc.all() and flat
 
     def in_plane(self) -> Any:
         """The same calculator of a layer without motion out of its plane."""
-        return self.changed(sites=replace(self.sites, foundation=np.asarray(self.foundation)[:, :2]))
+        return self.changed(sites=replace(self.sites, foundation=np.asarray(self.foundation)[:, :2]), dim=2)
 
     def on(self, supercell: Atoms) -> Repulsion:
         """The same calculator on a supercell of its reference."""

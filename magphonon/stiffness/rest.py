@@ -53,7 +53,7 @@ class LinearSystem:
 
         y'' + B y' + K y = S^T f      B = P^T (c - g (x) J) P      J = [[0, 1], [-1, 0]]
 
-    where masses cancel.  Every linear tool begins with `LinearSystem.of(atoms)`
+    where masses cancel; in space the force of gyration is m u' x g.  Every linear tool begins with `LinearSystem.of(atoms)`
     and accepts such a system in place of the atoms: make it once for several questions about one structure.
 
     Attributes
@@ -308,11 +308,11 @@ class LinearSystem:
     @cached_property
     def turning(self) -> float:
         """The largest rate in rad/ms at which forces by the velocity turn it, zero where there are none."""
-        return float(np.sqrt((self.rate**2).sum(axis=(1, 2)) / 2).max())
+        return float(np.sqrt((self.rate**2).sum(axis=(1, 2)) / 2).max()) if np.ndim(self.rate) else 0.0
 
     @property
-    def rate(self) -> NDArray[np.float64]:
-        """B of each site without losses, in 1/ms, shape (1 or particles, dim, dim): force per momentum."""
+    def rate(self) -> Any:
+        """B of each site without losses, in 1/ms, force per momentum: shape (1 or particles, dim, dim), or zero."""
         return self.atoms.calc.rate  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]  which `about` sets
 
     def B(self, damping: ArrayLike = 0.0) -> sparse.csr_array:

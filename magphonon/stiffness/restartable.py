@@ -81,8 +81,8 @@ class Restartable(Shared):
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
         own = vars(self.sites) | {'foundation': foundation_to_dict(self.sites.foundation)}
-        parts = {name: own[name] if name in own else getattr(self, name) for name in self.saved}
-        parts |= {name: own[name] for name in self.seldom if np.any(own[name])}
+        parts = {name: own[name] if name in own else getattr(self, name) for name in (*self.saved, *self.seldom)}
+        parts = {name: value for name, value in parts.items() if name in self.saved or np.any(value)}
         if 'bonds' in parts:  # their vectors follow from the reference
             parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),

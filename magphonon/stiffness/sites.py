@@ -136,12 +136,22 @@ def site_load(load: ArrayLike | None, particles: int, dim: int) -> NDArray[np.fl
 
 def site_tie(foundation: Any, reference: Atoms, dim: int) -> Any:
     """What ties particles to their places, checked: springs in N/mm, or another law of the site."""
-    return kept(tie_of(foundation).of(len(reference), dim, dim == 3 and not reference.pbc.all()))
+    flat = np.ptp(reference.positions[:, 2]) <= FLAT * np.ptp(reference.positions)
+    return kept(tie_of(foundation).of(len(reference), dim, layer=dim == 3 and not reference.pbc.all() and bool(flat)))
 
 
-def displacement_components(reference: Atoms, foundation: Any) -> int:
-    """Number of components of a displacement: 3 in space, and in a plane if the foundation has three components."""
-    return 3 if reference.pbc.all() or np.shape(foundation)[1:] == (3,) else 2
+def displacement_components(reference: Atoms, foundation: Any, bonds: Bonds | None = None) -> int:
+    """Number of components of a displacement: 3 in space, and in a plane if the foundation has three components.
+
+    A structure is in space if it is periodic in three directions, or particles that its bonds join stand at different heights.
+    """
+    high = bonds is not None and height(reference, bonds) > FLAT * bonds.lengths.min(initial=np.inf)
+    return 3 if high or reference.pbc.all() or np.shape(foundation)[1:] == (3,) else 2
+
+
+def height(atoms: Atoms, bonds: Bonds) -> float:
+    """Spread of z in mm, periodic images included."""
+    return max(np.ptp(atoms.positions[:, 2]), abs(bonds.vectors[:, 2]).max(initial=0.0))
 
 
 def site_strengths(strengths: ArrayLike | None, particles: int) -> NDArray[np.float64]:
@@ -154,15 +164,21 @@ def site_strengths(strengths: ArrayLike | None, particles: int) -> NDArray[np.fl
 
 
 def site_gyration(gyration: ArrayLike, particles: int, dim: int) -> Foundation:
-    """The gyration in rad/ms as one number if it is uniform, otherwise as an array, shape (particles,), read-only."""
+    """The gyration along z in rad/ms as one number if it is uniform, otherwise as an array, shape (particles,), read-only.
+
+    In space it may also be a vector, (3,) or (1, 3), or one for each particle: shape (particles, 3).
+    """
     given = finite('gyration', gyration)
-    if given.shape not in ((), (particles,)):
-        raise ValueError(f'the gyration must be one number, or one for each of the {particles} particles, not of the shape '
+    vectors = ((3,), (1, 3), (particles, 3)) if dim == 3 else ()
+    if given.shape not in ((), (particles,), *vectors) or (given.shape == (3,) and dim == particles == 3):
+        raise ValueError(f'the gyration must be one number, or one for each of the {particles} particles, '
+                         f'{"or a vector in space, of all in the shape (1, 3) or of each, " if dim == 3 else ""}not of the shape '
                          f'{given.shape}')
-    if dim == 3 and given.any():
-        raise ValueError('gyration turns velocities in the plane, and these particles leave it; take a planar structure, or '
-                         'gyration=0')
-    if (given == given.ravel()[:1]).all():
+    if given.shape in vectors:
+        given = np.broadcast_to(given, (particles, 3))
+        if not given[:, :2].any():  # along z
+            given = given[:, 2]
+    if given.ndim < 2 and (given == given.ravel()[:1]).all():
         return float(given.ravel()[0])
     given = given.copy()
     given.flags.writeable = False
@@ -203,15 +219,15 @@ def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
 
 def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
     """Refuse different z of planar particles (`dim` 2), or if forces are not `central`; periodic images count."""
-    height = max(np.ptp(atoms.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
-    if height <= FLAT * bonds.lengths.min():
+    z = height(atoms, bonds)
+    if z <= FLAT * bonds.lengths.min(initial=np.inf):
         return
     if dim == 2:
-        raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
-                         'a structure in space is periodic along three vectors')
+        raise ValueError(f'planar particles must share one z, but z ranges over {z:g} mm, periodic images included; leave dim=2 '
+                         'out, and they move in space')
     if not central:
         raise ValueError('particles whose forces are not along the line between them, such as upright magnets, stand on a plane, '
-                         f'but z ranges over {height:g} mm; give them one z')
+                         f'but z ranges over {z:g} mm; give them one z')
 
 
 def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
