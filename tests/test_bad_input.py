@@ -187,7 +187,7 @@ CASES = {
     'law of NaN': (lambda: repulsion(laws=Nonsense()), 'force nan N', 'check its parameters'),
     'law out of reach': (lambda: repulsion(laws=Tabulated([2, 3, 4, 5], [4, 3, 2, 1])),
                          '0.943398 mm', 'extend the measurement'),
-    'reference not planar': (lambda: repulsion(magnets([(0, 0, 0), (1, 0, 0.5)])), '0.5 mm', 'must share one z'),
+    'reference not planar': (lambda: repulsion(magnets([(0, 0, 0), (1, 0, 0.5)]), dim=2), '0.5 mm', 'must share one z'),
     'set unknown': (lambda: set_on(fundation=1), "'fundation'", "one of 'foundation', 'gyration', 'model'"),
     'set text': (lambda: set_on(foundation='stiff'), "'stiff'", 'must be a zero or positive number'),
     'set model': (lambda: set_on(model=None), 'None', "one of 'complete'"),

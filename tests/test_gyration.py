@@ -259,12 +259,10 @@ def test_what_knows_no_gyration_refuses_it(tool):
         ask(cell)
 
 
-def test_gyration_is_one_of_planar_lists_of_bonds():
+def test_gyration_is_one_of_lists_of_bonds():
     cell = lattices.triangular(1.0, 1.0)
     with pytest.raises(TypeError, match='gyration'):
         AllNeighbours(cell, InversePower(1.0, 4.0), gyration=1.0)
-    with pytest.raises(ValueError, match='in the plane'):
-        MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=[[6.0, 6.0, 9.0]], gyration=1.0)
     patch = drawn(np.random.default_rng(1), guided=False)
     assert relaxed(patch).atoms.calc.gyration.tolist() == patch.calc.gyration.tolist()  # statics know nothing of it
 

@@ -144,14 +144,12 @@ def test_balance_of_all_neighbours_is_judged_alike_in_all_units(units):
 @pytest.mark.parametrize('units', UNITS)
 def test_a_plane_is_judged_alike_in_all_units(units):
     L, s, m = units
-    for height, accepted in ((1e-10, True), (1e-8, False)):
+    for height, dim in ((1e-10, 2), (1e-8, 3)):
         atoms = lattices.hexagon(lattices.triangular(10.0 * L, 0.7 * m), 15.0 * L)
         atoms.positions[3, 2] += height * 10.0 * L
-        if accepted:
-            MagneticRepulsion(atoms, law(L, s))
-        else:
-            with pytest.raises(ValueError, match='planar particles must share one z'):
-                MagneticRepulsion(atoms, law(L, s))
+        assert MagneticRepulsion(atoms, law(L, s)).dim == dim
+    with pytest.raises(ValueError, match='planar particles must share one z'):
+        MagneticRepulsion(atoms, law(L, s), dim=2)
 
 
 @pytest.mark.parametrize('engine', ['ase', 'numpy'])
