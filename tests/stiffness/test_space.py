@@ -87,7 +87,8 @@ def test_a_tetrahedron_needs_no_foundation_to_be_in_space():
 def test_a_plane_is_in_space_where_dim_says_so():
     cell = lattices.triangular(10.0, 0.7)
     given = {'laws': InversePower(B, A), 'foundation': 5.0}
-    planar, spatial, layer = (MagneticRepulsion(cell, **given | other) for other in ({}, {'dim': 3}, {'foundation': [[5.0, 5, 5]]}))
+    others = {}, {'dim': 3}, {'foundation': [[5.0, 5.0, 5.0]]}
+    planar, spatial, layer = (MagneticRepulsion(cell, **given | other) for other in others)
     assert (planar.dim, spatial.dim, layer.dim) == (2, 3, 3)
     assert spatial.layer
     q = np.random.default_rng(0).normal(size=(3, 3)) * [1, 1, 0]
@@ -162,7 +163,7 @@ def test_gyration_about_the_normal_of_a_layer_leaves_its_motion_out_of_the_plane
         assert all(abs(three - w).min() < 1e-9 for w in out)  # and out of it as without gyration
 
 
-@pytest.mark.parametrize(('gyration', 'words'), [([1.0, 2.0], 'one number, or one for each'), (np.ones((3, 2)), 'vector in space')])
+@pytest.mark.parametrize(('gyration', 'words'), [([1.0, 2.0], 'one number, or one for'), (np.ones((3, 2)), 'vector in space')])
 def test_what_is_no_gyration_is_refused(gyration, words):
     atoms, _ = cluster(1)
     with pytest.raises(ValueError, match=words):
