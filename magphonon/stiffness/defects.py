@@ -18,7 +18,7 @@ from ..errors import finite, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
 from .calculator import MagneticRepulsion
 from .repulsion import repulsion_of
-from .site_laws import each_spring
+from .site_laws import kept
 
 LARGEST_SCATTER = 0.2  # relative: fewer than one of 3 million sites is expected to become negative
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'
@@ -157,9 +157,7 @@ def _varied(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: An
         one.set_masses(atoms.get_masses() * mass)  # pyright: ignore[reportArgumentType]  ASE declares text
         for particle, kind in (kinds or {}).items():
             one.arrays.setdefault('tags', np.zeros(len(atoms), int))[particle] = kind
-    springs = calc.sites.foundation
-    if (stiffness != 1).any():
-        springs = each_spring(calc.foundation, len(atoms), calc.dim).reshape(len(atoms), -1) * stiffness[:, None]
+    springs = kept(calc.tie.times(stiffness)) if (stiffness != 1).any() else calc.sites.foundation
     sites = replace(calc.sites, strengths=calc.strengths * strength, anchors=calc.anchors + moved, foundation=springs)
     return _with(varied, calc.changed(reference, sites=sites))
 

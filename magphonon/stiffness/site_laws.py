@@ -107,6 +107,10 @@ class Springs:
         """The same law on other sites, of which `image` tells which one each was."""
         return self._on(of_sites(self.k, image))
 
+    def times(self, factors: NDArray[np.float64]) -> Self:
+        """The law of each site multiplied by a number of its own, shape (particles,)."""
+        return self._on(factors[:, None] * self.k)
+
     def _on(self, k):
         other = copy(self)
         vars(other)['k'] = k  # the laws derived from this one are frozen
@@ -254,6 +258,8 @@ class OnSite(Springs):
 
     K : array_like, optional
         Of `OnSite.tensor`.
+    share : float or array_like, shape (particles,)
+        What V is multiplied by at each site.
 
     Examples
     --------
@@ -271,6 +277,7 @@ class OnSite(Springs):
     k: Any = 0.0
     g: Callable[[float], Any] | None = None
     K: Any = None
+    share: Any = 1.0
     known: ClassVar[str] = 'bands, modes, responses and time steps (DrivenVerlet) know it'
 
     @classmethod
@@ -304,7 +311,7 @@ class OnSite(Springs):
         return f'OnSite({what}, k={range_of(self.k)}{when})'
 
     def energies(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.energy(d) + (self.k * d**2).sum(axis=1) / 2
+        return self.share * self.energy(d) + (self.k * d**2).sum(axis=1) / 2
 
     def gain(self, slack: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.energies(slack + u) - self.energies(slack)
@@ -313,10 +320,10 @@ class OnSite(Springs):
         return self.gradient(slack + u) - self.gradient(slack)
 
     def stiffness(self, d: NDArray[np.float64]) -> Any:
-        return self.curvature(d) + site_blocks(self.k, *d.shape)
+        return (self.share * self.curvature(d).T).T + site_blocks(self.k, *d.shape)
 
     def beyond(self, d: NDArray[np.float64], t: float | None = None, anchors: Any = None) -> Any:
-        return self.slope(d) if t is None or self.g is None else (self.g(t) * self.slope(d).T).T
+        return (self.share * (1.0 if t is None or self.g is None else self.g(t)) * self.slope(d).T).T
 
     def of(self, particles: int, dim: int, layer: bool = False) -> Self:
         zero = np.zeros((particles, dim))
@@ -328,7 +335,11 @@ class OnSite(Springs):
         return super().of(particles, dim, layer)
 
     def on(self, image: NDArray[np.intp]) -> Self:
-        return type(self).tensor(self.K[image], self.g) if np.ndim(self.K) == 3 else super().on(image)
+        law = type(self).tensor(self.K[image], self.g) if np.ndim(self.K) == 3 else self
+        return replace(law, k=of_sites(self.k, image), share=of_sites(self.share, image))
+
+    def times(self, factors: NDArray[np.float64]) -> Self:
+        return replace(super().times(factors), share=factors * self.share)
 
 
 def foundation_to_dict(given: Any) -> Any:
