@@ -230,7 +230,7 @@ def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:
     if tail is None or tail.decay <= 0:
         return None, known
     every = atoms.copy()
-    every.calc = AllNeighbours(calc.reference, law, foundation=calc.foundation, strengths=calc.strengths)
+    every.calc = AllNeighbours(calc.reference, law, foundation=calc.foundation, strengths=calc.strengths, dim=calc.dim)
     return every, known
 
 

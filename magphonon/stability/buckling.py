@@ -175,7 +175,7 @@ def flat_layer(atoms: Atoms) -> bool:
 
 def common_support(atoms: Atoms | LinearSystem) -> float:
     """The softest support along z of any particle of a layer that is not held, in N/mm."""
-    return _softest_spring(atoms, np.asarray(atoms.calc.foundation)[:, 2])
+    return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), 3))[:, 2])
 
 
 def highest_squared(atoms: Atoms | LinearSystem) -> float:

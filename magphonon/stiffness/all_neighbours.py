@@ -79,13 +79,14 @@ class AllNeighbours(Repulsion):
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'forces']
     default_parameters: ClassVar = {'foundation': 0.0}
     saved: ClassVar[tuple[str, ...]] = ('foundation', 'strengths', 'split')
+    seldom: ClassVar[tuple[str, ...]] = ('dim',)
     pairwise = False
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
     model = 'complete'
 
     def __init__(self, reference: Atoms, law: PairLaw, *, foundation: Foundation | ArrayLike = 0.0,
-                 strengths: ArrayLike | None = None, split: float = 1.0) -> None:
+                 strengths: ArrayLike | None = None, split: float = 1.0, dim: int | None = None) -> None:
         if not reference.pbc.any():
             raise ValueError('the structure is not periodic so its neighbours are not infinitely many; use MagneticRepulsion')
         tail = tail_of(law, reference)
@@ -98,7 +99,7 @@ class AllNeighbours(Repulsion):
         self.reference = reference.copy()
         self.reference.calc = None
         self._laws = law
-        self.dim = displacement_components(reference, foundation)
+        self.dim = displacement_components(reference, foundation, dim)
         self._sites = Sites(strengths, foundation=foundation).checked(self.reference, self.dim)
         for k in np.flatnonzero(self.strengths < 0)[:1]:
             raise ValueError(f'strengths[{k}] = {self.strengths[k]:g}: the sum over all neighbours is one of repulsion alone; '
@@ -136,7 +137,7 @@ class AllNeighbours(Repulsion):
         """A calculator with another reference, other sites or another law; its bonds follow from these."""
         own = self.sites if sites is None else sites
         return AllNeighbours(self.reference if reference is None else reference, self.laws if laws is None else laws,
-                             foundation=own.foundation, strengths=own.strengths, split=self.split)
+                             foundation=own.foundation, strengths=own.strengths, split=self.split, dim=dim or self.dim)
 
     def on(self, supercell: Atoms) -> AllNeighbours:
         """The same calculator on a supercell of its reference."""

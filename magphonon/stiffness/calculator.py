@@ -151,7 +151,7 @@ class MagneticRepulsion(Repulsion):
         reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
         self._reach = reach if bonds is None else f'bonds={len(bonds)}'
         self.bonds = bonds = bonds_of(self.reference, bonds, shells, cutoff)
-        self.dim = one_of('dim', displacement_components(reference, foundation, bonds) if dim is None else dim, (2, 3))
+        self.dim = displacement_components(reference, foundation, dim, bonds)
         self.reference.positions.flags.writeable = False  # constant forces are computed from them once
         self._sites = Sites(strengths, anchors, load, foundation, gyration).checked(self.reference, self.dim)
         self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self.strengths, self.dim)

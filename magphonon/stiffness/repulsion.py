@@ -12,6 +12,7 @@ from ase.calculators.calculator import all_changes
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
+from .site_laws import each_spring
 from .sites import FLAT, Sites, height
 from .supercells import NEAR, fitted, refuse_another_order
 from .terms import terms_of
@@ -201,7 +202,8 @@ class Repulsion(Restartable):
 
     def in_plane(self) -> Any:
         """The same calculator of a layer without motion out of its plane."""
-        return self.changed(sites=replace(self.sites, foundation=np.asarray(self.foundation)[:, :2]), dim=2)
+        springs = each_spring(self.foundation, len(self.reference), self.dim).reshape(-1, self.dim)[:, :2]
+        return self.changed(sites=replace(self.sites, foundation=springs), dim=2)
 
     def on(self, supercell: Atoms) -> Repulsion:
         """The same calculator on a supercell of its reference."""

@@ -99,9 +99,9 @@ class Springs:
                              f'{self.known}')
         return self.k
 
-    def of(self, particles: int, dim: int, layer: bool = False) -> Self:
+    def of(self, particles: int, dim: int) -> Self:
         """The same law, checked for so many particles."""
-        return self._on(site_springs(self.k, particles, dim, layer))
+        return self._on(site_springs(self.k, particles, dim))
 
     def on(self, image: NDArray[np.intp]) -> Self:
         """The same law on other sites, of which `image` tells which one each was."""
@@ -133,22 +133,19 @@ def refuse_changes(calc: Any, what: str) -> None:
         raise ValueError(f'{what} know no time, but {calc.tie!r} changes with it: {calc.tie.known}')
 
 
-def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
-    """The foundation in N/mm as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
-
-    For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
-    """
-    if np.ndim(foundation) == 0 and not layer:
+def site_springs(foundation: Any, particles: int, dim: int) -> Foundation:
+    """The foundation in N/mm as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only."""
+    if np.ndim(foundation) == 0:
         return not_negative('foundation', foundation, 'N/mm')
     given = finite('foundation', foundation)
     for where in np.argwhere(given < 0)[:1]:
         not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
-    shapes = (particles,), (particles, 1), (1, dim), (particles, dim), *([()] if layer else [])
+    shapes = (particles,), (particles, 1), (1, dim), (particles, dim)
     if given.shape not in shapes:
         raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
                          f'{particles} particles in {dim} dimensions, not {given.shape}')
     springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
-    if (springs == springs[0, 0]).all() and not layer:
+    if (springs == springs[0, 0]).all():
         return float(springs[0, 0])
     springs.flags.writeable = False
     return springs
@@ -325,14 +322,14 @@ class OnSite(Springs):
     def beyond(self, d: NDArray[np.float64], t: float | None = None, anchors: Any = None) -> Any:
         return (self.share * (1.0 if t is None or self.g is None else self.g(t)) * self.slope(d).T).T
 
-    def of(self, particles: int, dim: int, layer: bool = False) -> Self:
+    def of(self, particles: int, dim: int) -> Self:
         zero = np.zeros((particles, dim))
         try:
             for name, shape in (('energy', (particles,)), ('slope', (particles, dim)), ('curvature', (particles, dim, dim))):
                 finite(f'{name} of the law of the sites at their anchors', getattr(self, name)(zero), shape)
         except (IndexError, TypeError) as error:
             raise ValueError(f'the law of the sites does not take displacements of shape {zero.shape}: {error}') from None
-        return super().of(particles, dim, layer)
+        return super().of(particles, dim)
 
     def on(self, image: NDArray[np.intp]) -> Self:
         law = type(self).tensor(self.K[image], self.g) if np.ndim(self.K) == 3 else self

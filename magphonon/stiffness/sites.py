@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import units
-from ..errors import finite, not_negative, shown
+from ..errors import finite, not_negative, one_of, shown
 from ..interactions.bond_laws import BondLaws
 from .bond import sizes
 from .site_laws import Foundation, Springs, kept, of_sites, tie_of
@@ -136,15 +136,16 @@ def site_load(load: ArrayLike | None, particles: int, dim: int) -> NDArray[np.fl
 
 def site_tie(foundation: Any, reference: Atoms, dim: int) -> Any:
     """What ties particles to their places, checked: springs in N/mm, or another law of the site."""
-    flat = np.ptp(reference.positions[:, 2]) <= FLAT * np.ptp(reference.positions)
-    return kept(tie_of(foundation).of(len(reference), dim, layer=dim == 3 and not reference.pbc.all() and bool(flat)))
+    return kept(tie_of(foundation).of(len(reference), dim))
 
 
-def displacement_components(reference: Atoms, foundation: Any, bonds: Bonds | None = None) -> int:
-    """Number of components of a displacement: 3 in space, and in a plane if the foundation has three components.
+def displacement_components(reference: Atoms, foundation: Any, dim: int | None = None, bonds: Bonds | None = None) -> int:
+    """Number of components of a displacement, if not given: 3 in space, and in a plane if the foundation has three components.
 
-    A structure is in space if it is periodic in three directions, or particles that its bonds join stand at different heights.
+    A structure is in space if it is periodic in three directions, or its particles stand at different heights.
     """
+    if dim is not None:
+        return one_of('dim', dim, (2, 3))
     high = bonds is not None and height(reference, bonds) > FLAT * bonds.lengths.min(initial=np.inf)
     return 3 if high or reference.pbc.all() or np.shape(foundation)[1:] == (3,) else 2
 
