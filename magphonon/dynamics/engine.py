@@ -187,15 +187,18 @@ def _largest_eigenvalue(D, tolerance):
     return sparse.linalg.eigsh(D, k=1, which='LA', v0=start, tol=tolerance, return_eigenvectors=False)[0]
 
 
-def half_step(damping: NDArray[np.float64], rate: Any, guided: Sequence[int] | NDArray[np.int_], dt: float) -> NDArray[Any]:
+def half_step(damping: NDArray[np.float64], rate: Any, guided: NDArray[np.int_], barred: NDArray[np.float64],
+              dt: float) -> NDArray[Any]:
     """What losses and forces by the velocity, of a `rate`, leave of velocities in half a step, shape (particles,).
 
     In the plane, of v_x + i v_y, it is `E = e^{-(c + i g) dt/2}`, real if g = 0; in space a matrix for each particle.
-    Particles that a line guides do not turn.
+    Particles that a line guides do not turn, others do so within their plane.
     """
     if not np.any(rate):
         return np.exp(-damping * dt / 2)
     if rate.shape[-1] == 3:
+        rate, free = np.broadcast_to(rate, (len(damping), 3, 3)).copy(), np.eye(3) - barred
+        rate[guided] = free @ rate[guided] @ free
         return np.exp(-damping * dt / 2)[:, None, None] * expm(-rate * dt / 2)
     g = np.broadcast_to(-rate[:, 0, 1], len(damping)).copy()
     g[guided] = 0.0
@@ -297,7 +300,7 @@ class Blocks:
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._splitting = splitting
         rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
-        E: Any = np.array(half_step(damping - rate, calc.rate, guided, dt))
+        E: Any = np.array(half_step(damping - rate, calc.rate, guided, barred, dt))
         mobility = mobile / masses
         E[led], mobility[led] = 1.0, INERT
         decay = layout.scatter(np.real(E))

@@ -228,7 +228,8 @@ class DrivenVerlet(VelocityVerlet):
         rate = getattr(self.atoms.calc, 'rate', 0.0)
         if not (self.damping.any() or np.any(rate)):
             return None
-        return half_step(self.damping, rate, freedom(self.atoms)[1] if np.any(rate) else [], self.dt)
+        guided, barred = freedom(self.atoms)[1:] if np.any(rate) else (np.zeros(0, int), np.zeros((0, 3, 3)))
+        return half_step(self.damping, rate, guided, barred, self.dt)
 
     def _new_bath(self):
         """The noise that belongs to the present damping and masses."""

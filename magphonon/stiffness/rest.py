@@ -262,8 +262,8 @@ class LinearSystem:
         blocks = np.zeros((n, dim, dim))
         blocks[mobile] = np.eye(dim)
         for particle, projector in zip(guided, barred, strict=True):
-            along = np.linalg.eigh(projector)[1][:, 0]  # the direction that is not blocked
-            blocks[particle] = [[along[0], 0], [along[1], 0]]
+            blocked, along = np.linalg.eigh(projector)
+            blocks[particle] = along * (blocked < 0.5)  # the directions that are not blocked
         free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1))))
         return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
@@ -273,7 +273,7 @@ class LinearSystem:
         try:
             return freedom(self.atoms)
         except ValueError:
-            return np.ones(len(self), bool), np.zeros(0, int), np.zeros((0, 2, 2))
+            return np.ones(len(self), bool), np.zeros(0, int), np.zeros((0, self.dim, self.dim))
 
     @property
     def mobile(self) -> NDArray[np.bool_]:
@@ -415,9 +415,9 @@ def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:
 
 def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[np.float64]]:
     """Which particles FixAtoms does not hold, which ones FixedLine or FixedPlane guides, and for each of these the projector on
-    the direction that is blocked, shape (guided, 2, 2); other constraints are refused.
+    the directions that are blocked, shape (guided, dim, dim); other constraints are refused.
     """
-    mobile = np.ones(len(atoms), bool)
+    mobile, dim = np.ones(len(atoms), bool), getattr(atoms.calc, 'dim', 2)
     barred = {}
     for constraint in atoms.constraints:
         if type(constraint) not in (FixAtoms, FixedLine, FixedPlane):
@@ -425,21 +425,18 @@ def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[
         if isinstance(constraint, FixAtoms):
             mobile[constraint.index] = False
             continue
-        if getattr(atoms.calc, 'dim', 2) == 3:
-            raise ValueError(f'{constraint!r} guides a particle of a lattice in three dimensions, where only FixAtoms is '
-                             'supported')
         d = np.where(abs(constraint.dir) > TILT, constraint.dir, 0.0)
-        if not d[:2].any():  # it blocks no direction in the plane, or all of them
+        if not d[:dim].any():  # it blocks no direction in the plane, or all of them
             if isinstance(constraint, FixedLine):
                 mobile[constraint.index] = False
             continue
-        if d[2] or set(constraint.index) & set(barred):
+        if d[dim:].any() or set(constraint.index) & set(barred):
             raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that is guided already')
-        d = d[:2]
+        d = d[:dim]
         dd = np.outer(d, d)
-        barred |= dict.fromkeys(constraint.index.tolist(), np.eye(2) - dd if isinstance(constraint, FixedLine) else dd)
+        barred |= dict.fromkeys(constraint.index.tolist(), np.eye(dim) - dd if isinstance(constraint, FixedLine) else dd)
     guided = np.array([k for k in sorted(barred) if mobile[k] and barred[k].any()], int)
-    return mobile, guided, np.array([barred[k] for k in guided]).reshape(-1, 2, 2)
+    return mobile, guided, np.array([barred[k] for k in guided]).reshape(-1, dim, dim)
 
 
 def refuse_held(forces: NDArray[Any], atoms: Atoms, what: str) -> None:

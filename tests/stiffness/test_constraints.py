@@ -64,14 +64,13 @@ def test_other_constraints_are_refused(constraints, message):
         modes(cluster(*constraints))
 
 
-def test_in_space_particles_are_held_or_free():
+def test_in_space_particles_are_held_guided_or_free():
     crystal = lattice('fcc').repeat(2)
     crystal.calc = MagneticRepulsion(crystal, LAW)
     crystal.set_constraint(FixAtoms([3]))
     assert LinearSystem(crystal).free.shape == (24, 21)
-    crystal.set_constraint(FixedLine(3, (1, 0, 0)))
-    with pytest.raises(ValueError, match='in three dimensions, where only FixAtoms is supported'):
-        freedom(crystal)
+    crystal.set_constraint([FixAtoms([3]), FixedLine(1, (1, 2, 0)), FixedPlane(5, (1, 2, 3))])
+    assert LinearSystem(crystal).free.shape == (24, 18)
 
 
 @pytest.mark.parametrize('seed', range(12))

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from ase import Atoms
+from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, analytic_bands, lattices, modes
+from magphonon.bands import bloch_modes
 from magphonon.response import frequency_response
 from magphonon.stiffness import LinearSystem, Scatter, scattered, without
 from tests.oracles import second_derivatives
@@ -121,6 +123,56 @@ def test_gyration_about_drawn_axes(seed):
     for other, kept in ((without(atoms, [1]), np.delete(np.arange(n), 1)), (scattered(atoms, Scatter(mass=0.1), 1), np.arange(n)),
                         (MagneticRepulsion.fromdict(atoms.calc.todict()), np.arange(n))):
         assert np.array_equal(np.broadcast_to(getattr(other, 'calc', other).gyration, (len(kept), 3)), each[kept])
+
+
+def guides(atoms, rng):
+    """A held particle, one on a line and one on a plane of drawn directions; the basis of what is left, by SVD, in columns."""
+    line, plane = rng.normal(size=(2, 3))
+    atoms.set_constraint([FixAtoms([0]), FixedLine(1, line), FixedPlane(2, plane)])
+    blocked = np.zeros((3 * len(atoms), 3 * len(atoms)))
+    blocked[:3, :3] = np.eye(3)
+    blocked[3:6, 3:6] = np.eye(3) - np.outer(line, line) / (line @ line)
+    blocked[6:9, 6:9] = np.outer(plane, plane) / (plane @ plane)
+    vectors, size, _ = np.linalg.svd(blocked)
+    return vectors[:, size < 0.5]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_lines_and_planes_guide_particles_in_space(seed):
+    atoms, rng = cluster(seed)
+    g, m = rng.normal(size=(len(atoms), 3)), atoms.get_masses()
+    P, H = guides(atoms, rng), stiffness(atoms)
+    atoms.calc = atoms.calc.about(atoms, gyration=g)
+    M, C = P.T @ np.diag(np.repeat(m, 3)) @ P, P.T @ velocity_matrix(g, m) @ P
+    n = len(M)
+    s = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, P.T @ H @ P), -np.linalg.solve(M, C)]]))
+    assert_allclose(modes(atoms).omega, np.sort(abs(s.imag))[::2], rtol=1e-9)
+    v = 1e-6 * (P @ rng.normal(size=n)).reshape(-1, 3)
+    flow = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, P.T @ H @ P), -np.linalg.solve(M, C)]])
+    expected = (P @ (expm(flow) @ np.append(np.zeros(n), P.T @ v.ravel()))[:n]).reshape(-1, 3)
+    errors = []
+    for dt in 0.02, 0.01:
+        moved = atoms.copy()
+        moved.calc = atoms.calc
+        moved.set_velocities(v)
+        run = DrivenVerlet(moved, dt)
+        run.run(round(1 / dt))
+        errors.append(abs(run.displacements - expected).max() / abs(expected).max())
+    assert errors[1] < 1e-3
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.15)
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_waves_in_space_are_modes_of_the_supercell(seed):
+    rng, cell = np.random.default_rng(seed), lattices.bcc(10.0, 0.7) if seed else lattices.fcc(10.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, InversePower(B, A), foundation=20.0, shells=2, gyration=rng.normal(size=(1, 3)))
+    large = cell.repeat(2)
+    large.calc = cell.calc.on(large)
+    q = np.array([[x, y, z] for x in (0, 0.5) for y in (0, 0.5) for z in (0, 0.5)])
+    waves = np.sort(bloch_modes(cell, q)[0].ravel())
+    assert_allclose(waves, modes(large).omega, rtol=1e-9)
+    large.calc = large.calc.about(large, gyration=np.linalg.norm(cell.calc.gyration[0]))
+    assert abs(waves / modes(large).omega - 1).max() > 1e-4  # about another axis they are others
 
 
 @pytest.mark.parametrize('seed', range(2))
