@@ -33,7 +33,7 @@ from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..interactions.bond_laws import groups
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.sites import refuse_attraction, refuse_gyration
+from ..stiffness.sites import refuse_gyration
 from .drives import Drives, ToneBurst
 from .motion import Motion
 
@@ -218,7 +218,6 @@ def _scene(atoms):
                          'cut one, for instance with lattices.parallelogram')
     law = calc.central('LAMMPS runs')
     refuse_gyration(calc, 'LAMMPS runs')
-    refuse_attraction(calc, 'LAMMPS runs')
     if not len(calc.bonds):
         raise ValueError('no two particles are bonded, so there is nothing for LAMMPS to compute')
     if calc.displacements(atoms).any() or atoms.get_momenta().any():

@@ -196,19 +196,6 @@ def refuse_gyration(calc: Repulsion, what: str) -> None:
                          'scene take gyration_rad_per_s out')
 
 
-def attracting(calc: Repulsion) -> NDArray[np.intp]:
-    """The bonds that pull, by their indices; none where forces are not along the bonds."""
-    law = calc.interaction.central(calc.dim)
-    return np.zeros(0, int) if law is None else np.flatnonzero(law.dphi(calc.bonds.lengths) > 0)
-
-
-def refuse_attraction(calc: Repulsion, what: str) -> None:
-    """Refuse bonds that pull, for `what` (of several things) that suppose that particles repel each other."""
-    for b in attracting(calc)[:1]:
-        raise ValueError(f'{what} suppose that all particles repel each other, but particles {calc.bonds.i[b]} and '
-                         f'{calc.bonds.j[b]} attract each other')
-
-
 def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
     """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError."""
     given = finite('damping', damping)

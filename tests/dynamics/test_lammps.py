@@ -218,6 +218,22 @@ def test_drive_that_lammps_cannot_apply_is_refused(patch, tmp_path, drive, messa
 
 
 @pytest.mark.slow
+def test_magnets_that_attract_some_others(lammps, patch, tmp_path):
+    """Some stand upside down, balanced and held by their pillars; all of them upright are the control."""
+    signs = np.where(np.arange(len(patch)) % 7 == 3, -1.0, 1.0)
+
+    def calculator(strengths):
+        calc = MagneticRepulsion(patch, patch.calc.laws, strengths=strengths, foundation=1.0)
+        return calc.balanced(range(len(patch)))
+
+    patch.calc = calculator(signs)
+    found = by_lammps(tmp_path, patch, burst())
+    assert difference(found, by_magphonon(patch, burst())) < 1e-8  # stiff pillars: positions round more of less motion
+    patch.calc = calculator(abs(signs))
+    assert difference(found, by_magphonon(patch, burst())) > 1e-3
+
+
+@pytest.mark.slow
 def test_kinds_strengths_and_springs_of_their_own(lammps, patch, tmp_path):
     """Weak magnets, a second kind, and pillars that are stiffer along one direction; the control forgets one of them."""
     n, law = len(patch), patch.calc.laws

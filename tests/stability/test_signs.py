@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from oracles import Pairs
 
@@ -18,7 +17,6 @@ from magphonon import (
     verdict,
 )
 from magphonon.bands.bloch import bloch_modes
-from magphonon.dynamics import write_lammps_input
 from magphonon.interactions import Attraction
 from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
 from magphonon.stiffness import substituted
@@ -124,13 +122,7 @@ def test_the_ready_scene_needs_half_the_stiffness_of_its_neighbours():
     assert law.dphi(20.0) > 0
 
 
-def test_what_supposes_repulsion_refuses_attraction(tmp_path):
-    pair = lattices.chain(10.0, 1.0).repeat((4, 1, 1))
-    pair.pbc = False
-    pair.set_constraint(FixAtoms([0]))
-    pair.calc = MagneticRepulsion(pair, LAW, foundation=1.0, strengths=[1, -1, 1, 1]).balanced(range(4))
-    with pytest.raises(ValueError, match='suppose that all particles repel each other, but particles 0 and 1 attract'):
-        write_lammps_input(tmp_path, pair, timestep=0.01, steps=1)
+def test_the_sum_over_all_neighbours_is_one_of_repulsion():
     two = lattices.chain(10.0, 1.0).repeat((2, 1, 1))
     with pytest.raises(ValueError, match=r'strengths\[1\] = -1: the sum over all neighbours is one of repulsion alone'):
         AllNeighbours(two, LAW, strengths=[1, -1])
