@@ -674,11 +674,9 @@ def test_check_and_frf_judge_a_lattice_that_gyrates_to_the_end(tmp_path, capsys)
 
 def test_scenes_refuse_what_knows_no_gyration(tmp_path):
     scene = ready_scene('gyro').read_text()
-    for old, new, words in (('shells = 1', 'shells = "all"', 'knows none'),
-                            ('kind = "honeycomb"', 'kind = "fcc"', 'in the plane')):
-        (tmp_path / 'scene.toml').write_text(scene.replace(old, new))
-        with pytest.raises(ValueError, match=words):
-            read_scene(tmp_path / 'scene.toml')
+    (tmp_path / 'scene.toml').write_text(scene.replace('shells = 1', 'shells = "all"'))
+    with pytest.raises(ValueError, match='knows none'):
+        read_scene(tmp_path / 'scene.toml')
 
 
 def test_the_ready_scene_has_an_edge_wave_by_d0_alone():

@@ -101,9 +101,6 @@ def _gyration(scene: Scene) -> None:
         asked = getattr(scene.law, 'asked', ALL)
         raise ValueError(f"lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = '{asked}', knows none; choose a "
                          'number of shells')
-    if scene.lattice.cell().pbc.all() or (scene.foundation is not None and scene.foundation.out_of_plane is not None):
-        raise ValueError('lattice.gyration_rad_per_s turns velocities in the plane, and these particles leave it; take '
-                         '[foundation.out_of_plane] out, or a planar lattice')
 
 
 def _title(scene: Scene) -> None:

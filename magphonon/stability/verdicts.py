@@ -315,7 +315,7 @@ class Case:
         """Stability of a flat layer out of its plane, and the highest angular frequency of this motion in rad/ms."""
         if self.layer is None:
             return None
-        structure = LinearSystem.nearest(self.layer) if self.listed else self.layer
+        structure = LinearSystem.nearest(self.layer, gyrating=True) if self.listed else self.layer  # it turns nothing out of it
         spring, soft = common_support(structure), softest_out_of_plane(structure)
         moving = softest_out_of_plane(structure, spring, weighted=True)
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from oracles import neighbour_vectors, second_derivatives
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, finite_displacements, lattices, phonopy_bands, units as u
+from magphonon import InversePower, MagneticRepulsion, Yukawa, finite_displacements, lattices, phonopy_bands, units as u, verdict
 from magphonon.bands import band_path, bloch_modes, gruneisen_parameters, sound_speeds
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force
@@ -182,3 +182,16 @@ def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_l
             tool(layer)
     layer.calc = layer.calc.in_plane()
     assert elastic_moduli(layer).constants == pytest.approx(constants, rel=1e-10, abs=1e-14)
+
+
+@pytest.mark.parametrize(('support', 'holds'), [(9.0, True), (5.0, False)])
+def test_gyration_about_the_normal_holds_nothing_out_of_the_plane(support, holds):
+    cell = lattices.honeycomb(1.0, 1.0)
+    for g in 0.0, 1.5:  # the supports must exceed 6 f/r of the three bonds, in both
+        cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=[[6.0, 6.0, support]], gyration=g)
+        judged = verdict(cell)
+        assert judged.out_of_plane.needed == pytest.approx(6.0, rel=1e-9)
+        assert judged.fine == holds
+    cell.calc.set(gyration=[[0.5, 0.0, 1.5]])  # it turns motion in the plane into such out of it
+    with pytest.raises(ValueError, match='gyration'):
+        verdict(cell)
