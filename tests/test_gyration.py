@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
-from ase.io import read, write
 from matplotlib.collections import LineCollection
 from scipy.linalg import eigvals, expm, sqrtm
 from scipy.optimize import brentq
@@ -31,7 +30,6 @@ from magphonon import (
     read_scene,
     ready_scene,
     relaxed,
-    restored,
     sound_speeds,
     stability,
     verdict,
@@ -50,12 +48,10 @@ from magphonon.response import (
     modes_below,
     natural_frequencies,
     receptance,
-    replicas,
     series_response,
 )
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness import LinearSystem, elastic_moduli, for_ase_tools
-from magphonon.stiffness.defects import Scatter, scattered, without
 from magphonon.waves import send, site
 
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -187,21 +183,9 @@ def test_the_matrix_of_velocities_is_that_of_the_definition():
     assert system.turning == abs(np.asarray(patch.calc.gyration)).max()
 
 
-def test_gyration_is_kept_by_files_supercells_and_places(tmp_path):
+def test_gyration_is_shown_checked_and_set():
     cell = lattices.honeycomb(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=[1.0, 2.0])
-    write(tmp_path / 'cell.traj', cell)
-    again = restored(read(tmp_path / 'cell.traj'))
-    assert again.calc.gyration.tolist() == [1.0, 2.0]
-    large = cell.repeat((2, 3, 1))
-    assert cell.calc.on(large).gyration.tolist() == 6 * [1.0, 2.0]
-    assert cell.calc.about(cell).gyration.tolist() == [1.0, 2.0]
-    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
-    own = np.arange(len(patch)) / 10
-    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0, gyration=own)
-    assert without(patch, [3]).calc.gyration.tolist() == np.delete(own, 3).tolist()
-    assert scattered(patch, Scatter(mass=0.1), 1).calc.gyration.tolist() == own.tolist()
-    assert replicas([patch, patch]).calc.gyration.tolist() == 2 * own.tolist()
     assert 'gyration=<1 to 2>' in repr(cell.calc)
     assert not cell.calc.gyration.flags.writeable
     cell.calc.set(gyration=0.0)

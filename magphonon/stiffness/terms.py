@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 
 class Term:
-    """What one property of the sites does; what it does not do is zero.  u are displacements from rest in mm."""
+    """What one property of the sites of a calculator does; what it does not do is zero.  u are displacements from rest in mm."""
 
-    def __init__(self, calc: Any) -> None:
-        self.calc, self.dim, self.slack = calc, calc.dim, calc.slack[:, : calc.dim]
+    def __init__(self, calc: Repulsion) -> None:
+        raise NotImplementedError
 
     def constant(self) -> Any:
         """Force at rest in N, shape (particles, dim)."""
@@ -52,39 +52,48 @@ class Term:
 class Load(Term):
     """A constant force h, of energy -h.u."""
 
+    def __init__(self, calc: Repulsion) -> None:
+        self.h = calc.sites.load[:, : calc.dim]
+
     def constant(self) -> Any:
-        return self.calc.load[:, : self.dim]
+        return self.h
 
     def energy(self, u: NDArray[np.float64]) -> Any:
-        return -(self.constant() * u).sum(axis=1)
+        return -(self.h * u).sum(axis=1)
 
 
 class Tie(Term):
     """The law V of the displacement of each site from its anchor, from which it is `slack` away at rest."""
 
+    def __init__(self, calc: Repulsion) -> None:
+        self.law, self.slack, self.anchors = calc.tie, calc.slack[:, : calc.dim], calc.sites.anchors
+
     def constant(self) -> Any:
-        return -self.calc.tie.gradient(self.slack)
+        return -self.law.gradient(self.slack)
 
     def force(self, u: NDArray[np.float64]) -> Any:
-        return -self.calc.tie.pull(self.slack, u)
+        return -self.law.pull(self.slack, u)
 
     def energy(self, u: NDArray[np.float64]) -> Any:
-        return self.calc.tie.gain(self.slack, u)
+        return self.law.gain(self.slack, u)
 
     def stiffness(self, u: NDArray[np.float64] | float) -> Any:
-        return self.calc.tie.stiffness(self.slack + u)
+        return self.law.stiffness(self.slack + u)
 
     def pumped(self, u: NDArray[np.float64], t: float) -> Any:
-        return self.calc.tie.pumped(self.slack + u, t, self.calc.anchors)
+        return self.law.pumped(self.slack + u, t, self.anchors)
 
 
 class Gyration(Term):
     """The force m u' x g of the vector g of each site; one number is that along z."""
 
-    def rate(self) -> Any:
-        g = np.asarray(self.calc.gyration)
+    def __init__(self, calc: Repulsion) -> None:
+        g = np.asarray(calc.gyration)
         g = g if g.ndim == 2 else g.reshape(-1, 1) * [0.0, 0.0, 1.0]
-        return -np.cross(np.eye(3), g[:, None]).swapaxes(1, 2)[:, : self.dim, : self.dim]
+        self.blocks = -np.cross(np.eye(3), g[:, None]).swapaxes(1, 2)[:, : calc.dim, : calc.dim]
+
+    def rate(self) -> Any:
+        return self.blocks
 
 
 TERMS = {'load': Load, 'foundation': Tie, 'gyration': Gyration}

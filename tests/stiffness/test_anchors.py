@@ -81,17 +81,6 @@ def test_particles_listed_in_another_image_change_nothing():
         assert_array_equal(np.sort(atoms.calc.bonds.lengths), np.sort(atoms.calc.bonds.at(rest).lengths))
 
 
-def test_a_supercell_has_the_anchors_and_loads_of_its_cells():
-    cell = lattices.honeycomb(10.0, 0.7)
-    load, slack = np.array([[0.1, 0.02, 0], [-0.3, 0, 0]]), np.array([[0.2, 0, 0], [0, -0.1, 0]])
-    calc = MagneticRepulsion(cell, LAW, foundation=K, anchors=cell.positions - slack, load=load)
-    many = cell.repeat((3, 2, 1))[[5, 2, 0, 1, 3, 4, 11, 9, 8, 10, 6, 7]]  # in any order
-    many.calc = calc.on(many)
-    cell.calc = calc
-    kind = np.array([5, 2, 0, 1, 3, 4, 11, 9, 8, 10, 6, 7]) % 2
-    assert_allclose(many.get_forces(), cell.get_forces()[kind], atol=1e-12)
-
-
 def test_bonds_of_another_place_are_taken_anew_or_refused():
     atoms = small_cluster()
     bonds = find_bonds(atoms, cutoff=13.0)
