@@ -90,7 +90,7 @@ class Springs:
     @property
     def stiffest(self) -> Any:
         """A foundation that stays the same and is as stiff as this one ever is, as far as that is known."""
-        return self
+        return self.k if self.changes else self
 
     def springs(self, what: str = 'this') -> Any:
         """The constant springs, or ValueError for another law, of which `what` knows nothing."""

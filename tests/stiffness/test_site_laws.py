@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
+from scipy.special import airy
 
 from magphonon import (
     DrivenVerlet,
@@ -20,6 +21,7 @@ from magphonon import (
     verdict,
 )
 from magphonon.bands import bloch_modes
+from magphonon.stiffness.site_laws import Springs
 
 LAW = InversePower(1.0, 4.0)
 
@@ -191,3 +193,42 @@ def front_speed(u2, A=0.05, c=0.5):
         dyn.run(2000)
         places.append(dyn.displacements[:, 0].sum())  # how many have gone over, with the tails
     return (places[1] - places[0]) / 200
+
+
+class Ramp(Springs):
+    """Springs of a script: they stiffen with time, k(t) = k (1 + rate t)."""
+
+    changes, known = True, 'time steps know it'
+
+    def __init__(self, k, rate):
+        super().__init__(k)
+        self.rate = rate
+
+    def beyond(self, d, t=None, anchors=None):
+        return 0.0 if t is None else self.rate * t * self.k * d
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_a_law_of_a_script_that_changes_moves_in_time_steps_and_is_refused_elsewhere(engine):
+    """All particles together feel the springs alone, u'' = -k/m (1 + rate t) u, which Airy functions solve."""
+    k, rate, m, t = 9.0, 0.4, 1.3, 6.0
+    scale = (k * rate / m) ** (1 / 3)
+    before, after = (np.array(airy(-scale * (1 / rate + time))).reshape(2, 2) for time in (0.0, t))  # (Ai, Ai'), (Bi, Bi')
+    weights = np.linalg.solve((before * [1, -scale]).T, [1e-4, 0.0])
+    expected, slower = weights @ after[:, 0], 1e-4 * np.cos(np.sqrt(k / m) * t)
+    errors = []
+    for dt in 0.02, 0.01:
+        atoms = lattices.square(1.0, m).repeat((3, 3, 1))
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=Ramp(k, rate))
+        atoms.positions[:, 0] += 1e-4
+        run = DrivenVerlet(atoms, dt, engine=engine)
+        run.run(round(t / dt))
+        errors.append(abs(run.displacements[:, 0] - expected).max())
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
+    assert errors[1] < 1e-6 < 1e-5 < abs(slower - expected)
+    for tool in modes, verdict:
+        with pytest.raises(ValueError, match='time steps know it'):
+            tool(atoms)
+    with pytest.raises(ValueError, match='a function in Python'):
+        DrivenVerlet(atoms, 0.01, engine='compiled').run(1)
+    assert atoms.calc.on(atoms.calc.reference).tie.rate == rate
