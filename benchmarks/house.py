@@ -62,7 +62,7 @@ finally:
     sys.setprofile(None)
 print(json.dumps([*entered]), file=sys.__stdout__)
 """
-SITE_LAWS = {'SiteLaw', 'OnSite', 'Travelling'}
+SITE_LAWS = {'OnSite', 'Travelling', 'Springs'}
 CALCULATORS = {'MagneticRepulsion', 'AllNeighbours', 'type(calc)', 'type(self)', 'cls'}
 """Calls of these that name three settings or more by hand are counted as rebuilds of a calculator."""
 

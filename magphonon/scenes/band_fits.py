@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,6 @@ from ..design.sensitivities import Change, LawChange, force_change, frequency_se
 from ..errors import one_of
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
-from ..stiffness.calculator import MagneticRepulsion
 from ..waves.ridge_tables import RidgePoints
 from .keys import unit_of
 from .laws import KINDS
@@ -251,11 +251,12 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     _refuse_two_springs(own, [name for name in names if name not in priors])
     relative = {name: relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
     cell = scene.perfect_cell()
+    calc: Any = cell.calc
 
     def build(factors):
         there, atoms = with_factors(scene, factors), cell.copy()
         springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
-        atoms.calc = MagneticRepulsion(atoms, there.law.potential(), bonds=cell.calc.bonds, foundation=springs)
+        atoms.calc = calc.changed(laws=there.law.potential(), sites=replace(calc.sites, foundation=springs))
         return atoms, changes_of(there)
 
     fits = {}
