@@ -505,7 +505,7 @@ def timestep_limit(case: Case) -> Finding:
     where the damping asks for shorter steps.
     """
     waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
-    whole = case.gyrating if gyrates else case.system
+    whole: Any = case.gyrating if gyrates else case.system
     if case.pumped is not None:  # on its springs where they are stiffest
         stiffest = on_foundation(case.pumped, case.pumped.calc.tie.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
         whole = LinearSystem.nearest(stiffest, gyrating=True)
