@@ -178,7 +178,7 @@ def conventional_bands(drawn, oracle):
 def shapes(drawn, oracle):
     """Energies of the modes, whose parts in directions that are not free count for nothing."""
     q = waves(drawn)[0]
-    omega, found = bloch_modes(drawn.atoms, q[None], vectors=True)
+    omega, found = bloch_modes(drawn.atoms, q[None], 'complete', vectors=True)
     D, P = oracle.weighted(q, 'complete')
     v = found[0].reshape(len(omega[0]), -1) @ P
     return np.einsum('ma,ab,mb->m', v.conj(), P.T @ D @ P, v).real, np.linalg.eigvalsh(P.T @ D @ P)
@@ -192,7 +192,7 @@ def vibrations(drawn, oracle):
 def velocities(drawn, oracle, h=1e-5):
     """Along the first reciprocal vector; those of slow waves have an error without bound."""
     q, (b, *_) = waves(drawn)[:1], drawn.atoms.cell.reciprocal().array * 2 * np.pi
-    omega, velocity = group_velocities(drawn.atoms, q)
+    omega, velocity = group_velocities(drawn.atoms, q, 'complete')
     up, down = (np.sqrt(oracle.squares(q[0] + sign * np.array([h, 0, 0]), 'complete').astype(complex)).real for sign in (1, -1))
     known, exact = velocity[0] @ b[: velocity.shape[-1]], (up - down) / (2 * h)
     return known[omega[0] > 0.3 * omega.max()], exact[up > 0.3 * up.max()]
