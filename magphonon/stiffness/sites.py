@@ -211,8 +211,8 @@ def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
     if z <= FLAT * bonds.lengths.min(initial=np.inf):
         return
     if dim == 2:
-        raise ValueError(f'planar particles must share one z, but z ranges over {z:g} mm, periodic images included; leave dim=2 '
-                         'out, and they move in space')
+        raise ValueError(f'planar particles must share one z, but z ranges over {z:g} mm, periodic images included; give them '
+                         'one z, or let them move in space, in Python without dim=2')
     if not central:
         raise ValueError('particles whose forces are not along the line between them, such as upright magnets, stand on a plane, '
                          f'but z ranges over {z:g} mm; give them one z')
