@@ -167,7 +167,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     steps, points = whole('steps', steps, least=0), whole('points', points, least=2)
     one_of('interpolation', interpolation, INTERPOLATIONS)
     Drives(drives, len(atoms))  # refuses indices of no particle, which LAMMPS would ignore
-    if calc.layer and (records or restart is not None):
+    if calc.dim == 3 and (records or restart is not None):
         raise ValueError('records and restarts with LAMMPS are possible only for motion in the plane; use interval= to write '
                          'all particles, or atoms.calc = atoms.calc.in_plane()')
     if (named := len(drives) + sum(particles is not None for particles, _ in records)) > GROUPS - 3:
@@ -198,7 +198,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     with whole_file(directory / 'particles.data') as file:
         _write_particles(file, calc, types, sites)
     with whole_file(directory / 'in.lammps') as file:
-        file.write(INPUT.format(particles=len(atoms), dim=calc.dim, across='f' if calc.layer else 'p', sites=columns,
+        file.write(INPUT.format(particles=len(atoms), dim=calc.dim, across='f' if calc.dim == 3 else 'p', sites=columns,
                                 free_types=(kinds[:, 0] == 0).sum(), motion=motion + slowed + output + run))
     if restart is not None:
         with whole_file(directory / 'in.restart') as file:

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
@@ -215,6 +216,21 @@ def test_drive_that_lammps_cannot_apply_is_refused(patch, tmp_path, drive, messa
     with pytest.raises(ValueError, match=message):
         write_lammps_input(tmp_path, patch, TIMESTEP, STEPS, drives=[drive])
     assert not os.listdir(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_cluster_in_space_moves_as_in_lammps(lammps, tmp_path):
+    """Sixteen particles at drawn places, driven along a direction in space; the control is in the model without D*."""
+    rng = np.random.default_rng(1)
+    corners = np.argwhere(np.ones((4, 2, 2))) * 10.0
+    atoms = Atoms('Nd16', corners + rng.uniform(-1, 1, (16, 3)), masses=rng.uniform(0.5, 1, 16))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(3000.0, 4.0), cutoff=15.0, foundation=0.5).balanced(range(16))
+    drive = ToneBurst([5], (0.3, 0.5, 0.8), 1e-4, 0.25)
+    found = by_lammps(tmp_path, atoms, drive)
+    assert found.shape[-1] == 3
+    assert difference(found, by_magphonon(atoms, drive, engine='ase')) < 1e-7
+    atoms.calc.set(model='conventional')
+    assert difference(found, by_magphonon(atoms, drive, engine='ase')) > 1e-2
 
 
 @pytest.mark.slow
