@@ -1,11 +1,22 @@
 from .dispersion_fits import DispersionFit as DispersionFit, fit_dispersion as fit_dispersion
 from .inverse import (
-    BandEdge as BandEdge,
     Design as Design,
-    Gap as Gap,
     NoDesign as NoDesign,
     foundation_for as foundation_for,
     spacings_for as spacings_for,
+)
+from .objectives import (
+    BandEdge as BandEdge,
+    BurstEnergy as BurstEnergy,
+    Crossing as Crossing,
+    GroupVelocity as GroupVelocity,
+    Level as Level,
+    LocalMode as LocalMode,
+    Margin as Margin,
+    Objective as Objective,
+    Rest as Rest,
+    Worst as Worst,
+    band_gap as band_gap,
 )
 from .scatter import ModeScatter as ModeScatter, SiteScatter as SiteScatter, mode_scatter as mode_scatter
 from .sensitivities import (
@@ -17,6 +28,15 @@ from .sensitivities import (
     response_sensitivities as response_sensitivities,
     screening_change as screening_change,
     spacing_change as spacing_change,
+)
+from .site_designs import (
+    Robust as Robust,
+    SiteDesign as SiteDesign,
+    Variables as Variables,
+    of_parts as of_parts,
+    optimise as optimise,
+    orbits as orbits,
+    write_build_list as write_build_list,
 )
 from .transfer_fits import (
     Built as Built,

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from ase import Atoms
 
-from ..bands.bloch import bloch_modes
 from ..errors import PhysicsError, finite, positive
 from ..stability.buckling import common_spring, foundation_needed
 from ..stiffness.repulsion import Repulsion, masses_of
+from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import refuse_gyration
-from .sensitivities import Change, frequency_sensitivities, spacing_change
+from .objectives import Objective, Rest
+from .scatter import SiteSlopes
 
 SCAN_POINTS = 49
 """Number of spacings tried in the range; between two of them the wanted value is crossed at most once."""
@@ -26,9 +27,6 @@ VERGE_TOLERANCE = 1e-9
 """Relative accuracy of the spacing at which the lattice begins to buckle."""
 EQUAL_MASSES = 1e-12
 """Relative difference of two masses below which they are equal, because of the round-off of their units."""
-MESH_POINTS = 24
-"""Number of wavevectors along each reciprocal vector among which the ends of a branch are searched for; M and K are among
-them."""
 
 
 @dataclass(frozen=True)
@@ -51,38 +49,11 @@ class Design:
     needed: float
 
 
-@dataclass(frozen=True)
-class BandEdge:
-    """Frequency of a branch, counted from 0, at the wavevector `q` in fractions of the reciprocal vectors."""
-
-    q: np.ndarray
-    branch: int
-
-    def __call__(self, atoms: Atoms) -> tuple[float, float]:
-        """The frequency, and its derivative by the logarithm of the spacing, rad/ms."""
-        omega, (slope,) = frequency_sensitivities(atoms, [self.q], [_spacing_of(atoms)])
-        return omega[0, self.branch], slope[0, self.branch]
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Width of the gap above a branch, counted from 0; negative where that branch and the next overlap."""
-
-    branch: int
-
-    def __call__(self, atoms: Atoms) -> tuple[float, float]:
-        """The width, and its derivative by the logarithm of the spacing, rad/ms: that of the modes at its ends."""
-        axes = [np.arange(MESH_POINTS) / MESH_POINTS if periodic else [0.0] for periodic in atoms.pbc]
-        q = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
-        omega, _ = bloch_modes(atoms, q)
-        ends = [q[omega[:, self.branch].argmax()], q[omega[:, self.branch + 1].argmin()]]
-        omega, (slope,) = frequency_sensitivities(atoms, ends, [_spacing_of(atoms)])
-        below, above = (0, self.branch), (1, self.branch + 1)
-        return omega[above] - omega[below], slope[above] - slope[below]
-
-
-def _spacing_of(atoms):
-    return Change(law=spacing_change(atoms.calc.law))
+def _by_spacing(atoms, target):
+    """A value, and its derivative by the logarithm of the spacing, rad/ms."""
+    rest = Rest(LinearSystem.of(atoms))
+    value, slope = target.value_and_slope(rest)
+    return value, SiteSlopes(rest.system).of(slope)['spacing']
 
 
 def foundation_for(atoms: Atoms, cut_off: float) -> float:
@@ -112,7 +83,7 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     return float(atoms.get_masses()[0] * positive('cut-off', cut_off, 'rad/ms') ** 2)
 
 
-def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tuple[float, float]], wanted: float,
+def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: float,
                   between: tuple[float, float]) -> list[Design]:
     """All spacings in a range at which a lattice is stable and a target has the value wanted.
 
@@ -120,8 +91,8 @@ def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tupl
     ----------
     build : callable
         From the spacing in mm to the cell with its MagneticRepulsion.
-    target : BandEdge or Gap
-        From the cell to a value and its derivative by the logarithm of the spacing, rad/ms.
+    target : Objective
+        In rad/ms, such as a `BandEdge` or `band_gap` with infinite sharpness.
     wanted : float
         In rad/ms.
     between : (float, float)
@@ -146,7 +117,8 @@ def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tupl
     ...     cell = lattices.triangular(spacing, 1.0)
     ...     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
     ...     return cell
-    >>> [design] = spacings_for(build, BandEdge(np.array([0.5, 0, 0]), 0), wanted=1.0, between=(0.5, 2.0))
+    >>> edge = BandEdge([0.5, 0, 0], below=1, sharp=np.inf)  # branch 1 at M
+    >>> [design] = spacings_for(build, edge, wanted=1.0, between=(0.5, 2.0))
     >>> round(design.spacing, 9), round(2 ** (1 / 5), 9)  # omega^2 = 2 (a - 3) L^-(a + 1)
     (1.148698355, 1.148698355)
     """
@@ -156,7 +128,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tupl
     stretches = _stable_stretches(build, np.geomspace(low, high, SCAN_POINTS))
     if not stretches:
         raise NoDesign(None, None)
-    values = [[target(build(L))[0] for L in spacings] for spacings in stretches]
+    values = [[target.value(LinearSystem.of(build(L))) for L in spacings] for spacings in stretches]
     found = []
     for spacings, off in zip(stretches, (np.array(row) - wanted for row in values), strict=True):
         for k in np.flatnonzero((off[:-1] < 0) != (off[1:] < 0)):
@@ -168,7 +140,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tupl
         raise NoDesign([(s[0], s[-1]) for s in stretches], (min(lo for lo, _ in reach), max(hi for _, hi in reach)))
     designs = []
     for L in found:
-        value, slope = target(build(L))
+        value, slope = _by_spacing(build(L), target)
         designs.append(Design(L, float(value), float(slope), foundation_needed(build(L), 'complete')[0]))
     return designs
 
@@ -220,10 +192,10 @@ def _refine(build, target, wanted, low, high):
     from scipy.optimize import least_squares
 
     def off(x):
-        return np.array([target(build(float(np.exp(x[0]))))[0] - wanted])
+        return np.array([_by_spacing(build(float(np.exp(x[0]))), target)[0] - wanted])
 
     def slope(x):
-        return np.array([[target(build(float(np.exp(x[0]))))[1]]])
+        return np.array([[_by_spacing(build(float(np.exp(x[0]))), target)[1]]])
 
     # SciPy declares the types of its defaults only
     x = least_squares(off, [np.log(low * high) / 2], slope,  # pyright: ignore[reportArgumentType]

@@ -11,34 +11,40 @@ of the force of the pillar if it is bent at rest; that by the logarithm of a mas
 the foot of a pillar is k_i w_i, and that by the place of a held magnet (C^T t - Phi w)_i.
 
 Of positions that were measured at rest, in a photo, nothing moves: w = 0, and the derivative by a position is (C^T t)_i.
+
+Any number J, of whatever frequencies, wavevectors and times, depends on the lattice through the stiffness of bonds, springs and
+masses (`Slope`); with G_b = dJ/dK_b in place of e^x (x) e^y one solution w gives its derivative by everything.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
+from scipy import linalg, sparse
 
 from ..errors import PhysicsError, not_negative
+from ..lattices.bonds import Bonds
 from ..response.frf import Place, resolvents
 from ..response.normal_modes import Modes, modes, natural_frequencies
-from ..stiffness.bond import stiffness_change
+from ..stiffness.bond import model_stiffness, stiffness_change
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.factors import inverse
-from ..stiffness.matrices import hessian
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem, freedom
+from .sensitivities import LawChange, exponent_change
 
 SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
 ROWS = {'mass': slice(1), 'strength': slice(1, 2), 'stiffness': slice(2, 3), 'position': slice(3, 6)}
 """Where the derivatives by each quantity stand among all: the three logarithms, then the three coordinates."""
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
+ROUND_OFF = 1e-13  # of forces that cancel
+FULL = 0.1  # share of nonzero entries above which a matrix is treated as a full one
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -80,31 +86,129 @@ class SiteScatter:
 NO_SCATTER = SiteScatter()
 
 
+@dataclass(frozen=True)
+class Slope:
+    """Derivatives of a number by what the structure is made of.
+
+    Attributes
+    ----------
+    bonds : ndarray, shape (bonds, dim, dim)
+        By the stiffness of each bond.
+    springs : ndarray, shape (particles, dim)
+        By the springs of each site.
+    masses : ndarray, shape (particles,)
+    strengths : float or ndarray, shape (bonds,)
+        By the logarithm of the strength of each bond, beyond what its stiffness says: of large motion.
+    vectors : float or ndarray, shape (bonds, dim)
+        By the vector of each bond at rest, likewise.
+    lengths : float
+        By the logarithm of all lengths, likewise: a group velocity is a length per time.
+    statics : float or ndarray, shape (bonds, dim, dim)
+        By the stiffness of each bond in the complete model, whatever the model of the waves: statics are the same in all models.
+    """
+
+    bonds: Any = 0.0
+    springs: Any = 0.0
+    masses: Any = 0.0
+    strengths: Any = 0.0
+    vectors: Any = 0.0
+    lengths: float = 0.0
+    statics: Any = 0.0
+
+    def __add__(self, other: Slope) -> Slope:
+        return Slope(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+
+    def __rmul__(self, c: float) -> Slope:
+        return Slope(*(c * getattr(self, f.name) for f in fields(self)))
+
+    @property
+    def real(self) -> Slope:
+        """That of the real part."""
+        return Slope(*(np.real(getattr(self, f.name)) for f in fields(self)))
+
+
+def form(bonds: Bonds, x: NDArray[Any], y: NDArray[Any], inertia: Any, q: NDArray[np.float64] | None = None) -> Slope:
+    """Slope of `sum x.(K + inertia M) y` over waves; of displacements of the shape (particles, dim, waves).
+
+    Of a Bloch wave at q, x is the complex conjugate of a mode.
+    """
+    ex, ey = elongations(bonds, x, None if q is None else -q), elongations(bonds, y, q)
+    xy = x * y
+    return Slope(ex @ ey.swapaxes(1, 2), xy.sum(2), (inertia * xy.sum(1)).sum(1))
+
+
+def elongations(bonds: Bonds, x: NDArray[Any], q: NDArray[np.float64] | None = None) -> NDArray[Any]:
+    """`C(q) x`, shape (bonds, dim, waves), of displacements x, shape (particles, dim, waves)."""
+    ends = x[bonds.j]
+    return (ends if q is None else np.exp(2j * np.pi * (bonds.shift @ q))[:, None, None] * ends) - x[bonds.i]
+
+
 @dataclass(frozen=True, eq=False)
 class SiteSlopes:
-    """Derivatives of bilinear forms of the stiffness with respect to the mass, strength, foundation and place of each site."""
+    """From what a number owes to bonds, springs and masses (`Slope`) to what it owes to each site and to the whole lattice."""
 
     system: LinearSystem
     at_rest: bool = False
 
     @cached_property
-    def _bonds(self):
-        """Stiffness K, its derivative with respect to the bond vector, and the gradient phi' n of each bond."""
-        calc, dim = self.system.calc, self.system.dim
-        R = calc.bond_vectors
-        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.interaction, calc.model) for axis in np.eye(dim)]
-        return calc.rest_stiffness(calc.model), np.stack(turns, axis=-1), calc.interaction.forces(R)[1]
-
-    @cached_property
     def _hessian(self):
-        calc = self.system.calc
-        return hessian(calc.bonds, calc.rest_stiffness('complete'), calc.foundation)  # of the complete model, as all statics
+        return self.system.calc.rest_hessian('complete')  # of the complete model, as all statics
 
     @cached_property
     def _statics(self):
         P = self.system.free
-        Phi = P.T @ self._hessian @ P
-        return inverse(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1]))
+        Phi = sparse.csr_array(P.T @ self._hessian @ P)
+        Phi = full_or_sparse(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1]))
+        if sparse.issparse(Phi):
+            return inverse(Phi)
+        factors = linalg.lu_factor(Phi)
+        return lambda b: linalg.lu_solve(factors, b)
+
+    def _changes(self, models):
+        """Derivatives of the stiffness of each bond by its vector, shape (bonds, dim, dim, dim), in some models."""
+        calc, R = self.system.calc, self.system.calc.bond_vectors
+        for model in models:
+            turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.interaction, model) for axis in np.eye(calc.dim)]
+            yield np.stack(turns, axis=-1)
+
+    def of(self, slope: Slope, kept: float | None = None) -> dict[str, Any]:
+        """Derivatives by the logarithms of the `mass`, `strength` and `spring` of each site, and by its `foot` in mm.
+
+        And of the whole lattice: by the logarithms of its `spacing` and of the `height` of all its pillars; with `kept`, a
+        length in mm, of the `exponent` of an InversePower whose force over that length stays.  Those by springs and feet have
+        the shape (particles, dim).
+        """
+        calc, P = self.system.calc, self.system.free
+        C, R, k = calc.bonds.incidence, calc.bond_vectors, np.broadcast_to(calc.foundation, (len(self.system), calc.dim))
+        kinds = [(slope.bonds, calc.model)] + [(slope.statics, 'complete')] * (np.ndim(slope.statics) > 0)
+        pull, complete = calc.interaction.forces(R)[1], calc.rest_stiffness('complete')
+        push, each = np.broadcast_to(slope.vectors, R.shape), np.broadcast_to(slope.strengths, len(R))
+        for (G, model), turns in zip(kinds, self._changes(model for _, model in kinds), strict=True):
+            if np.ndim(G):
+                push = push + np.einsum('bxy,bxyz->bz', G, turns)
+                each = each + (G * calc.rest_stiffness(model)).sum((1, 2))
+        on = C.T @ push
+        w, foot, along = np.zeros_like(on), on, P.T @ on.ravel()
+        if not self.at_rest and abs(along).max() > ROUND_OFF * abs(push).max():  # else nothing moves, by symmetry
+            w = (P @ self._statics(along)).reshape(on.shape)
+            left = on.ravel() - self._hessian @ w.ravel()
+            foot = k * w + (left - P @ (P.T @ left)).reshape(on.shape)
+        e = C @ w
+        springs = k * slope.springs + calc.spring_forces * w
+        stretched = (push * R).sum() - np.einsum('bx,bxy,by->', e, complete, R) + (calc.spring_forces * w).sum() + slope.lengths
+        found = {'mass': self.system.masses * slope.masses, 'strength': abs(C).T @ (each - (pull * e).sum(1)), 'spring': springs,
+                 'foot': foot, 'spacing': stretched, 'height': -3 * springs.sum()}
+        return found if kept is None else found | {'exponent': self._by_exponent(kinds, slope, e, kept)}
+
+    def _by_exponent(self, kinds, slope, e, kept):
+        if np.ndim(slope.strengths):
+            raise ValueError('large motion knows no slope by the exponent; take the exponent out, or the amplitude')
+        calc, R = self.system.calc, self.system.calc.bond_vectors
+        strength, law = calc.strengths[calc.bonds.i] * calc.strengths[calc.bonds.j], exponent_change(calc.laws, kept)
+        change: Any = LawChange(lambda r: strength * law.dphi(r), lambda r: strength * law.d2phi(r))
+        r = np.linalg.norm(R, axis=1)
+        direct = [(G * model_stiffness(R, change, model)).sum() for G, model in kinds if np.ndim(G)]
+        return sum(direct) - ((change.dphi(r) / r)[:, None] * R * e).sum()
 
     def __call__(self, x: NDArray[Any], y: NDArray[Any], inertia: Any) -> NDArray[np.complex128]:
         """Derivatives of `x.(H + inertia M) y` by logarithms of masses, strengths and springs, and by places.
@@ -112,23 +216,14 @@ class SiteSlopes:
         Their shape is (6, particles).  The displacements x and y respect the constraints; the inertia is
         `-omega^2 + i omega gamma`, in rad^2/ms^2.
         """
-        calc, P = self.system.calc, self.system.free
-        C = calc.bonds.incidence
-        K, turns, pull = self._bonds
-        ex, ey = C @ x, C @ y
-        push = (C.T @ np.einsum('bx,bxyz,by->bz', ex, turns, ey)).ravel()
-        w, place = np.zeros(x.shape), push
-        if not self.at_rest:
-            along = P.T @ push
-            w = (P @ self._statics(along)).reshape(x.shape)
-            pulled = push - self._hessian @ w.ravel()
-            place = (calc.foundation * w).ravel() + pulled - P @ (P.T @ pulled)
-        each = np.einsum('bx,bxy,by->b', ex, K, ey) - np.einsum('bx,bx->b', pull, C @ w)
-        strength = abs(C).T @ each
-        spring = (calc.foundation * x * y + calc.spring_forces * w).sum(axis=1)
-        places = np.zeros((3, len(x)), complex)
-        places[: x.shape[1]] = place.reshape(x.shape).T
-        return np.array([inertia * self.system.masses * (x * y).sum(axis=1), strength, spring, *places])
+        found, places = self.of(form(self.system.calc.bonds, x[..., None], y[..., None], inertia)), np.zeros((3, len(x)), complex)
+        places[: x.shape[1]] = found['foot'].T
+        return np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])
+
+
+def full_or_sparse(A: sparse.csr_array) -> Any:
+    """The matrix, as a full one where it has few zeros: LAPACK is then faster than sparse factors."""
+    return A.toarray() if A.nnz > FULL * A.shape[0] ** 2 else A
 
 
 class ModeScatter(NamedTuple):

@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .. import units as u
-from ..design.inverse import BandEdge, Design, Gap, NoDesign, foundation_for, spacings_for
+from ..design.inverse import Design, NoDesign, foundation_for, spacings_for
+from ..design.objectives import BandEdge, Objective, band_gap
 from ..errors import one_of
 from ..response.frf import Place
 from ..stability.buckling import foundation_needed
@@ -53,6 +54,9 @@ if TYPE_CHECKING:
     from .scene import Scene
 
 HERTZ = 2 * np.pi * u.Hz  # one hertz in rad/ms
+MESH_POINTS = 24
+"""Number of wavevectors along each reciprocal vector among which the ends of a branch are searched for; M and K are among
+them."""
 
 
 class Damped(Table):
@@ -247,13 +251,13 @@ class EdgePlan(Table):
     name = property(lambda self: f'branch {self.branch} at {self.point}')
     wanted = property(lambda self: self.frequency_Hz * HERTZ)
 
-    def target(self, scene: Scene) -> BandEdge | Gap:
+    def target(self, scene: Scene) -> Objective:
         points = scene.special_points
         if self.point not in points:
             raise ValueError(f'design.edge.point of the {scene.lattice.kind} lattice must be one of {", ".join(points)}, '
                              f'not {self.point!r}')
         _check_branch('edge.branch', self.branch, scene, 0)
-        return BandEdge(points[self.point], self.branch - 1)
+        return BandEdge(points[self.point], self.branch, sharp=np.inf)
 
 
 class GapPlan(Table):
@@ -266,9 +270,10 @@ class GapPlan(Table):
     name = property(lambda self: f'gap above branch {self.above_branch}')
     wanted = property(lambda self: self.width_Hz * HERTZ)
 
-    def target(self, scene: Scene) -> BandEdge | Gap:
+    def target(self, scene: Scene) -> Objective:
         _check_branch('gap.above_branch', self.above_branch, scene, 1)
-        return Gap(self.above_branch - 1)
+        axes = [np.arange(MESH_POINTS) / MESH_POINTS if periodic else [0.0] for periodic in scene.perfect_cell().pbc]
+        return band_gap(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3), self.above_branch, np.inf)
 
 
 def _check_branch(key, branch, scene, above):

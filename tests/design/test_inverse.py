@@ -10,8 +10,9 @@ from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.bands import zone_map
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
-from magphonon.design import BandEdge
+from magphonon.design import BandEdge, Objective
 from magphonon.design.inverse import foundation_for, spacings_for
+from magphonon.design.scatter import Slope
 from magphonon.scenes.plans import HERTZ
 from magphonon.scenes.scene import Scene, ready_scene, reference
 from magphonon.scenes.tolerances import varied
@@ -161,11 +162,12 @@ def test_value_met_twice_gives_both_spacings():
         atoms.calc = MagneticRepulsion(atoms, law)
         return atoms
 
-    def target(atoms):
-        x = np.log(atoms.cell.lengths()[0] / 10)
-        return x**2, 2 * x
+    class Squared(Objective):
+        def value_and_slope(self, rest):
+            x = np.log(rest.system.atoms.cell.lengths()[0] / 10)
+            return x**2, Slope(lengths=2 * x)
 
-    first, second = spacings_for(build, target, 0.01, (8.0, 13.0))
+    first, second = spacings_for(build, Squared(), 0.01, (8.0, 13.0))
     assert_allclose([first.spacing, second.spacing], 10 * np.exp([-0.1, 0.1]), rtol=1e-10)
 
 
@@ -229,6 +231,6 @@ def test_designs_beside_the_border_of_buckling_and_the_end_of_the_range(seed):
     for L, between in ((border * (1 + rng.uniform(1e-4, 1e-3)), (0.6 * border, 2 * border)),
                        (1.5 * border, (0.7 * border, 1.5 * border * (1 + 1e-3)))):
         wanted = np.sqrt((k - 4 * b / L ** (a + 1)) / mass)
-        [found] = spacings_for(build, BandEdge(np.array([0.5, 0, 0]), 0), wanted, between)
+        [found] = spacings_for(build, BandEdge([0.5, 0, 0], below=1, sharp=np.inf), wanted, between)
         assert found.spacing == pytest.approx(L, rel=1e-9)
         assert between[0] < border < found.spacing < between[1]

@@ -47,7 +47,7 @@ def test_natural_frequencies(site):
     theirs = differences(lambda atoms: modes(atoms).omega ** 2, site)
     # 1e-6: the square of the step, times third derivatives of some hundreds
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * squares.max())
-    at_rest = slopes._bonds[0]  # the control: without the rest that follows
+    at_rest = slopes.system.calc.rest_stiffness()  # the control: without the rest that follows
     ends = (slopes.system.calc.bonds.i == site) | (slopes.system.calc.bonds.j == site)
     e = np.array([slopes.system.calc.bonds.incidence @ x for x in found.shapes])
     fixed = np.einsum('mbx,bxy,mby->m', e[:, ends], at_rest[ends], e[:, ends])

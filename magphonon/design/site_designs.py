@@ -1,0 +1,666 @@
+"""A lattice for a wanted wave: every magnet, pillar, mass and foot by the gradient, through the rest that follows them.
+
+`optimise` makes an `Objective` as large as it can be within bounds.  The rest is found by Newton's method, always from the first
+positions, so that runs repeat to the last bit; a design whose rest is no minimum of the energy is never returned.  One static
+solution then turns the slopes of the objective into those by all parameters (`magphonon.design.scatter`), and SciPy's L-BFGS-B,
+or SLSQP where there are constraints, does the rest.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg, sparse
+from tqdm import tqdm
+
+from .. import units
+from ..errors import Unstable, finite, one_of, whole
+from ..files import whole_file
+from ..interactions.pair_laws import InversePower
+from ..stability.buckling import common_spring, softest_of
+from ..stiffness.bond import interaction_along, model_stiffness
+from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.defects import Scatter, site_normals
+from ..stiffness.factors import factorised
+from ..stiffness.matrices import hessian
+from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import LinearSystem
+from ..stiffness.sites import refuse_gyration
+from .objectives import Crossing, Objective, Rest, soft_minimum
+from .scatter import FULL, SiteSlopes
+
+SITES = {'strength': 'strength', 'spring': 'spring', 'spring_x': 'spring', 'spring_y': 'spring', 'mass': 'mass', 'foot': 'foot'}
+"""What may vary from site to site: factors, and displacements of the foot in mm; each with the slope that it takes."""
+LATTICE = 'spacing', 'exponent', 'height'  # factors of the whole lattice
+NEWTONS, LONGEST, SETTLED = 40, 0.05, 1e-12  # most steps to rest; the longest one and the last one, in shortest bonds
+IN_STEPS = 5  # from the first parameters to those that are far
+RESTARTS = 3  # of L-BFGS-B, after it met designs that buckle
+FIRST = 0.05  # standard deviation of the parameters at a start, of half the width of their bounds
+AT_BOUND = 1e-6  # of the width
+FAR = 10.0  # how much worse than the best a design is said to be that buckles
+TOLERATED = 1e-6  # by which a constraint may be missed
+REGULAR = 1e-12  # stiffness added to every direction, as a fraction of the largest, because free translations have none
+ROUNDS = 0.3, 0.5, 0.7, 0.85, 0.95, 1.0  # shares of the parameters that are parts, in turn
+
+
+@dataclass(frozen=True)
+class Robust:
+    """Scatter against which a design is to hold: it is judged by a soft minimum over lattices that are drawn once.
+
+    Attributes
+    ----------
+    scatter : magphonon.stiffness.Scatter
+        Of strengths, springs and masses, relative, and of places in mm; of all sites, held ones too.
+    frequency : float
+        Relative standard deviation of the frequencies of all sources.
+    draws : int
+    width : float
+        Of the soft minimum, in the unit of the objective: towards zero the worst draw alone counts; infinite, the mean.
+    seed : int
+    """
+
+    scatter: Scatter
+    draws: int = 24
+    width: float = 1.0
+    frequency: float = 0.0
+    seed: int = 0
+
+    def drawn(self, particles: int) -> list[Draw]:
+        """The drawn lattices."""
+        found = []
+        for seed in range(self.seed, self.seed + self.draws):
+            *xyz, strength, mass, stiffness = site_normals(seed, particles + 1).T  # the last site stands for the sources
+            s = self.scatter
+            found.append(Draw(1 + s.strength * strength[:-1], 1 + s.stiffness * stiffness[:-1], 1 + s.mass * mass[:-1],
+                              s.position * np.transpose(xyz)[:-1], 1 + self.frequency * mass[-1]))
+        return found
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Factors of strengths, springs and masses, displacements of feet in mm, and a factor of frequencies."""
+
+    strength: Any = 1.0
+    spring: Any = 1.0
+    mass: Any = 1.0
+    foot: Any = 0.0
+    frequency: float = 1.0
+
+
+class Variables:
+    """What of a lattice may vary, as one vector of numbers between -1 and 1, and the rest for each.
+
+    A factor within (low, high) is `exp(middle + x half)` of the logarithms; feet and their bounds are in mm, of a lattice whose
+    spacing does not vary.
+    """
+
+    def __init__(self, atoms: Atoms, over: Mapping[str, tuple[float, float]], sites: ArrayLike | None = None,
+                 groups: ArrayLike | None = None) -> None:
+        self.atoms, self.calc = atoms, repulsion_of(atoms).about(atoms, model='complete')
+        refuse_gyration(self.calc, 'designs')
+        self.system = LinearSystem.about(self.calc, atoms).moving()
+        self.springs = np.broadcast_to(self.calc.foundation, (len(atoms), self.calc.dim))
+        self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(np.asarray(sites, int))
+        if not over or not (len(self.sites) or set(over) & set(LATTICE)):
+            raise ValueError('nothing may vary: name a parameter in over=, and at least one site that is free')
+        group = self.sites if groups is None else np.asarray(groups, int)[self.sites]
+        self._group = np.unique(group, return_inverse=True)[1]
+        self.over, self._parts, low, high = dict(over), {}, [], []
+        count = int(self._group.max(initial=-1)) + 1
+        for name, bounds in over.items():
+            one_of('parameter of a design', name, (*SITES, *LATTICE))
+            least, most = self._bounds(name, bounds)
+            size = 1 if name in LATTICE else count * (self.calc.dim if name == 'foot' else 1)
+            self._parts[name] = slice(len(low), len(low) + size)
+            low, high = low + size * [least], high + size * [most]
+        self.low, self.high = np.array(low), np.array(high)
+        self.middle, self.half = (self.high + self.low) / 2, (self.high - self.low) / 2
+        self.kept = float(self.calc.bonds.lengths.min())
+
+    def _bounds(self, name, bounds):
+        low, high = finite(f'bounds of {name}', bounds, (2,))
+        if not low < high or (name != 'foot' and not low > 0):
+            what = 'numbers in mm' if name == 'foot' else 'positive factors'
+            raise ValueError(f'the bounds of {name} must be two increasing {what}, not {low:g} and {high:g}; leave '
+                             f'{name} out if it is not to vary')
+        if name in ('spring', 'spring_x', 'spring_y', 'height') and not self.springs[self.sites].any():
+            raise ValueError(f'{name} varies the springs of a foundation, and there is none; give one, or leave {name} out')
+        if name == 'exponent' and not isinstance(self.calc.laws, InversePower):
+            raise ValueError(f'exponent varies one inverse-power law for all particles, not {self.calc.laws!r}; leave it out')
+        return (low, high) if name == 'foot' else (np.log(low), np.log(high))
+
+    def __len__(self) -> int:
+        return len(self.low)
+
+    @property
+    def present(self) -> NDArray[np.float64]:
+        """The parameters of the structure as it was given, or the nearest within the bounds."""
+        return np.clip(-self.middle / self.half, -1, 1)
+
+    def slice_of(self, name: str) -> slice:
+        """Where the parameters of a kind stand."""
+        return self._parts[name]
+
+    def values(self, x: NDArray[np.float64]) -> dict[str, Any]:
+        """Factors of each site, shape (particles,), displacement of each foot in mm, (particles, dim), factors of the lattice."""
+        p, n, found = self.middle + self.half * x, len(self.atoms), {}
+        for name, part in self._parts.items():
+            if name in LATTICE:
+                found[name] = float(np.exp(p[part][0]))
+            elif name == 'foot':
+                found[name] = np.zeros((n, self.calc.dim))
+                found[name][self.sites] = p[part].reshape(-1, self.calc.dim)[self._group]
+            else:
+                found[name] = np.ones(n)
+                found[name][self.sites] = np.exp(p[part])[self._group]
+        return found
+
+    def gradient(self, x: NDArray[np.float64], slopes: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Slopes by the parameters x, from those by sites and lattice (`SiteSlopes.of`)."""
+        found, size = np.empty(len(self)), self.values(x).get('spacing', 1.0)
+        for name, part in self._parts.items():
+            if name in LATTICE:
+                found[part] = slopes[name]
+                continue
+            own = slopes[SITES[name]][self.sites]
+            if SITES[name] == 'spring':
+                own = own.sum(1) if name == 'spring' else own[:, 'xy'.index(name[-1])]
+            columns = (size if name == 'foot' else 1.0) * own.reshape(len(own), -1).T
+            found[part] = np.stack([np.bincount(self._group, column) for column in columns], axis=1).ravel()
+        return self.half * found
+
+    def rest(self, x: NDArray[np.float64], model: str = 'complete', draw: Draw | None = None) -> Rest:
+        """The structure at rest; Unstable if it has none that is stable, near the first positions."""
+        draw = draw or Draw()
+        try:
+            return self._rest(x, model, draw, None)[0]
+        except Unstable:
+            u = None
+            for share in np.linspace(0, 1, IN_STEPS + 1)[1:]:
+                found, u = self._rest(self.present + share * (x - self.present), model, draw, u)
+            return found  # pyright: ignore[reportPossiblyUnbound]  there are steps
+
+    def _rest(self, x, model, draw, u):
+        v, calc, P, n, dim = self.values(x), self.calc, self.system.free, len(self.atoms), self.calc.dim
+        size, a = v.get('spacing', 1.0), v.get('exponent', 1.0)
+        laws = calc.laws
+        if a != 1:
+            laws = InversePower(laws.b * self.kept ** ((a - 1) * laws.a), a * laws.a)
+        foot = size * (np.broadcast_to(draw.foot, (n, 3))[:, :dim] + v.get('foot', 0.0))
+        k = self.springs * (draw.spring * v.get('spring', 1.0) * v.get('height', 1.0) ** -3 * np.ones(n))[:, None]
+        for axis, name in enumerate(('spring_x', 'spring_y')):
+            k[:, axis] = k[:, axis] * v.get(name, 1.0)
+        strengths = calc.strengths * draw.strength * v.get('strength', 1.0)
+        acts, C = interaction_along(laws, calc.bonds, calc.reference.get_tags(), strengths, dim), calc.bonds.incidence
+        R0, slack, load = size * calc.bond_vectors, size * calc.slack[:, :dim], calc.load[:, :dim]
+        u, shortest = foot.copy() if u is None else u, size * self.kept
+        for _ in range(NEWTONS):
+            R = R0 + C @ u
+            pull = P.T @ (C.T @ acts.forces(R)[1] + k * (slack + u - foot) - load).ravel()
+            solve, stable = _solved(P.T @ hessian(calc.bonds, model_stiffness(R, acts), k) @ P)
+            step = (P @ solve(pull)).reshape(n, dim) / shortest
+            u = u - shortest * step * min(1, LONGEST / max(abs(step).max(), SETTLED))
+            if not abs(step).max() > SETTLED:
+                break
+        else:
+            raise Unstable('no rest is found near the first positions: the structure buckles or slides')
+        if not np.isfinite(u).all() or not stable or not self._waves_hold(acts, R, k):
+            raise Unstable('the rest is a saddle: the structure buckles')
+        atoms = calc.reference.copy()
+        atoms.set_cell(size * atoms.cell.array if size != 1 else atoms.cell, scale_atoms=False)
+        anchors = np.array(calc.anchors)
+        for place, moved in ((anchors, foot), (atoms.positions, u)):
+            place *= size
+            place[:, :dim] += moved
+        atoms.set_masses(atoms.get_masses() * draw.mass * v.get('mass', 1.0))
+        atoms.set_constraint(self.atoms.constraints)
+        bonds = replace(calc.bonds, vectors=size * calc.bonds.vectors, cutoff=None)
+        bonds.vectors[:, :dim] = R0 + C @ u
+        own = MagneticRepulsion(atoms, laws, bonds=bonds, anchors=anchors, foundation=k, strengths=strengths, load=calc.load,
+                                model=model)
+        return Rest(LinearSystem.about(own, atoms)), u
+
+    def _waves_hold(self, acts, R, k):
+        """Whether waves of a periodic cell at q = 0 and 1/2 along each vector are stable."""
+        pbc, P = self.atoms.pbc, self.system.free
+        edges = [*product(*((0.0, 0.5) if along else (0.0,) for along in pbc))][1:]
+        K = model_stiffness(R, acts)
+        return all(_solved(P.T @ hessian(self.calc.bonds, K, k, q) @ P)[1] for q in edges)
+
+
+def _solved(H):
+    """The solution of the equations of a real matrix, and whether it is positive: by Cholesky, or the signs of pivots."""
+    H = sparse.csr_array(H + REGULAR * (abs(H).max() or 1.0) * sparse.eye_array(H.shape[0]))
+    if H.nnz > FULL * H.shape[0] ** 2:
+        H = H.toarray()
+        try:
+            factors = linalg.cho_factor(H, check_finite=False)
+            return lambda b: linalg.cho_solve(factors, b, check_finite=False), True
+        except linalg.LinAlgError:
+            return lambda b: linalg.solve(H, b, assume_a='sym'), False
+    factors = factorised(H)
+    return factors.solve, factors.negative() == 0
+
+
+@dataclass(frozen=True, eq=False)
+class SiteDesign:
+    """A structure designed for an objective.
+
+    Attributes
+    ----------
+    atoms : ase.Atoms
+        At rest, with its calculator.
+    objective : Objective
+    variables : Variables
+        What varied.
+    x : ndarray, shape (parameters,)
+        The parameters, -1 and 1 at their bounds.
+    model : {'complete', 'conventional'}
+        The model of the waves for which it was designed.
+    value, before : float
+        Of the objective, without scatter: of this structure, and of the one that was given.
+    robust : float
+        The soft minimum over the draws; the value itself without them.
+    history : tuple of float
+        The best value so far at each evaluation, of the best start.
+    starts : tuple of float
+        The value that each start reached: how far local optima differ.
+    slopes : dict
+        Derivatives of the value by strength, spring, mass and foot of each site (`SiteSlopes.of`).
+    buckled : int
+        Number of evaluations that found no stable rest.
+    conventional : SiteDesign or None
+        The same designed by D0 alone.
+    given : float
+        The value in truth: that in the complete model, whatever the model of the design.
+    """
+
+    atoms: Atoms
+    objective: Objective
+    variables: Variables
+    x: NDArray[np.float64]
+    model: str
+    value: float
+    before: float
+    robust: float
+    history: tuple[float, ...]
+    starts: tuple[float, ...]
+    slopes: dict[str, Any]
+    buckled: int
+    given: float
+    conventional: SiteDesign | None = None
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Factors of strengths, springs, masses and the lattice, and displacements of feet in mm, of what varied."""
+        return self.variables.values(self.x)
+
+    @property
+    def at_bounds(self) -> int:
+        """Number of parameters at a bound."""
+        return int((1 - abs(self.x) < AT_BOUND).sum())
+
+    def drawn(self, robust: Robust, seed: int) -> NDArray[np.float64]:
+        """Values of lattices that scatter, drawn from another seed than that of the design; NaN for one that buckles."""
+        found = []
+        for draw in replace(robust, seed=seed).drawn(len(self.atoms)):
+            try:
+                found.append(self.objective.tuned(draw.frequency).value(self.variables.rest(self.x, draw=draw)))
+            except Unstable:
+                found.append(np.nan)
+        return np.array(found)
+
+    def tolerances(self, robust: Robust, drop: float = 1.0) -> dict[str, NDArray[np.float64]]:
+        """How far each site alone may be off until the value falls by `drop`, shape (particles,): relative, of feet in mm.
+
+        To first order about lattices that scatter, in the root mean square over their draws: at the optimum itself the slopes
+        vanish, but no lattice that is built stands there.
+        """
+        squares: dict[str, Any] = {}
+        draws = robust.drawn(len(self.atoms))
+        for draw in draws:
+            rest = self.variables.rest(self.x, draw=draw)
+            slopes = SiteSlopes(rest.system).of(self.objective.tuned(draw.frequency).value_and_slope(rest)[1])
+            for name in ('strength', 'spring', 'mass', 'foot'):
+                own = slopes[name].sum(1) if name == 'spring' else slopes[name]
+                squares[name] = squares.get(name, 0.0) + own**2 / len(draws)
+        squares['foot'] = squares['foot'].sum(1)
+        with np.errstate(divide='ignore'):
+            return {name: drop / np.sqrt(square) for name, square in squares.items()}
+
+    @property
+    def words(self) -> list[str]:
+        """What limits the design, in words."""
+        found = []
+        if self.at_bounds:
+            found.append(f'{self.at_bounds} of {len(self.x)} parameters lie at a bound; wider bounds may give more.')
+        if len(self.starts) > 1:
+            found.append(f'{len(self.starts)} starts reached {min(self.starts):.4g} to {max(self.starts):.4g}: these are local '
+                         'optima, and another start may reach more.')
+        if self.buckled:
+            found.append(f'{self.buckled} trial designs buckled and were given up.')
+        if self.conventional is not None:
+            found.append(f'Designed by D0 alone it would promise {self.conventional.value:.4g} and give '
+                         f'{self.conventional.given:.4g}.')
+        return found + self.objective.doubts(Rest(LinearSystem.of(self.atoms)))
+
+
+def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float, float]], *, model: str = 'complete',
+             sites: ArrayLike | None = None, groups: ArrayLike | None = None, robust: Robust | None = None, steps: int = 100,
+             starts: int = 1, seed: int = 0, start: ArrayLike | None = None, constraints: Sequence[tuple[Objective, float]] = (),
+             compare: bool = False, report: Callable[[NDArray[np.float64], float], Any] | None = None) -> SiteDesign:
+    """Make an objective of a structure as large as it can be.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With its MagneticRepulsion; it need not be at rest.
+    objective : Objective
+    over : dict
+        What may vary, and its bounds: factors of the `strength`, `spring` (or `spring_x`, `spring_y`) and `mass` of each site,
+        displacements of each `foot` in mm along each axis, and factors of the whole lattice: `spacing`, `exponent` (the force
+        over the shortest bond stays), `height` of all pillars.
+    model : {'complete', 'conventional'}
+        Of the waves; statics are those of the complete model in either.
+    sites : array_like of int, optional
+        The sites that vary; all that are free by default.
+    groups : array_like of int, shape (particles,), optional
+        Sites of one number have the same parameters; see `orbits` for those that a symmetry carries into each other.
+    robust : Robust, optional
+        Scatter against which the design is to hold.
+    steps, starts : int
+        Iterations of each start, and starts: the structure as it is given, moved at random a little.
+    seed : int
+        Of the starts.
+    start : array_like, shape (parameters,), optional
+        The first start, as `SiteDesign.x`.
+    constraints : sequence of (Objective, float)
+        Objectives whose value must not fall below a number, such as a `Margin` of stability.
+    compare : bool
+        Design by D0 alone too, `SiteDesign.conventional`.
+    report : function, optional
+        Called at each better design with its parameters and value, such as to save them.
+
+    Raises
+    ------
+    Unstable
+        If no design that was tried has a stable rest.
+    ValueError
+        If nothing may vary, bounds are not a range, or the objective does not depend on anything that varies.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.design import Level, optimise
+    >>> from magphonon.response import Place
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=4.0)
+    >>> source, left, right = (Place(k, np.array([1.0, 0, 0])) for k in (18, 16, 20))
+    >>> contrast = Level(source, left, 3.0, 0.1) - Level(source, right, 3.0, 0.1)
+    >>> design = optimise(patch, contrast, {'strength': (0.9, 1.1)}, steps=20)
+    >>> abs(round(design.before, 6)), design.value > 20  # in dB: by symmetry both hear the same at first
+    (0.0, True)
+    """
+    variables = Variables(atoms, over, sites, groups)
+    task = _Task(variables, objective, model, [Draw()] if robust is None else robust.drawn(len(atoms)),
+                 np.inf if robust is None else robust.width)
+    rng, found = np.random.default_rng(seed), []
+    for k in range(whole('starts', starts)):
+        x = variables.present + FIRST * rng.normal(size=len(variables)) if start is None or k else np.asarray(start, float)
+        found.append(_Ascent(task, np.clip(x, -1, 1), np.zeros(len(variables), bool), constraints, report).run(steps))
+    best = max(found, key=lambda one: one[1])
+    x, value, history = best
+    design = _design(task, x, value, history, tuple(one[1] for one in found))
+    if not compare or model == 'conventional':
+        return design
+    alone = optimise(atoms, objective, over, model='conventional', sites=sites, groups=groups, robust=robust, steps=steps,
+                     starts=starts, seed=seed, start=start, constraints=constraints)
+    return replace(design, conventional=alone)
+
+
+@dataclass(eq=False)
+class _Task:
+    """The value of an objective and its gradient by the parameters, in one model, over draws."""
+
+    variables: Variables
+    objective: Objective
+    model: str
+    draws: list[Draw]
+    width: float
+    buckled: int = 0
+
+    def __call__(self, x):
+        values, slopes = [], []
+        for draw in self.draws:
+            value, slope = self.one(self.objective.tuned(draw.frequency), x, draw)
+            values.append(value)
+            slopes.append(slope)
+        value, share = soft_minimum(np.array(values), self.width)
+        return value, share @ np.array(slopes)
+
+    def holds(self, x):
+        """Whether all waves of a periodic cell are stable; of a finite structure its rest says that."""
+        if not self.variables.atoms.pbc.any():
+            return True
+        system = self.variables.rest(x).system
+        return not softest_of(system, 'complete', foundation=common_spring(system)).needed
+
+    def one(self, objective, x, draw=None):
+        v = self.variables
+        rest = v.rest(x, self.model, draw)
+        value, slope = objective.value_and_slope(rest)
+        return value, v.gradient(x, SiteSlopes(rest.system).of(slope, v.kept if 'exponent' in v.over else None))
+
+
+class _Ascent:
+    """The way up from some parameters, of which those that are `fixed` stay, with the best design so far."""
+
+    def __init__(self, task, x, fixed, constraints=(), report=None):
+        self.task, self.x, self.free, self.constraints, self.report = task, x, ~fixed, constraints, report
+        self.best, self.value, self.history, self._at = x, -np.inf, [], None
+        self.progress = tqdm(desc='designs', delay=2, disable=None, leave=False)
+
+    def run(self, steps):
+        """The best parameters found, their value, and the best value at each evaluation."""
+        from scipy.optimize import minimize
+
+        y, bounds = self.x[self.free], [(-1, 1)] * int(self.free.sum())
+        for _ in range(RESTARTS if len(y) else 0):
+            before = self.task.buckled
+            if self.constraints:
+                minimize(self.down, y, jac=True, method='SLSQP', bounds=bounds, options={'maxiter': steps, 'ftol': 1e-9},
+                         constraints={'type': 'ineq', 'fun': lambda y: self.kept(y)[0], 'jac': lambda y: self.kept(y)[1]})
+            else:
+                minimize(self.down, y, jac=True, method='L-BFGS-B', bounds=bounds,
+                         options={'maxiter': steps, 'maxfun': 2 * steps})
+            if self.task.buckled == before or not np.isfinite(self.value) or len(self.history) > 2 * steps:
+                break
+            y = self.best[self.free]  # a trial that buckled has stopped it
+        self.progress.close()
+        if not len(y):
+            self.down(y)
+        if not np.isfinite(self.value):
+            also = ' and keeps the constraints' if self.constraints else ''
+            raise Unstable(f'of {len(self.history) + self.task.buckled} designs that were tried within the bounds, none has a '
+                           f'stable rest{also}: the bounds exclude stable structures; widen them, or give stiffer springs')
+        return self.best, self.value, tuple(self.history)
+
+    def whole(self, y):
+        x = self.x.copy()
+        x[self.free] = y
+        return x
+
+    def down(self, y):
+        """What is made small, and its slope; far above all else, and flat, where the structure buckles."""
+        x = self.whole(y)
+        self.progress.update()
+        try:
+            value, slope = self.task(x)
+            kept = not self.constraints or self.kept(y)[0].min() >= -TOLERATED
+        except (Unstable, Crossing):
+            return self.buckling(y)
+        if not self.history and len(y) and not slope[self.free].any():
+            raise ValueError('the objective does not depend on anything that varies: its parts cancel, or nothing that varies is '
+                             'within its reach; change the targets, or let something else vary')
+        if value > self.value and kept:
+            if not self.task.holds(x):
+                return self.buckling(y)
+            self.best, self.value = x, value
+            self.progress.set_postfix(value=f'{value:.4g}')
+            if self.report is not None:
+                self.report(x, value)
+        self.history.append(self.value)
+        return -value, -slope[self.free]
+
+    def buckling(self, y):
+        """What a design counts that has no stable rest."""
+        self.task.buckled += 1
+        known = self.value if np.isfinite(self.value) else 0.0
+        return FAR * (1 + abs(known)) - known, np.zeros(len(y))
+
+    def kept(self, y):
+        """By how much the constraints are kept, and the slopes of that."""
+        if self._at is None or not np.array_equal(self._at[0], y):
+            found = [self.task.one(one, self.whole(y)) for one, _ in self.constraints]
+            above = np.array([value - least for (value, _), (_, least) in zip(found, self.constraints, strict=True)])
+            self._at = y.copy(), above, np.array([slope[self.free] for _, slope in found])
+        return self._at[1], self._at[2]
+
+
+def _design(task, x, value, history, starts):
+    """What is known of the parameters that were found."""
+    v = task.variables
+    rest, truth = v.rest(x, task.model), v.rest(x)
+    alone, slope = task.objective.value_and_slope(rest)
+    given = task.objective.value(truth) if task.model != 'complete' else alone
+    value, alone = float(value), float(alone)
+    return SiteDesign(truth.system.atoms, task.objective, v, x, task.model, alone,
+                      task.objective.value(v.rest(v.present, task.model)), value, history, starts,
+                      SiteSlopes(rest.system).of(slope), task.buckled, float(given))
+
+
+def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust | None = None, steps: int = 20,
+             exchanges: int = 60) -> SiteDesign:
+    """The design made of parts that can be bought: those nearest to a part are rounded, the others optimised again, and so on.
+
+    At the end single parts are exchanged, as the slope recommends, as long as the value grows.
+
+    Parameters
+    ----------
+    design : SiteDesign
+    parts : dict
+        Allowed factors of each parameter that is to come in parts, such as `{'strength': [0.9, 1.0, 1.1]}`.
+    robust : Robust, optional
+    steps : int
+        Iterations between two rounds.
+    exchanges : int
+        Largest number of exchanges that are tried.
+    """
+    v = design.variables
+    allowed = [None] * len(v)
+    for name, factors in parts.items():
+        if name not in v.over or name == 'foot':
+            raise ValueError(f'parts are of parameters that varied, {", ".join(v.over)}, not of {name!r}')
+        part = v.slice_of(name)
+        one = np.sort((np.log(np.asarray(factors, float)) - v.middle[part][0]) / v.half[part][0])
+        one = one[abs(one) <= 1 + AT_BOUND]
+        if not len(one):
+            raise ValueError(f'none of the parts {list(np.ravel(factors))} of {name} lies within its bounds {v.over[name]}')
+        allowed[part] = [one] * (part.stop - part.start)
+    task = _Task(v, design.objective, design.model, [Draw()] if robust is None else robust.drawn(len(design.atoms)),
+                 np.inf if robust is None else robust.width)
+    of = np.array([one is not None for one in allowed])
+    x, fixed, history = design.x.copy(), np.zeros(len(v), bool), ()
+    for share in ROUNDS:
+        near = np.array([value if one is None else one[abs(one - value).argmin()] for one, value in zip(allowed, x, strict=True)])
+        far = np.where(fixed, -1.0, np.where(of, abs(near - x), np.inf))
+        chosen = np.argsort(far, kind='stable')[: round(share * of.sum())]
+        x[chosen], fixed[chosen] = near[chosen], True
+        x, _, more = _Ascent(task, x, fixed).run(steps)
+        history += more
+    x, value = _exchanged(task, x, allowed, exchanges)
+    return _design(task, x, value, history, design.starts)
+
+
+def _exchanged(task, x, allowed, most):
+    """Parts exchanged one by one for the next ones, those first of which the slope expects most, while the value grows."""
+    value, slope = task(x)
+    tried = set()
+    for _ in range(most):
+        gains = []
+        for k, one in enumerate(allowed):
+            if one is not None:
+                at = int(abs(one - x[k]).argmin())
+                gains += [(slope[k] * (one[b] - x[k]), k, b) for b in (at - 1, at + 1)
+                          if 0 <= b < len(one) and (k, b) not in tried]
+        gain, k, b = max(gains, default=(0.0, 0, 0))
+        if gain <= 0:
+            break
+        trial = x.copy()
+        trial[k] = allowed[k][b]
+        try:
+            found = task(trial)
+        except (Unstable, Crossing):
+            found = (-np.inf, slope)
+        if found[0] > value and task.holds(trial):
+            x, (value, slope), tried = trial, found, set()
+        else:
+            tried.add((k, b))
+    return x, value
+
+
+def orbits(atoms: Atoms, operations: Sequence[ArrayLike]) -> NDArray[np.int_]:
+    """Groups of sites that symmetries carry into each other, shape (particles,), for `optimise(groups=...)`.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        A finite structure.
+    operations : sequence of array_like, shape (2, 2) or (3, 3)
+        Rotations and reflections about the middle of the structure.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> from magphonon.design import orbits
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 1.0)
+    >>> len(set(orbits(patch, [[[1, 0], [0, -1]]])))  # seven sites, mirrored across x
+    5
+    """
+    X, rows, columns = atoms.positions - atoms.positions.mean(axis=0), [], []
+    for operation in operations:
+        A = np.eye(3)
+        A[: len(operation), : len(operation)] = operation  # pyright: ignore[reportArgumentType]
+        distance = np.linalg.norm((X @ A.T)[:, None] - X, axis=2)
+        if (distance.min(axis=1) > 1e-6 * np.ptp(X)).any():
+            raise ValueError(f'{np.asarray(operation).tolist()} is no symmetry of the places of the particles about their middle')
+        rows += list(range(len(X)))
+        columns += distance.argmin(axis=1).tolist()
+    return sparse.csgraph.connected_components(sparse.coo_array((np.ones(len(rows)), (rows, columns)), (len(X), len(X))))[1]
+
+
+def write_build_list(path: str | PathLike[str], design: SiteDesign,
+                     tolerances: Mapping[str, NDArray[np.float64]] | None = None) -> None:
+    """Write what to build as CSV in SI: place of each foot, strength, stiffness, mass, whether held, and the tolerance of each.
+
+    Strengths are relative to those of the calculator's law.  A tolerance is that of `SiteDesign.tolerances`, relative.
+    """
+    calc: Any = design.atoms.calc
+    x, y, _ = (calc.anchors - design.variables.calc.anchors.mean(axis=0)).T / units.m
+    held, springs = ~design.variables.system.mobile, np.broadcast_to(calc.foundation, (len(x), calc.dim)) / (units.N / units.m)
+    columns = {'x_m': x, 'y_m': y, 'strength': calc.strengths, 'stiffness_N_per_m': springs[:, 0], 'held': held.astype(int)}
+    if tolerances is not None:
+        columns |= {f'tolerance_{name}': tolerances[name] for name in ('strength', 'spring')}
+    with whole_file(path) as file:
+        out = csv.writer(file, lineterminator='\n')
+        out.writerow(columns)
+        out.writerows([f'{value:.9g}' for value in row] for row in zip(*columns.values(), strict=True))
