@@ -12,9 +12,9 @@ from .elastic import Moduli as Moduli, cauchy_stress as cauchy_stress, elastic_m
 from .ewald import lattice_sum as lattice_sum
 from .matrices import bloch_matrix as bloch_matrix
 from .other_tools import for_ase_tools as for_ase_tools
+from .pair_splitting import split as split
 from .relaxation import Relaxation as Relaxation, relaxed as relaxed
 from .repulsion import Repulsion as Repulsion
 from .rest import LinearSystem as LinearSystem
 from .restart import restored as restored
 from .site_laws import OnSite as OnSite, Travelling as Travelling
-from .split import split as split
