@@ -38,7 +38,7 @@ CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
 RADIUS, STEEPEST = 1e-2, 20.0
 """Radius of the circle in the complex plane on which the law is sampled for its higher derivatives, to about 1e-11, as a fraction
 of the bond length, or of 20 f/f' for a steeper law such as that of spheres in contact."""
-APART = 3e-4  # relative step of the differences where a law takes no complex distances
+BESIDE = 3e-4  # relative step of the differences where a law takes no complex distances
 
 
 @runtime_checkable
@@ -563,8 +563,8 @@ def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
     digits, by differences, of a law that takes no complex distances, such as a spline of SciPy.
     """
     if not continues(law, r):
-        below, here, above = (law.d2phi(r * (1 + step)) for step in (-APART, 0.0, APART))
-        return (above - below) / (2 * APART * r), (above - 2 * here + below) / (APART * r) ** 2
+        below, here, above = (law.d2phi(r * (1 + step)) for step in (-BESIDE, 0.0, BESIDE))
+        return (above - below) / (2 * BESIDE * r), (above - 2 * here + below) / (BESIDE * r) ** 2
     f, slope = abs(law.dphi(r)), abs(law.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
     around = law.d2phi((r + radius * CIRCLE).T).T.copy()  # the first axis of a law along bonds is that of the bonds

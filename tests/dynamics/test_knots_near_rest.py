@@ -51,6 +51,7 @@ def integral(law, e):
     return e * (weights / 2 @ law.slope((x[:, None] + 1) / 2 * e, REST))
 
 
+@pytest.mark.filterwarnings('ignore:the readings at')  # knots are drawn close together on purpose, and their exponents at random
 @pytest.mark.parametrize('seed', range(2, 8))
 def test_past_a_knot_near_rest_the_forces_are_still_those_of_the_law(seed):
     law, rng = drawn(seed)  # seed 1 needs too many pieces, and is left to the law itself
