@@ -21,6 +21,9 @@ from ..stiffness.rest import LinearSystem
 SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
 
+EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
+WELL = 0.37  # a third of the largest motion, or more, but no ratio that symmetry makes: round-off would decide at that
+
 
 @dataclass(frozen=True)
 class Modes(units.InHertz, Saved, kind='modes', units={
@@ -34,7 +37,9 @@ class Modes(units.InHertz, Saved, kind='modes', units={
         Ascending, in rad/ms; that of an unstable mode is minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
         Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, where
-        particles gyrate.
+        particles gyrate.  Positive at the first particle and axis that moves by more than a third of the largest motion.  Of
+        modes with equal frequencies the first moves most there, and the others not at all, each in turn: so they are the same on
+        every machine, if all of the set are asked for.
     """
 
     omega: np.ndarray
@@ -68,15 +73,32 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
         raise ValueError(f'the structure has {size} modes, not {count}')
     if system.turning:
         omega, vectors = (part[..., :count] for part in gyrating_modes(system.B().toarray(), system.K.toarray()))
-        return Modes(omega, (system.shapes @ vectors).T.reshape(count, len(system), system.dim))
+        return Modes(omega, _fixed(np.arange(count), (system.shapes @ vectors).T, system))
     if count == size:
         refuse_memory(f'all {size} modes with their shapes', MATRICES * 8 * size**2,
                       'ask for the lowest ones, modes(atoms, count=...)')
         squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
         squares, vectors = lowest_eigenpairs(system.K, count)
-    shapes = (system.shapes @ vectors).T.reshape(count, len(system), system.dim)
-    return Modes(signed_root(squares), shapes)
+    return Modes(signed_root(squares), _fixed(squares / abs(system.K).max(), (system.shapes @ vectors).T, system))
+
+
+def _fixed(squares, shapes, system):
+    """The shapes as `Modes` describes them: one basis of modes with equal `squares`, a fraction of a stiffness, and fixed signs.
+
+    Such modes are rotated by the successive q of `w = q V` that move most at the first component which they move well, as in QR
+    with pivots; without a rotation eigenvectors of equal eigenvalues differ from one processor to another.
+    """
+    found = np.empty_like(shapes)
+    ends = np.flatnonzero(np.diff(squares) > EQUAL) + 1
+    for V, shape in zip(np.split(shapes.copy(), ends), np.split(found, ends), strict=True):
+        for k in range(len(V)):
+            moved = np.linalg.norm(V, axis=0)
+            first = V[:, (moved > WELL * moved.max()).argmax()]
+            q = first.conj() / np.linalg.norm(first)
+            shape[k] = q @ V
+            V -= q.conj()[:, None] * shape[k]
+    return found.reshape(len(shapes), len(system), system.dim)
 
 
 def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
@@ -237,5 +259,4 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
         raise ValueError(f'the gap must be two increasing frequencies in rad/ms, not {low:g} and {high:g}')
     system = LinearSystem.of(atoms).moving()
     squares, vectors = eigenpairs_between(system.K, float(np.sign(low) * low**2), float(np.sign(high) * high**2))
-    shapes = (system.shapes @ vectors).T.reshape(len(squares), len(system), system.dim)
-    return Modes(signed_root(squares), shapes)
+    return Modes(signed_root(squares), _fixed(squares / abs(system.K).max(), (system.shapes @ vectors).T, system))

@@ -106,6 +106,40 @@ def test_more_modes_than_memory_holds_are_refused_before_they_are_made(monkeypat
         modes(patch)
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_equal_frequencies_have_one_shape_on_every_processor(monkeypatch, seed):
+    """Symmetric structures, solved by one that returns any basis of equal eigenvalues with any sign, as processors do."""
+    rng = np.random.default_rng(seed)
+    cell = (lattices.triangular, lattices.honeycomb, lattices.square, lattices.kagome)[seed](1.0, 1.0)
+    atoms = lattices.hexagon(cell, 3.0) if seed % 2 else cell.repeat((4, 4, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), cutoff=1.2, foundation=7.0)
+    eigh, drawn = np.linalg.eigh, []
+
+    def another(A):
+        w, V = eigh(A)
+        for group in np.split(np.arange(len(w)), np.flatnonzero(np.diff(w) > 1e-9) + 1):
+            V[:, group] = V[:, group] @ np.linalg.qr(rng.normal(size=(len(group),) * 2))[0] * rng.choice([-1, 1], len(group))
+        drawn.append(V)
+        return w, V
+
+    monkeypatch.setattr(np.linalg, 'eigh', another)
+    first, second = modes(atoms), modes(atoms)
+    assert_allclose(second.shapes, first.shapes, atol=1e-9)
+    assert abs(drawn[1] - drawn[0]).max() > 0.1  # the control: as they come
+    system = LinearSystem.of(atoms).moving()
+    Y = first.shapes.reshape(len(first.omega), -1)
+    Y = np.sqrt(np.repeat(atoms.get_masses(), 2)) * Y
+    assert_allclose(Y @ Y.T, np.eye(len(Y)), atol=1e-12)
+    y = Y @ system.free.toarray()
+    assert_allclose(system.K @ y.T, y.T * first.omega**2, atol=1e-9)
+    sets = np.split(Y, np.flatnonzero(np.diff(first.omega) > 1e-9) + 1)
+    assert max(len(alike) for alike in sets) >= (1 if seed % 2 else 4)
+    for alike in sets:  # of those the first moves at the first component, with a plus, the others do not
+        moved = np.sqrt((alike**2).sum(axis=0))
+        at = np.flatnonzero(moved > 0.37 * moved.max())[0]
+        assert_allclose(alike[:, at], [moved[at], *np.zeros(len(alike) - 1)], atol=1e-12)
+
+
 def test_modes_are_within_the_constraints():
     atoms = oscillator(np.pi / 4)
     np.testing.assert_allclose(modes(atoms).omega, np.sqrt([20000, 70000]) / u.s, rtol=1e-12)
