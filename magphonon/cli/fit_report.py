@@ -243,8 +243,8 @@ def _causes(found):
     if best == NEIGHBOURS:
         return f'{told}Take shells = "auto". If that is not enough, look at {also}.'
     return (f'{told}Look at the ridge "{best}" first: is its motion or its source another than the table says? Then look at '
-            f'{also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. --without leaves one '
-            'out and widens the intervals by what is missed.')
+            f'{also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. --without leaves '
+            'one out and widens the intervals by what is missed.')
 
 
 def _stated(found):

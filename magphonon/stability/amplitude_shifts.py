@@ -43,6 +43,9 @@ class Shifts(units.InHertz):
     curvature : ndarray, shape (modes,)
         dw/w divided by the square of the largest displacement, 1/mm^2; infinite where the second harmonic of a wave is a wave
         too (2:1 resonance), to which it loses its energy at any amplitude.
+    harmonic : ndarray, shape (modes,)
+        Largest displacement of the second harmonic divided by the square of that of the wave, 1/mm; infinite where it is a wave
+        too.  Where the second harmonic is not small, as beside a 2:1 resonance, true shifts are several times smaller than these.
     motion : tuple of str
         'standing' where q and -q are the same wavevector; 'travelling' elsewhere; 'rotating' of degenerate waves.
     """
@@ -50,15 +53,23 @@ class Shifts(units.InHertz):
     q: np.ndarray
     omega: np.ndarray
     curvature: np.ndarray
+    harmonic: np.ndarray
     motion: tuple[str, ...]
 
     def amplitude(self, error: float) -> float:
         """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite without modes."""
         return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
 
+    def trusted(self, share: float = 0.05) -> NDArray[np.float64]:
+        """Displacement of each mode in mm up to which its second harmonic has at most a `share` of it, shape (modes,).
+
+        The true shift is then within a tenth of this one; far beyond, this one is only a bound of it.
+        """
+        return np.divide(share, self.harmonic, out=np.full(len(self.harmonic), np.inf), where=self.harmonic > 0)
+
 
 def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:
-    """Shifts of waves of any wavevector, or of the modes that bound the spectrum of a structure; by the complete model.
+    """Shifts of waves of any wavevector, or of the modes that bound the spectrum of a structure; by the model of the calculator.
 
     Where q and -q are the same wavevector waves stand; elsewhere they travel.  (A standing wave there is a sum of two travelling
     ones, which shift each other's frequency; that is not computed.)  Waves of one frequency and wavevector, such as those of the
@@ -114,8 +125,8 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     for k in edges if q is None else wavevectors(q):
         for group in waves.at(k):
             rows += [(k, *wave) for wave in waves.shifted(k, *group, refuse=q is not None)]
-    every, w, curvature, motion = zip(*rows, strict=True) if rows else ((), (), (), ())
-    return Shifts(np.reshape(every, (-1, 3)), np.array(w), np.array(curvature), motion)
+    every, w, curvature, harmonic, motion = zip(*rows, strict=True) if rows else ((), (), (), (), ())
+    return Shifts(np.reshape(every, (-1, 3)), np.array(w), np.array(curvature), np.array(harmonic), motion)
 
 
 @dataclass(frozen=True)
@@ -130,7 +141,7 @@ class _Waves:
         """D(q) of the free directions, real where q and -q are the same; of a finite structure sparse."""
         if not self.zone:
             return self.system.stiffness
-        P, D = self.system.free, self.system.calc.bloch_matrix(np.array([q]), 'complete')[0]
+        P, D = self.system.free, self.system.calc.bloch_matrix(np.array([q]))[0]
         return P.T @ (D.real if _edge(q) else D) @ P
 
     def at(self, q):
@@ -166,42 +177,49 @@ class _Waves:
                 e, kinds = e @ turns, ['rotating' if abs(spin) > DEGENERACY else kind for spin in L]
         found = []
         for n, wave in enumerate(e.T):
-            curvature, leak = self.second_order(q, w, wave, np.delete(e, n, axis=1))
+            curvature, harmonic, leak = self.second_order(q, w, wave, np.delete(e, n, axis=1))
             if refuse and leak > STEADY * max(abs(curvature), self.system.calc.bonds.lengths.max() ** -2):
                 raise PhysicsError(f'{e.shape[1]} waves at q = ({q[0]:.4g}, {q[1]:.4g}, {q[2]:.4g}) have the frequency '
                                    f'{units.hertz(w):.6g} Hz, and those of one angular momentum exchange energy at any '
                                    'amplitude, so that they have no frequency of their own; take the primitive cell, or a '
                                    'wavevector beside this one')
-            found.append((w, curvature, (kinds or [kind] * e.shape[1])[n]))
+            found.append((w, curvature, harmonic, (kinds or [kind] * e.shape[1])[n]))
         return found
 
     def second_order(self, q, w, e, others):
-        """dw/w divided by A^2 for the wave `e`, and as much of what its third-order force does to `others`."""
+        """dw/w and the second harmonic, over A^2, of the wave `e`, and as much of what its third-order force does to `others`."""
         system, M = self.system, sparse.diags_array(self.masses)
         P, bonds, R, twice = system.free, system.calc.bonds, system.calc.bond_vectors, 2 * np.asarray(q)
         u = (P @ e).reshape(len(system), -1)
-        # the longest half-axis of the ellipses on which particles move becomes one
-        A = np.sqrt(((abs(u) ** 2).sum(axis=1) + abs((u * u).sum(axis=1))) / 2).max()
+        A = _largest(u)  # becomes one
         e, u, others = e / A, u / A, others / A
         C, C0, C2 = (bonds.incidence_at(k) for k in (q, (0, 0, 0), twice))
         if _edge(q):  # real arithmetic for real waves
             C, C0, C2 = C.real, C0.real, C2.real
-        d = C @ u
+
+        def changes(C, u):
+            """Of the bonds; in the conventional model those along the bonds alone, of which the complete law is that of D0."""
+            d = C @ u
+            return d if system.calc.model == 'complete' else _dot(R, d) / _dot(R, R) * R
+
+        d = changes(C, u)
 
         def follows(D, C, force):
             """Bond changes that a force of bonds leads to, with the stiffness D."""
             g = P.T @ (C.conj().T @ force).ravel()
             x = _solve(D, g)
             resonant = np.linalg.norm(D @ x - g) > STEADY * np.linalg.norm(abs(C.T) @ abs(force))
-            return C @ (P @ (-x / 4)).reshape(u.shape), resonant
+            moved = (P @ (-x / 4)).reshape(u.shape)
+            return changes(C, moved), moved, resonant
 
         D2 = self.stiffness(twice) - 4 * w**2 * M
-        d0, _ = follows(self.stiffness((0, 0, 0)), C0, self.phi3(R, d, d.conj()).real)
-        d2, resonant = follows(D2, C2, self.phi3(R, d, d))
+        d0, *_ = follows(self.stiffness((0, 0, 0)), C0, self.phi3(R, d, d.conj()).real)
+        d2, U2, resonant = follows(D2, C2, self.phi3(R, d, d))
         T = self.phi3(R, d, d0) + self.phi3(R, d.conj(), d2) / 2 + self.phi4(R, d, d, d.conj()) / 8
         N = P.T @ (C.conj().T @ T).ravel()
         scale = 2 * w**2 * (e.conj() @ (M @ e)).real
-        return np.inf if resonant else (e.conj() @ N).real / scale, np.linalg.norm(others.conj().T @ N) / scale
+        leak = np.linalg.norm(others.conj().T @ N) / scale
+        return (np.inf, np.inf, leak) if resonant else ((e.conj() @ N).real / scale, _largest(U2), leak)
 
     def phi3(self, R, x, y):
         """Third derivative of the energy of each bond along x and y: a force, shape (bonds, dim)."""
@@ -215,6 +233,11 @@ class _Waves:
         Rx, Ry, Rz, xy, xz, yz = _dot(R, x), _dot(R, y), _dot(R, z), _dot(x, y), _dot(x, z), _dot(y, z)
         return (4 * psi2 * (xy * z + xz * y + yz * x) + 16 * psi4 * Rx * Ry * Rz * R
                 + 8 * psi3 * ((xy * Rz + xz * Ry + yz * Rx) * R + Rx * Ry * z + Rx * Rz * y + Ry * Rz * x))
+
+
+def _largest(u):
+    """The longest half-axis of the ellipses on which particles move with the amplitudes u."""
+    return np.sqrt(((abs(u) ** 2).sum(axis=1) + abs((u * u).sum(axis=1))) / 2).max()
 
 
 def _dot(x, y):

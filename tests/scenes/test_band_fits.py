@@ -394,7 +394,8 @@ def test_neighbours_are_named_where_they_are_the_cause(tmp_path):
     assert found.causes['shells = "auto"'].chi2 < 0.2 * found.better.chi2
 
 
-@pytest.mark.parametrize(('stated', 'steep', 'apart'), [(0.25, 0.3, 'deviations apart.\n'), (0.36, 0.001, 'One of the two is wrong')])
+@pytest.mark.parametrize(('stated', 'steep', 'apart'), [
+    (0.25, 0.3, 'deviations apart.\n'), (0.36, 0.001, 'One of the two is wrong')])
 def test_the_force_of_a_table_is_compared_with_that_of_the_ridges(tmp_path, stated, steep, apart):
     """The scene has a table of 0.25 N or 0.36 N +- 8 % at 10 mm; the ridges are of 0.25 N."""
     r = np.linspace(0.008, 0.015, 12)

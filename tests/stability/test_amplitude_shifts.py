@@ -210,6 +210,41 @@ def test_what_has_no_shift_is_refused_in_words():
         frequency_shifts(patch, (0.5, 0, 0))
 
 
+def test_the_conventional_model_has_its_own_shifts():
+    """D0 and the cubic and quartic terms of lengths projected on the bonds, against Newton on the forces of that model."""
+    for seed in range(2):
+        rng = np.random.default_rng([seed, 31])
+        cell, n = drawn_cell(rng)
+        complete = frequency_shifts(cell, (1 / n, 0, 0))
+        cell.calc.set(model='conventional')
+        shifts, A = frequency_shifts(cell, (1 / n, 0, 0)), 0.004
+        for wave in range(len(shifts.omega)):
+            w, W = travelling_wave(cell, n, wave, A, 'conventional')
+            assert shifts.omega[wave] == pytest.approx(w, rel=1e-9)
+            tolerance = 5e-3 * abs(shifts.curvature[wave]) + 5e-4
+            assert (W / w - 1) / A**2 == pytest.approx(shifts.curvature[wave], abs=tolerance)
+        assert abs(shifts.curvature - complete.curvature).max() > 20 * tolerance  # the control
+
+
+@pytest.mark.parametrize('beside', [0.1, 0.03, 0.01])
+def test_the_second_harmonic_says_where_the_shift_is_trusted(beside):
+    """A chain beside its 2:1 resonance, against Newton on the Fourier series: right to a tenth up to `trusted`, not far beyond."""
+    cell = lattices.chain(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=8.0 * (1 + beside))  # transverse at q = 1/4 meets longitudinal at 1/2
+    shifts = frequency_shifts(cell, (0.25, 0, 0))
+    wave = int(np.argmin(shifts.omega))  # across the chain
+
+    def wrong(A):
+        w, W = travelling_wave(cell, 4, wave, A, 'complete')
+        return abs(shifts.curvature[wave] * A**2 / (W / w - 1) - 1)
+
+    A = shifts.trusted()[wave]
+    assert wrong(A / 3) < wrong(A) < 0.1
+    assert wrong(6 * A) > 0.2  # the control
+    assert abs(shifts.harmonic[wave] * A) == pytest.approx(0.05)
+    assert shifts.amplitude(0.01) > (2 if beside < 0.02 else 0.0) * A  # where 1 % is predicted, it is not trusted beside the pole
+
+
 def test_a_second_harmonic_that_is_a_wave_takes_all():
     """A chain on springs, waves across it: w^2 = k - 4 s at q, and along it w^2 = k + 16 s, with s = sin^2(pi q)."""
     cell, q = lattices.chain(1.0, 1.0), 0.1
@@ -221,6 +256,7 @@ def test_a_second_harmonic_that_is_a_wave_takes_all():
         return frequency_shifts(cell, (q, 0, 0)).curvature[0]
 
     assert across(resonant) == np.inf
+    assert frequency_shifts(cell, (q, 0, 0)).trusted()[0] == 0
     below, above = across(0.999 * resonant), across(1.001 * resonant)
     assert below * above < 0  # the pole
     assert min(abs(below), abs(above)) > 30 * abs(across(2 * resonant))
