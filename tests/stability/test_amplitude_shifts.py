@@ -228,7 +228,7 @@ def test_the_conventional_model_has_its_own_shifts():
 
 @pytest.mark.parametrize('beside', [0.1, 0.03, 0.01])
 def test_the_second_harmonic_says_where_the_shift_is_trusted(beside):
-    """A chain beside its 2:1 resonance, against Newton on the Fourier series: right to a tenth up to `trusted`, not far beyond."""
+    """A chain beside its 2:1 resonance, against Newton on the Fourier series: right to a tenth up to `trusted`, not far above."""
     cell = lattices.chain(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, LAW, foundation=8.0 * (1 + beside))  # transverse at q = 1/4 meets longitudinal at 1/2
     shifts = frequency_shifts(cell, (0.25, 0, 0))
