@@ -18,7 +18,6 @@ from .. import units
 from ..errors import finite, one_of, positive
 from ..files import Saved
 from ..stiffness.factors import inverse
-from ..stiffness.lowest import ROUND_OFF
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
@@ -34,6 +33,9 @@ if TYPE_CHECKING:
     from .chebyshev import Products
 
 EPS = np.finfo(float).eps
+RESONANT = 100 * EPS
+"""Distance of a squared frequency from a resonance, as a fraction of the highest, that is round-off: there an undamped response
+is infinite.  Eigenvalues are known to a few EPS."""
 MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
 FACTORISATION = 6.0
 """Products with a sparse matrix that take as long as factors of it, over the root of its size: measured from 2000 to 190 000 free
@@ -178,13 +180,21 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     root = sparse.diags_array(np.sqrt(system.free.power(2).T @ np.repeat(system.masses, system.dim)))
     M, C = root @ root, root @ system.B(rate) @ root
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
+    round_off = RESONANT * abs(system.K).sum(axis=1).max()
     for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
         try:
             solve = inverse(system.stiffness - w**2 * M + 1j * w * C)
         except RuntimeError as error:
-            raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
-                             'damp it or move the frequency') from error
+            raise _infinite(w) from error
+        if rate.min() * abs(w) <= round_off:  # no damping keeps resonances away: two steps of inverse iteration find the nearest
+            y = root @ solve(root @ np.random.default_rng(0).normal(size=root.shape[0]))
+            if np.linalg.norm(root @ solve(root @ y)) * round_off >= np.linalg.norm(y):
+                raise _infinite(w)
         yield lambda F, solve=solve: in_space @ solve(in_space.T @ F)
+
+
+def _infinite(omega):
+    return ValueError(f'the undamped response at omega = {omega:.9g} rad/ms is infinite; damp it or move the frequency')
 
 
 def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, omega: ArrayLike, damping: ArrayLike,
@@ -347,8 +357,8 @@ def _by_modes(system, s, omega, gamma, particles):
     squares, vectors = system.spectrum
     refuse_growing(squares[0], squares[-1])
     dynamic = squares - omega[:, None] ** 2 + 1j * gamma * omega[:, None]
-    for w in omega[abs(dynamic).min(axis=1) <= ROUND_OFF * squares[-1]]:
-        raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; damp it or move the frequency')
+    for w in omega[abs(dynamic).min(axis=1) <= RESONANT * squares[-1]]:
+        raise _infinite(w)
     rows, shapes = system.rows(particles)
     amplitudes = vectors.T @ s / dynamic
     round_off = EPS * len(squares) * (1 + squares[-1] / abs(dynamic).min(axis=1))

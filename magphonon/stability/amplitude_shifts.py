@@ -112,7 +112,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     >>> shifts.motion, (36 * shifts.curvature).round(6)
     (('rotating', 'rotating'), array([475., 475.]))
     """
-    system = LinearSystem.of(atoms)
+    system = LinearSystem.of(atoms).moving()
     system.calc.tie.springs('a shift with amplitude')  # higher derivatives of others are not known
     calc, P, pbc = system.calc, system.free, system.atoms.pbc
     zone = bool(pbc.any()) and P.shape[1] <= DENSE

@@ -300,8 +300,8 @@ def spacing_held(atoms: Atoms | LinearSystem, model: str | None = None) -> float
 def _settled(atoms):
     """The linear system of the atoms; a cell with AllNeighbours unchanged, if it is at rest."""
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
-        return LinearSystem.of(atoms).atoms
-    return LinearSystem.of(atoms)
+        return LinearSystem.of(atoms).unheld('the foundation that AllNeighbours need is that').atoms
+    return LinearSystem.of(atoms).moving()
 
 
 class SupportNeeded(NamedTuple):
@@ -341,7 +341,7 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> Support
     >>> bool(every > one > 0)
     True
     """
-    system = LinearSystem.of(atoms)
+    system = LinearSystem.of(atoms).moving()
     calc, cell = system.calc, system.atoms
     r = calc.bonds.lengths
     per_bond = calc.law.dphi(r) / r
@@ -389,7 +389,7 @@ def border_over_spacings(atoms: Atoms, scales: ArrayLike) -> Border:
     >>> border_over_spacings(cell, [1.0, 2.0]).needed.round(9).tolist()  # 4 f/L
     [4.0, 0.125]
     """
-    system, scales = LinearSystem.of(atoms), np.asarray(scales, dtype=float)
+    system, scales = LinearSystem.of(atoms).moving(), np.asarray(scales, dtype=float)
     needed = np.array([softest_of(system, scale=scale, steps=STEPS).needed for scale in _shown(scales, 'spacings')])
     return Border('spacing', scales, needed)
 
@@ -416,7 +416,7 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
     >>> border.at.round(6).tolist(), border.needed.round(6).tolist()  # 2 (3 - a) f/L
     ([2.0, 3.0, 4.0], [2.0, 0.0, 0.0])
     """
-    law, system = atoms.calc.law, LinearSystem.of(atoms)
+    law, system = atoms.calc.law, LinearSystem.of(atoms).moving()
     if not isinstance(law, InversePower):
         raise ValueError(f'{law!r} has no exponent to change; it must be an InversePower')
     flat = system.calc.in_plane() if system.calc.layer else system.calc

@@ -215,7 +215,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
-    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)), gyrating=True)
+    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)), gyrating=True).moving()
     if pumped:
         run['pumped'] = on_foundation(system.atoms, law)
     if system.turning:

@@ -201,7 +201,9 @@ class Repulsion(Restartable):
         return self.dim == 3 and not self.reference.pbc.all() and flat
 
     def in_plane(self) -> Any:
-        """The same calculator of a layer without motion out of its plane."""
+        """The same calculator of a layer without motion out of its plane; of a planar structure, itself."""
+        if not self.layer:
+            return self
         springs = each_spring(self.foundation, len(self.reference), self.dim).reshape(-1, self.dim)[:, :2]
         return self.changed(sites=replace(self.sites, foundation=springs), dim=2)
 

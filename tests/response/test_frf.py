@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from ase import Atoms
 from ase.constraints import FixAtoms, FixCom, FixedLine, FixedPlane
 from oracles import lattice
 
@@ -324,3 +325,20 @@ def test_a_force_out_of_the_plane_is_refused_and_not_answered_by_zero(respond, d
         respond(patch, force, [0.3], 0.1)
     force[18] = 1, 0, 0
     assert abs(respond(patch, force, [0.3], 0.1).response).max() > 1
+
+
+@pytest.mark.parametrize('tool', [harmonic_response, frequency_response])
+@pytest.mark.parametrize('seed', range(4))
+def test_an_undamped_resonance_is_refused_and_its_neighbourhood_is_not(tool, seed):
+    """Uncoupled oscillators, whose amplitudes F/m (w_k^2 - w^2 + i gamma w) are closed; the second one resonates."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 30))
+    atoms = Atoms(['Nd'] * n, positions=10.0 * np.arange(n)[:, None] * (1, 0, 0), masses=rng.uniform(0.5, 2, n))
+    k, m = rng.uniform(1, 9, n), atoms.get_masses()
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1e-30, 4.0), foundation=k).balanced(range(n))
+    force, w = np.ones((n, 3)) * (1, 0, 0), np.sqrt(k[1] / m[1])
+    with pytest.raises(ValueError, match='is infinite; damp it'):
+        tool(atoms, force, [w], 0.0)
+    for near, gamma in (1 + 1e-11, 0.0), (1 - 1e-11, 0.0), (1.0, 1e-12):
+        square = w**2 * (1 - near) * (1 + near) + 1j * gamma * w * near
+        assert abs(tool(atoms, force, [w * near], gamma).response[0, 1, 0] * m[1] * square - 1) < 0.05  # of 1e-16 (k/m)/1e-11

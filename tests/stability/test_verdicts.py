@@ -9,7 +9,7 @@ from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
 from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analytic_bands, foundation_needed, lattices, verdict
-from magphonon.stability import spacing_held, support_needed, verdicts
+from magphonon.stability import border_over_spacings, frequency_shifts, spacing_held, support_needed, verdicts
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness.matrices import hessian
 
@@ -313,3 +313,24 @@ def test_the_foundation_that_a_layer_needs_is_that_of_its_motion_in_the_plane(se
         assert layer.k == pytest.approx(planar.k, rel=1e-12)
         assert_allclose(layer.q, planar.q)
     assert softest_of(cell).needed != pytest.approx(planar.k, rel=1e-3)  # the control: of all three components
+
+
+@pytest.mark.parametrize('tool', [foundation_needed, spacing_held, support_needed, verdict, frequency_shifts,
+                                  lambda atoms: border_over_spacings(atoms, [1.0, 2.0])])
+@pytest.mark.parametrize('finite', [False, True])
+def test_a_structure_of_which_nothing_can_move_is_refused_in_words(tool, finite):
+    atoms = lattices.honeycomb(1.0, 1.0)
+    atoms.pbc = not finite, not finite, False
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=20.0)
+    atoms.set_constraint(FixAtoms([0, 1]))
+    with pytest.raises(ValueError, match='the constraints hold every particle; free one'):
+        tool(atoms)
+    atoms.set_constraint(FixAtoms([0]))
+    if not finite:
+        tool(atoms)
+
+
+def test_a_planar_structure_is_in_its_plane_already():
+    atoms = lattices.square(1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=5.0)
+    assert atoms.calc.in_plane() is atoms.calc
