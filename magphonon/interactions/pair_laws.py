@@ -27,7 +27,7 @@ _NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre
 SMOOTH = 1e-13
 """Relative difference of the energy between two knots, at once and in two halves, above which a knot is added.  Between readings
 twice per octave there is none, up to laws as steep as r^-12; where noise bends the spline in a gap one interval needs several."""
-CLOSEST = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
+APART = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
 ASTRAY = 1.5
 """Factor by which a table may leave the inverse power through two neighbouring readings.  A law whose exponent changes from 1 to
 4 over an octave leaves it by 1.3; of 200 evenly spaced tables with 10 % of noise none did, with one far reading and 2 % most."""
@@ -440,7 +440,7 @@ class Tabulated:
             raise ValueError(f'a table needs two columns of at least 4 points, not r {r.shape} and f {f.shape}')
         if not (r[0] > 0 and (np.diff(r) > 0).all()):
             raise ValueError(f'table distances must be positive and increasing, not {r}; sort them and drop repeats')
-        for k in np.flatnonzero(np.diff(r) < CLOSEST * r[1:])[:1]:
+        for k in np.flatnonzero(np.diff(r) < APART * r[1:])[:1]:
             raise ValueError(f'the table distances {r[k]:.12g} and {r[k + 1]:.12g} mm are one; average their forces')
         if not (f > 0).all():
             raise ValueError(f'table forces must be positive (repulsive), not {f.min():g} N; drop the points at the noise floor')

@@ -68,8 +68,7 @@ def test_each_fault_is_found_and_its_neighbour_is_not(options, word):
 
 def test_contact_is_seen_in_the_present_positions():
     pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]], masses=[0.01, 0.01])
-    pair.set_constraint(FixAtoms([0, 1]))
-    pair.calc = MagneticRepulsion(pair, InversePower(1.0, 4.0))
+    pair.calc = MagneticRepulsion(pair, InversePower(1.0, 4.0), foundation=10.0).balanced([0, 1])
     for distance, fine in ((0.11, True), (0.09, False)):
         pair.positions[1, 0] = distance
         assert verdict(pair).fine == fine
