@@ -191,7 +191,7 @@ def law_from_dict(saved: dict[str, Any]) -> Law:
     if 'text' in parameters:
         raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(_own())}, nor a dataclass of numbers in a '
                          'module, and its formula is not in the file; give the law itself, fromdict(parameters, laws=law)')
-    kind = _named(name if isinstance(name, str) and ':' in name else one_of('the law', name, _own()))
+    kind: Any = _named(name if isinstance(name, str) and ':' in name else one_of('the law', name, _own()))
     if kind is None:
         raise ValueError(f'the law {shown(name)} is in no module that is imported; import its module first, or give the law '
                          'itself, fromdict(parameters, laws=law)')
@@ -212,7 +212,7 @@ def _parameters(law):
 
 def _own():
     """The names of the laws of this package: those in its room of interactions that have the methods of one."""
-    room = import_module(__package__)  # and with it the magnets, which this file does without
+    room = import_module(__name__.rpartition('.')[0])  # and with it the magnets, which this file does without
     return tuple(name for name in room.__all__ if _named(name))
 
 
@@ -224,7 +224,7 @@ def _name(kind):
 def _named(name):
     """The class of this name in the room, or in a module that is imported already; None where it is no law."""
     module, _, name = name.rpartition(':')
-    room = sys.modules.get(module) if module else import_module(__package__)
+    room = sys.modules.get(module) if module else import_module(__name__.rpartition('.')[0])
     found = getattr(room, name, None)
     law = isinstance(found, type) and is_dataclass(found) and any(
         all(callable(getattr(found, method, None)) for method in methods) for methods in NEEDED.values())

@@ -6,12 +6,13 @@
         length: float  # mm
 
         card: ClassVar = Card(kinds=(Kind('exponential', 'Energy `strength exp(-r/length)`.', {
-            'strength': Parameter('strength_J', u.J, 'the strength in J', power=1),
+            'energy': Parameter('energy_J', u.J, 'the energy in J', power=1),
             'decay_length': Parameter('decay_length_m', u.m, 'the length over which it falls in m', quantity='length')},
-            lambda strength, decay_length: Exponential(strength, decay_length)),))
+            lambda energy, decay_length: Exponential(energy, decay_length)),))
 
 With this class listed in `magphonon/interactions/__init__.pyi`, `kind = "exponential"` is a law of scenes, whose strength may be
-fitted and have a tolerance.  A law without a card, as of a script, is that of a force along the line between two particles.
+fitted and have a tolerance; laws share the name of a parameter only with its key.  A law without a card, as of a script, is that
+of a force along the line between two particles.
 """
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def kinds_of_laws() -> dict[str, Kind]:
     """
     from importlib import import_module
 
-    room = import_module(__package__)  # of which `bond_laws` and others need no magnets
+    room = import_module(__name__.rpartition('.')[0])  # of which `bond_laws` and others need no magnets
     cards = [vars(law).get('card') for law in (getattr(room, name) for name in room.__all__) if isinstance(law, type)]
     return {kind.name: kind for card in cards if isinstance(card, Card) for kind in card.kinds}
 

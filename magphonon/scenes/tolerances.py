@@ -136,9 +136,10 @@ def _changes(scene):
     law, k = scene.law.potential(), scene.foundation.stiffness if scene.foundation else 0.0
     held = scene.lattice.spacing_m * u.m if getattr(scene.law, 'force_N', None) else u.m  # where `a` leaves the force as it is
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
-    for name, one in (KINDS[scene.law.kind].parameters if scene.law.kind in KINDS else {}).items():
-        given = _at(scene, _place(scene, name)) is not None and not (name == 'remanence' and scene.law.calibration)
-        if given and (one.power or one.change):
+    for name, one in KINDS[scene.law.kind].parameters.items() if scene.law.kind in KINDS else ():
+        if not (one.power or one.change) or _at(scene, _place(scene, name)) is None:
+            continue
+        if not (name == 'remanence' and scene.law.calibration):
             changes[name] = Change(law=one.change(law, held) if one.change else force_change(law, one.power))
     if scene.law.kind == 'table':
         changes['exponent'] = Change(law=exponent_at(law, scene.lattice.spacing_m * u.m))

@@ -11,7 +11,7 @@ from oracles import lattice
 from scipy.interpolate import CubicSpline
 
 import magphonon.interactions as room
-from magphonon import InversePower, MagneticRepulsion, Tabulated, Yukawa, units as u, verdict
+from magphonon import InversePower, MagneticRepulsion, Tabulated, Yukawa, read_scene, units as u, verdict
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions import Attraction, UprightMagnets
 from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
@@ -185,3 +185,24 @@ def test_bond_laws_need_no_magnets():
     source = (Path(room.__file__).parent / 'bond_laws.py').read_text(encoding='utf-8')
     assert 'magnet_pairs' not in source
     assert 'upright' not in source
+
+
+@pytest.mark.parametrize('apart', [3e-6, 3e-5, 1e-4])
+def test_readings_a_little_apart_are_two(apart):
+    """Distances of a table that differ by more than round-off are two readings, however near: only equal ones are averaged."""
+    r = np.array([8.0, 10.0, 10.0 * (1 + apart), 13.0, 17.0])
+    assert_allclose(Tabulated(r, 2000.0 * r**-4.0).dphi(9.0), -2000.0 * 9.0**-4.0, rtol=1e-6)
+    with pytest.raises(ValueError, match='are one'):
+        Tabulated(np.sort([8.0, 10.0, 10.0 * (1 + 1e-12), 13.0, 17.0]), 2000.0 * r**-4.0)
+
+
+def test_a_law_with_parameters_of_no_tolerance_has_those_of_the_lattice(tmp_path):
+    """Spheres in contact: neither their diameter nor their modulus is a tolerance, and the modulus is not that of a pillar."""
+    (tmp_path / 'balls.toml').write_text('''title = "balls"
+lattice = {kind = "square", spacing_m = 0.01999, mass_kg = 0.03}
+law = {kind = "hertz", diameter_m = 0.02, youngs_modulus_Pa = 2e11, poisson_ratio = 0.3, shells = 1}
+foundation = {stiffness_N_per_m = 1e7}
+uncertainty = {spacing_percent = 0.001, mass_percent = 1.0}
+''')
+    scene = read_scene(tmp_path / 'balls.toml')
+    assert set(scene.uncertainty.tolerances(scene).changes) == {'spacing', 'mass'}
