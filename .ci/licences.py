@@ -10,8 +10,8 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 OUT = Path(__file__).parents[1] / 'docs' / 'licences.md'
-EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in ('browser', 'fast', 'dask', 'docs', 'magnets', 'mpi', 'peers',
-                                                            'release', 'sweep', 'test', 'tools', 'vibrometer')}
+EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in ('browser', 'fast', 'files', 'dask', 'docs', 'magnets', 'mpi', 'peers',
+                                                            'release', 'sweep', 'test', 'tools')}
 HEAD = """# Licences of what magphonon uses
 
 magphonon is under the MIT licence and contains no code of other packages; it imports them, unmodified, as they are installed.
@@ -24,6 +24,7 @@ of themselves.
   No result needs them.  Only tests and workflows import Euphonic and matscipy.  `magphonon` writes input files for LAMMPS, which
   runs them as a program of its own; only `lammps_session` loads it into the same process, if it is called.  Who passes on LAMMPS
   together with magphonon, as one program, has to follow the GPL for both; the MIT licence allows that.
+- **npTDMS** (LGPL), of the extra `[files]`, is imported where a file of LabVIEW is read.
 - **hypothesis** (MPL) and the other tools of `[test]` serve the tests only, **Sphinx** and the others of `[docs]` the site only.
 
 ## Known vulnerabilities

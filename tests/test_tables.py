@@ -92,7 +92,7 @@ NEEDED = 'a table has time_s and x_m'
     ('time_s,x_m\n1,1e400\n', 'line 2 of .*t.csv: x_m must be a number of a size that can be'),
     ('time_s,x_m\n1,1e307\n', 'x_m must be a number of a size that can be'),
     ('time_s;x_m\n1,5;2.5\n', 'and other numbers have the other decimal sign'),
-    ('time_s;x_m\n1;2.174,5\n', "x_m is '2.174,5', not a finite number"),
+    ('time_s;x_m\n1;2.1745,5\n', "x_m is '2.1745,5', not a finite number"),
     ('time_s,x_m\n1,"1\n2"\n3,4\n', 'line 2 of .*t.csv: a quotation mark is not closed'),
     ('time_s,x_m\n1,2\n3,"4\n', 'line 3 of .*t.csv: unexpected end of data; complete or delete it'),
     ('time_s,x_m\n' + 200_000 * '1' + ',2\n', 'line 2 of .*t.csv: field larger than field limit'),

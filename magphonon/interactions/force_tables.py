@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
 
@@ -14,8 +14,9 @@ from ..errors import finite
 from ..tables import FORCE, LENGTH, TEXT, read_table
 from .pair_laws import PairLaw, repulsion
 
-COLUMNS = {'r': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT}
-LAYOUT = 'a table of forces has the columns r_m,f_N (or in mm, um, mN, uN), and perhaps sigma_N and direction'
+COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT}
+LAYOUT = ('a table of forces has the columns r_m,f_N (or in mm, um, mN, uN; also as r [mm]; or gap_mm, with the size of magnets),'
+          ' and perhaps sigma_N and direction')
 DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
 """Words of the column `direction`."""
 MOST_NAMED = 5  # number of lines that a message lists
@@ -97,7 +98,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     ----------
     path : path-like
     contact : float
-        Distance of the centres at contact in mm, below which no measurement can lie.
+        Distance of the centres at contact in mm, below which no measurement can lie; needed for a column of gaps.
 
     Examples
     --------
@@ -107,7 +108,11 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     >>> len(forces.r), float(forces.r[0])  # in mm
     (15, 8.0)
     """
-    table = read_table(path, COLUMNS, ['r', 'f'], layout=LAYOUT)
+    table = read_table(path, COLUMNS, [('r', 'gap'), 'f'], layout=LAYOUT)
+    if 'r' in table and 'gap' in table:
+        raise ValueError(f'{path}: the columns {table.header["r"]} and {table.header["gap"]} say the same; keep one of them')
+    if 'gap' in table:
+        table = _with_distances(table, contact)
     told = table.get('direction', '')
     table.refuse('direction', np.array([word not in DIRECTIONS for word in told]), 'be approach or return')
     faults = [_fault(table, *column) for column in (
@@ -124,6 +129,19 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     if not np.sum(table['f'] / table['r']) > 0:  # the near ones count most
         raise ValueError(f'{path}: the forces are negative, and repulsion is positive: turn their sign')
     return Forces(table['r'], table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in told]))
+
+
+def _with_distances(table, contact):
+    """A table of gaps as one of distances of the centres, which are those at contact more."""
+    if not contact:
+        raise ValueError(f'{table.path}: {table.header["gap"]} holds gaps, and a law has distances of the centres: say how much '
+                         'more these are, the size of a magnet along the line between them, by "magphonon fit --contact 6.35mm" '
+                         'or --magnet SCENE, in Python read_forces(path, contact=6.35); or add it and head the column r_mm')
+    table.refuse('gap', table['gap'] < 0, 'not be negative')
+    renamed = {name: {'r' if key == 'gap' else key: value for key, value in getattr(table, name).items()}
+               for name in ('header', 'spelt', 'units', 'columns')}
+    renamed['columns']['r'] = renamed['columns']['r'] + contact
+    return replace(table, **renamed)
 
 
 def _fault(table, name, unit, spelled, least, most, mend):

@@ -15,16 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..errors import one_of
-from ..tables import FREQUENCY, LENGTH, PURE, TIME, read_table
-from ..universal import universal_sets
+from ..readers import content
+from ..tables import FREQUENCY, GRAVITY, LENGTH, MOST_BYTES, PURE, TIME, read_table
 from .frf import Place
 
 MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
-           for order, per in enumerate(('', '_per_s', '_per_s2'))}
+           for order, per in enumerate(('', '_per_s', '_per_s2'))} | {'g': (GRAVITY, 2)}
 """Units of what was measured: to mm and ms, and how often it is differentiated."""
 PER_FORCE = {f'{name}_per_N': factor / u.N for name, (factor, _) in MOTIONS.items()}
 ORDERS = {f'{name}_per_N': order for name, (_, order) in MOTIONS.items()}
-ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
 ESTIMATORS = 'H1', 'H2'
 LAYOUT = ('transfer functions have the columns frequency_Hz, then re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg (or mm, '
           'um, m_per_s, m_per_s2; re,im or amplitude,phase_deg alone for a shaken bench), and, where wanted, sigma_m_per_N, '
@@ -103,7 +102,8 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
     array([ 0.   -0.5j  , -0.125-0.217j])
     """
     one_of('the estimator', estimator, ESTIMATORS)
-    functions = _universal(path) if str(path).lower().endswith(ENDINGS) else _table(path, estimator)
+    held = content(path, MOST_BYTES)
+    functions = _of_datasets(path, held) if isinstance(held, list) else _table(path, held, estimator)
     kept = []
     for one in functions:
         order = np.argsort(one.omega)
@@ -185,19 +185,19 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
     return 2 * np.pi * f, H, coherence, sigma
 
 
-def _table(path, estimator):
+def _table(path, held, estimator):
     values = PER_FORCE | PURE
     columns = {'frequency': FREQUENCY, 'time': TIME, 'drive': {'N': u.N}, 'record': PURE, 'phase': {'deg': u.deg, 'rad': 1.0},
                'answer': {name: factor for name, (factor, _) in MOTIONS.items()},
                'direction': {'deg': u.deg}, 'x': LENGTH, 'y': LENGTH, 'drive_x': LENGTH, 'drive_y': LENGTH,
                'drive_deg': {'': u.deg}, **dict.fromkeys(('re', 'im', 'amplitude', 'sigma'), values)}
-    table = read_table(path, columns, [], layout=LAYOUT)
+    table = read_table(path, columns, [], layout=LAYOUT, held=held)
     if 'time' in table and 'drive' in table and 'answer' in table:
         return [_from_records(table, estimator, *one) for one in _by_place(table)]
     parts = [name for name in ('re', 'im', 'amplitude') if name in table]
     if 'frequency' not in table or parts not in (['re', 'im'], ['amplitude']) or (parts == ['amplitude']) != ('phase' in table):
         raise ValueError(f'{path} holds neither transfer functions nor records; {LAYOUT}')
-    endings = {table.header[name].partition('_')[2] for name in (*parts, *(['sigma'] if 'sigma' in table else []))}
+    endings = {table.spelt[name] for name in (*parts, *(['sigma'] if 'sigma' in table else []))}
     if len(endings) > 1:
         raise ValueError(f'{path}: {", ".join(table.header[name] for name in parts)} and sigma must have one unit')
     (ending,) = endings
@@ -242,15 +242,14 @@ def _from_records(table, estimator, name, rows, place, source):
         raise ValueError(f'{name}: the times of each record must rise in the same equal steps; resample it')
     drive, answer = (np.array([table[what][own[:frames]] for own in split]) for what in ('drive', 'answer'))
     omega, H, coherence, sigma = estimated(drive, answer, dt, estimator)
-    order = MOTIONS[table.header['answer'].partition('_')[2]][1]
+    order = MOTIONS[table.spelt['answer']][1]
     good = np.isfinite(H) & (omega > 0)
     known = np.isfinite(sigma[good]).all() and (sigma[good] > 0).all()
     return TransferFunction(name, omega[good], H[good], sigma[good] if known else None, order, place, source,
                             coherence=coherence[good])
 
 
-def _universal(path):
-    sets = universal_sets(path)
+def _of_datasets(path, sets):
     units = next((one for one in sets if one['type'] == 164), {})
     metre, newton = units.get('length', 1.0), units.get('force', 1.0)  # so many units of the file are one metre, one newton
     places = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from os import PathLike
 from typing import Any
 
@@ -10,17 +11,19 @@ import numpy as np
 from .. import units as u
 from ..dynamics.motion import Motion
 from ..files import MEGABYTE, refuse_endless, refuse_overflow, whole_file
+from ..readers import content
 from ..tables import LENGTH, SPEED, TEXT, TIME, Table, read_table
-from ..universal import universal_sets
 from .scans import Samples, Scan, assembled
 
 MOST_BYTES = 1000 * MEGABYTE  # largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB
 NAMES = dict.fromkeys(('particle', 'point', 'node'), TEXT)  # allowed names of the column that numbers the points
 MOTIONS = {f'{kind}{axis}': unit for kind, unit in (('u', LENGTH), ('v', SPEED)) for axis in ('', '_x', '_y', '_z')}
 LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, then u_x_m, u_y_m or u_m (or v_y_m_per_s and '
-          'so on); lengths in m, mm, um or nm and times in s, ms or us, as the header says')
+          'so on), or time_s and a column for each point with its unit, as Point 17 [mm/s]; '
+          'lengths in m, mm, um or nm and times in s, ms or us, as the header says')
+COLUMN = re.compile(r'(?:[uv](?:_([xyz]))?[ _-]+)?(?:(?:[^\W\d_]+[ _#.-]*)(?=\d))?(.+)')
+"""The name of a column of one point: its direction, and its number or name without a word such as Point before a number."""
 HEADER = 'time_s', 'particle', 'u_x_m', 'u_y_m'
-ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
 TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)  # function types and abscissa types of records over time, 0 for unknown
 ORDINATES = {8: 'displacement', 11: 'velocity'}
 LABELS = LENGTH | {name.replace('_per_', '/'): unit for name, unit in SPEED.items()}
@@ -56,7 +59,8 @@ def read_scan(path: str | PathLike[str]) -> Scan:
     ([[10.0, 0.0], [20.0, 0.0]], (4, 2))
     """
     refuse_endless(path, MOST_BYTES)
-    points, velocities = read_universal(path) if str(path).lower().endswith(ENDINGS) else _points(path)
+    found = content(path, MOST_BYTES)
+    points, velocities = _of_records(path, found) if isinstance(found, list) else _points(path, found)
     return assembled(path, points, velocities)
 
 
@@ -120,10 +124,12 @@ def _names(table: Table) -> Any:
     return table[columns[0]] if columns else None
 
 
-def _points(path) -> tuple[dict[str, Samples], bool]:
+def _points(path, held) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of a table, and whether they are velocities."""
     table = read_table(path, {'time': TIME, 'x': LENGTH, 'y': LENGTH} | NAMES | MOTIONS, ['time'], blank=MOTIONS, layout=LAYOUT,
-                       most=MOST_BYTES)
+                       points=LENGTH | SPEED, held=held)
+    if table.points and not any(part in table for part in MOTIONS):
+        return _of_columns(table)
     names, placed, parts = _names(table), 'x' in table or 'y' in table, [part for part in MOTIONS if part in table]
     for lacking, there in (('particle or x_m,y_m', placed or names is not None), ('u_x_m, u_y_m or u_m', parts)):
         if not there:
@@ -150,12 +156,25 @@ def _points(path) -> tuple[dict[str, Samples], bool]:
     return points, parts[0][0] == 'v'
 
 
-def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]:
-    """Samples of each point of a universal file, by its number, and whether they are velocities.
+def _of_columns(table: Table) -> tuple[dict[str, Samples], bool]:
+    """The same of a table with one column for each point: v_y 17 [mm/s], or Point 17 [mm/s] where the direction is not told."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, values in table.points.items():
+        axis, point = (COLUMN.fullmatch(name) or COLUMN.fullmatch(f'u {name}')).groups()  # pyright: ignore[reportOptionalMemberAccess]
+        found.setdefault(point, {})[axis or ''] = table['time'], values
+    kinds = {table.spelt[name] in SPEED for name in table.points}
+    if len(kinds) > 1:
+        raise ValueError(f'{table.path} has columns of displacements and of velocities; keep those of one kind')
+    _refuse_unlike(table.path, found)
+    return {name: Samples(table['time'], {axis: values for axis, (_, values) in point.items()})
+            for name, point in found.items()}, kinds == {True}
+
+
+def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
+    """Samples of each point of datasets as pyuff reads them, by its number, and whether they are velocities.
 
     A label of the ordinate such as mm/s tells its unit; without one lengths are those of dataset 164, and in m without it.
     """
-    sets = universal_sets(path)
     metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
     places = {}
     for nodes in (one for one in sets if one['type'] in (15, 2411)):
