@@ -168,9 +168,11 @@ FOREIGN = ('"bandpath"', '"SubFigure"')
 
 def complaints(folder):
     """What pyright says of the programs in a folder: each as the name of its file and the message."""
-    (folder / 'pyrightconfig.json').write_text(json.dumps({'extraPaths': [str(README.parent)], 'typeCheckingMode': 'basic'}))
+    (folder / 'pyrightconfig.json').write_text(json.dumps({'typeCheckingMode': 'basic'}))  # it finds the package where pip put it
     done = subprocess.run([sys.executable, '-m', 'pyright', '--outputjson', '--pythonpath', sys.executable, '.'],
                           cwd=folder, capture_output=True, text=True)
+    if not done.stdout.startswith('{'):
+        pytest.skip(f'pyright cannot run: {done.stderr or done.stdout}')
     found = [(Path(one['file']).name, one['message']) for one in json.loads(done.stdout)['generalDiagnostics']]
     return [(file, message) for file, message in found if not any(words in message for words in FOREIGN)]
 
