@@ -65,12 +65,42 @@ WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'forceinline': False
 part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
+class Spare:
+    """The cache of numba on disk, without which one can do: what cannot be read or written there is compiled again."""
+
+    told = False  # whether the user knows
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name):
+        return getattr(self._cache, name)
+
+    def load_overload(self, *arguments: Any) -> Any:
+        return self._without(self._cache.load_overload, arguments)
+
+    def save_overload(self, *arguments: Any) -> Any:
+        return self._without(self._cache.save_overload, arguments)
+
+    def _without(self, call, arguments):
+        try:
+            return call(*arguments)
+        except Exception as error:  # a damaged file may raise anything, a full disk OSError
+            if not Spare.told:
+                Spare.told = True
+                warn(f"numba's cache in {self._cache.cache_path} does not serve ({error!r}): compiled steps are compiled again "
+                     'in each process, which takes seconds; empty this folder, or set NUMBA_CACHE_DIR to another', stacklevel=2)
+            return None
+
+
 def kept(function):
     """Compile, and keep the result on disk where numba finds a folder that it may write."""
     try:
-        return njit(cache=True, **OPTIONS)(function)
+        compiled = njit(cache=True, **OPTIONS)(function)
     except RuntimeError:
         return njit(**OPTIONS)(function)
+    compiled._cache = Spare(compiled._cache)
+    return compiled
 
 
 @intrinsic

@@ -129,7 +129,7 @@ class DrivenVerlet(VelocityVerlet):
         refuse_held_drives(self._drives, atoms)
         refuse_turns(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
-        if engine == 'compiled' and find_spec('numba') is None:
+        if engine == 'compiled' and (find_spec('numba') is None or not can_compile()):
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
         if not allow_unstable:
             refuse_long_step(atoms, positive('timestep', timestep, 'ms'), self.splitting.limit)
@@ -269,7 +269,10 @@ class DrivenVerlet(VelocityVerlet):
             self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
-        """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most."""
+        """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most.
+
+        ASE's yields at every step: where each is wanted, attach an observer, take a `Recorder`, or engine='ase'.
+        """
         self.max_steps = self.nsteps + steps
         long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None and can_compile()
         self._prepare(long)

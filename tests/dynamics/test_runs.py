@@ -1,6 +1,9 @@
 """DrivenVerlet as any dynamics of ASE: observers, files, runs after runs, engines, arguments."""
 
+import os
+import subprocess
 import sys
+from textwrap import dedent
 
 import numpy as np
 import pytest
@@ -171,3 +174,58 @@ def test_with_a_numba_that_does_not_serve_long_runs_go_on_in_numpy_with_one_warn
     assert dyn.engine == 'numpy'
     monkeypatch.undo()
     engine.can_compile.cache_clear()
+
+
+def test_where_compiling_is_switched_off_long_runs_go_on_in_numpy_with_one_warning(monkeypatch):
+    numba = pytest.importorskip('numba')
+    from magphonon.dynamics import engine
+
+    want = DrivenVerlet(patch(speed=0.01), DT, engine='numpy')
+    want.run(6)
+    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 0)
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', 1)
+    engine.can_compile.cache_clear()
+    dyn = DrivenVerlet(patch(speed=0.01), DT)
+    with pytest.warns(UserWarning, match='NUMBA_DISABLE_JIT is set'):
+        dyn.run(3)
+    dyn.run(3)  # warnings are errors
+    assert dyn.engine == 'numpy'
+    assert apart(dyn.displacements, want.displacements) < 1e-14
+    with pytest.raises(ImportError, match='needs numba'):
+        DrivenVerlet(patch(), DT, engine='compiled')
+    monkeypatch.undo()
+    engine.can_compile.cache_clear()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('fault', ['damaged', 'unwritable'])
+def test_a_cache_that_does_not_serve_is_done_without(tmp_path, fault):
+    """The same bits as with a cache, in processes of their own; the control is that the first run fills the cache."""
+    pytest.importorskip('numba')
+    script = tmp_path / 'run.py'
+    script.write_text(dedent("""
+        from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+        patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 4.0)
+        patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+        patch.positions[30, 0] += 1e-3
+        dyn = DrivenVerlet(patch, 0.05, engine='compiled')
+        dyn.run(40)
+        print(dyn.engine, dyn.displacements.tobytes().hex())
+        """))
+
+    def run():
+        return subprocess.run([sys.executable, script], env=os.environ | {'NUMBA_CACHE_DIR': str(tmp_path / 'cache')},
+                              capture_output=True, text=True, check=True)
+
+    first = run()
+    indices = list((tmp_path / 'cache').rglob('*.nbi'))
+    assert indices
+    assert not first.stderr
+    for index in indices:
+        index.write_bytes(b'no pickle') if fault == 'damaged' else index.unlink()
+    if fault == 'unwritable':
+        for index in indices:
+            index.mkdir()
+    again = run()
+    assert again.stdout == first.stdout
+    assert again.stderr.count('does not serve') == 1
