@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 STRAIN = 0.2  # largest distance of a multiple of the lattice vectors from whole numbers; the rest is a strain of the cell
 NEAR = 0.5  # largest displacement as a fraction of the shortest bond: beyond it, the nearest site may be another one's
+AT_SITE = 0.5  # of that: particles that are no farther from the sites of others are in another order, not in violent motion
 KEPT = 4  # supercells for which a calculator is kept: tools have one or two
 
 
@@ -120,6 +121,8 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
         before = own.positions
     if len(atoms) != len(own) or not abs(atoms.positions - before).max(initial=0.0) > calc.near:  # asked at each call
         return
+    if atoms.has('momenta') and atoms.get_momenta().any():  # violent motion may lead to the sites of others
+        return
     if atoms.cell.rank != own.cell.rank or (atoms.pbc != own.pbc).any() or not strayed(calc, atoms):
         return
     from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
@@ -134,8 +137,9 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
     away = lengths_of((back - np.rint(back) * own.pbc) @ own.cell.complete().array)
     u = calc.displacements(own_cell(calc, atoms))
     together = lengths_of(u - u[0]).max() <= calc.near
-    if not together and away.max() <= calc.near and len(np.unique(site)) == len(own):
-        k = np.flatnonzero(site != np.arange(len(own)))[0]
+    others = np.flatnonzero(site != np.arange(len(own)))
+    if len(others) and not together and away.max() <= AT_SITE * calc.near and len(np.unique(site)) == len(own):
+        k = others[0]
         raise ValueError(f'the particles are in another order than in the calculator: particle {k} is at the site of particle '
                          f'{site[k]}; put them into its order, or make a calculator for these, MagneticRepulsion(atoms, law, ...)'
                          ', or for a periodic cell atoms.calc.on(atoms)')
