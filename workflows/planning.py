@@ -1,6 +1,6 @@
 """Plans judged: do the chosen methods meet the tolerance, and does none cost far more than the cheapest that would have?
 
-`python -m workflows.planning` judges a thousand on a grid and three hundred drawn at random, in some four minutes;
+`python -m workflows.planning` judges hundreds on a grid and two hundred drawn at random, in some minutes;
 `python -m workflows planning` a few of each sort.
 """
 
@@ -131,7 +131,7 @@ def errors_of_linear(amplitude):
     return {name: method.error * (1 + method.doubt) for name, method in zip(('frozen', 'linear'), methods, strict=False)}
 
 
-MARKERS = {'Bands': 'o', 'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
+MARKERS = {'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
 
 
 def draw(out, verdicts):

@@ -18,7 +18,6 @@ import psutil
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..planning.plan import NUMPY
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
@@ -42,6 +41,7 @@ SERIES_bytes, PROOF_bytes = 3000, 13e3
 """Memory for one particle of a patch with its bonds; response: with its part of the factorisation that proves stability, measured
 between 7000 and 60 000 particles."""
 FACTOR_bytes, FACTOR_s = 17e3, 2e-5  # response: cost of one factorisation of the matrix at one frequency, per particle
+STEP_s, MOVE_s = 1.1e-4, 32e-9  # burst: time of one step in NumPy, and of one particle in it
 START_s = 0.3  # burst: time to build the patch and to draw the maps
 SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
 """Burst: cost of one particle of the row at one time, with its share of the map and its line of text."""
@@ -142,7 +142,7 @@ def burst_cost(scene: Scene) -> Cost:
         frames = plan.duration_s * scene.vibrometer.sampling_rate_Hz
         memory['vibrometer.sampling_rate_Hz'] = SAMPLE_bytes * frames * row
     runs = len(MODELS) * len(plan.carriers_Hz)
-    seconds = PICTURES_s + runs * (START_s + NUMPY.run(particles, steps) + SAMPLE_s * frames * row)
+    seconds = PICTURES_s + runs * (START_s + steps * (STEP_s + MOVE_s * particles) + SAMPLE_s * frames * row)
     return Cost('burst', memory, seconds, 8 * len(plan.carriers_Hz) + 3)
 
 

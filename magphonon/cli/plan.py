@@ -14,7 +14,7 @@ LEAST_TOLERANCE = 1e-7
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    add_scene(parser, ' with [bands], [frf] or [burst]')
+    add_scene(parser, ' with [frf] or [burst]')
     parser.add_argument('--tolerance', metavar='X', type=float, default=1e-3,
                         help='allowed relative error of the wanted results (default: 1e-3)')
     parser.add_argument('--run', dest='answer', action='store_true', help='run the recommended method')
@@ -35,9 +35,9 @@ def run(options: Namespace) -> None:
     if options.output is not None and not options.answer:
         raise ValueError(f'-o {options.output} is the directory for the results of --run; add --run, or leave -o out')
     scene = read_scene(options.scene)
-    refuse_costly(scene, 'bands', 'frf', 'burst')
+    refuse_costly(scene, 'frf', 'burst')
     print(scene.title)
-    of_patches = [f'\nIn responses and bursts: {line}' for line in neighbours(scene) if scene.frf or scene.burst]
+    of_patches = [f'\n{line}' for line in neighbours(scene)]
     if not options.answer:
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')

@@ -1,4 +1,3 @@
-from .bands import Edge as Edge, plan_bands as plan_bands
 from .peak import plan_peak as plan_peak
 from .plan import Method as Method, Plan as Plan, Settings as Settings
 from .waveform import plan_waveform as plan_waveform

@@ -4,15 +4,14 @@ The models behind the methods, from the simplest to the most complete:
 
     conventional linear    D0: frozen bond directions
     complete linear        D0 + D*: the static forces turn with the bonds
-    more shells            up to all neighbours, in infinite lattices
     nonlinear              the law itself, in time steps
 
-The error of a method is its difference from the most complete one in the wanted quantity: a band edge, the peak of a
-response, a waveform.  The error is estimated without running the method; the plan takes the cheapest method whose error,
-including the uncertainty of this estimate, meets the tolerance.
+The error of a method is its difference from the most complete one in the wanted quantity: the peak of a response, a waveform.
+The error is estimated without running the method; the plan takes the cheapest method whose error, including the uncertainty of
+this estimate, meets the tolerance.
 
-Costs are counted in multiplications, because these are the same on every machine.  For the time steps of a patch, time and
-memory of each engine (`Engine`) are given besides.
+Costs are counted in multiplications, because these are the same on every machine; how long the time steps of each engine take is
+in docs/measured.md.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from dataclasses import dataclass
 
 from ..errors import positive
 
-ALL = 'all'  # value of `shells` for a method that sums over all neighbours
 LAW_COST = 16  # number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.kernels_numba`
 EIGENSOLVE = 10
 """Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size: about 9 by the QR
@@ -34,63 +32,12 @@ STEP_ERROR_FRACTION = 0.6
 
 
 @dataclass(frozen=True)
-class Engine:
-    """Time and memory of an engine on one core.
-
-    Attributes
-    ----------
-    seconds : float
-        Time for one particle and one time step in s, as `python benchmarks/speed.py "engines 1e4" "patch 1e6"` measures it.
-    bytes : float
-        Memory for one particle at the peak, setting up included: 690 measured for 3e5 magnets, 700 for 1e6, by compiled steps on
-        a grid, 810 in NumPy; 2600 where no grid is found.
-    overhead : float
-        Time in s that one step takes in Python besides the particles, measured with patches of 61 to 5000 magnets; negligible
-        in larger ones.
-    """
-
-    seconds: float
-    bytes: float
-    overhead: float = 0.0
-
-    def run(self, particles: float, steps: float) -> float:
-        """Time in s of a run in time steps."""
-        return steps * (self.overhead + particles * self.seconds)
-
-
-COMPILED = Engine(6e-9, 750.0, 9e-6)
-NUMPY = Engine(32e-9, 850.0, 1.1e-4)
-LAMMPS = Engine(90e-9, 1000.0)
-
-
-def engine_costs(particles: int, steps: int) -> str:
-    """Time and memory of a run in time steps by each engine, as a sentence.
-
-    Compiled steps are the fastest on one machine at every size.  LAMMPS spreads a patch over several machines, where one is
-    too small for it.
-    """
-    compiled, numpy, lammps = (_duration(engine.run(particles, steps)) for engine in (COMPILED, NUMPY, LAMMPS))
-    return (f'{particles} particles in {steps} steps take about {compiled} and {particles * COMPILED.bytes / 2**30:.2g} GiB by '
-            f'compiled steps (numba), {numpy} without them, {lammps} by LAMMPS on one rank; '
-            '"magphonon burst --engine lammps --ranks N" divides the last by about N')
-
-
-def _duration(seconds):
-    for unit, name in ((3600, 'h'), (60, 'min')):
-        if seconds >= unit:
-            return f'{seconds / unit:.2g} {name}'
-    return f'{max(seconds, 0.01):.2g} s'
-
-
-@dataclass(frozen=True)
 class Settings:
     """How a method is run.
 
     Attributes
     ----------
     model : {'complete', 'conventional'}
-    shells : int or 'all'
-        Number of neighbour shells.
     dt : float, optional
         Time step in ms; None where no time steps are made.
     order : int
@@ -98,7 +45,6 @@ class Settings:
     """
 
     model: str
-    shells: int | str = 1
     dt: float | None = None
     order: int = 2
 

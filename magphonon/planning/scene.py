@@ -1,6 +1,6 @@
-"""The plans for the tables of a scene, and their runs: [bands] for bands, [frf] for a peak, [burst] for waveforms.
+"""The plans for the tables of a scene, and their runs: [frf] for a peak, [burst] for waveforms.
 
-The table [plan] adds what these tables do not say: one band edge instead of all bands, and the force of a response.
+The table [plan] adds what these tables do not say: the force of a response.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units as u
-from ..dynamics.splittings import SPLITTINGS
 from ..files import write_columns
-from .plan import ALL, Plan, Settings, engine_costs
+from .plan import Plan, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -43,59 +42,15 @@ class Wanted:
 def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
     """Plans for all quantities that a scene asks for, one after the other."""
     scene = scene.with_lean(False)  # which hardly changes what a method costs and how far it is off
-    if scene.bands is None and scene.frf is None and scene.burst is None:
-        raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [bands], [frf] or [burst]')
-    if scene.bands is not None:
-        yield _bands(scene, tolerance)
+    if scene.frf is None and scene.burst is None:
+        raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [frf] or [burst] (bands need no plan: '
+                         'shells = "auto" counts as many neighbours as matter)')
     if scene.frf is not None:
         yield _peak(scene, tolerance)
     if scene.burst is not None:
         cell, patch = scene.perfect_cell(), scene.patch_atoms()
         for k in range(len(scene.burst.carriers_Hz)):
             yield _burst(scene, cell, patch, tolerance, k)
-
-
-def _cell(scene, shells):
-    """The cell of a scene with the number of neighbour shells of a method, whatever the scene says."""
-    from ..stiffness.all_neighbours import AllNeighbours
-    from ..stiffness.calculator import MagneticRepulsion
-
-    atoms = scene.cell()
-    foundation = scene.foundation.stiffness if scene.foundation else 0.0
-    if shells == ALL:
-        atoms.calc = AllNeighbours(atoms, scene.law.potential(), foundation=foundation)
-        return atoms
-    atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), foundation=foundation, shells=shells)
-    return atoms
-
-
-def _bands(scene, tolerance):
-    from .bands import Edge, plan_bands
-
-    if scene.bands.beyond:
-        raise ValueError(f'{scene.bands.beyond}: bands are planned without losses or heat; take it out')
-    atoms, path, edge = scene.perfect_cell(), scene.band_path(), None
-    if scene.plan is not None and scene.plan.edge is not None:
-        point, branch = scene.plan.edge, scene.plan.branch
-        edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
-    return Wanted('bands', plan_bands(atoms, path, tolerance, edge),
-                  lambda file, settings: _write_bands(scene, file, edge, settings))
-
-
-def _write_bands(scene, file, edge, settings):
-    from ..bands.bands import analytic_bands
-    from ..bands.bloch import bloch_modes
-
-    atoms, path, model = _cell(scene, settings.shells), scene.band_path(), settings.model
-    if edge is None:
-        bands = analytic_bands(atoms, path, model)
-        bands.save(file.with_suffix('.npz'))
-        x = path.get_linear_kpoint_axis()[0] * u.m
-        frequencies = bands.frequencies_Hz
-    else:
-        x, frequencies = np.zeros(1), bloch_modes(atoms, edge.q[None], model)[0] / (2 * np.pi) / u.Hz
-    names = ['path_rad_per_m'] + [f'branch_{k + 1}_Hz' for k in range(frequencies.shape[1])]
-    write_columns(file.with_suffix('.csv'), names, [x, *frequencies.T])
 
 
 def _peak(scene, tolerance):
@@ -136,17 +91,7 @@ def _burst(scene, cell, patch, tolerance, k):
     name = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
     found = replace(found, quantity=name)
     return Wanted(f'burst_{plan.names[k]}', found,
-                  lambda file, settings: _write_waveform(scene, file, where.row, burst, settings),
-                  _time_steps(found, len(patch), burst.duration))
-
-
-def _time_steps(plan, particles, duration):
-    """What the time steps cost, if the plan recommends any."""
-    if not any(method.meets(plan.tolerance) for method in plan.methods) or plan.choice.settings.dt is None:
-        return ()
-    settings = plan.choice.settings
-    evaluations = int(np.ceil(duration / settings.dt)) * SPLITTINGS[settings.order].stages
-    return (f'{engine_costs(particles, evaluations)}.',)
+                  lambda file, settings: _write_waveform(scene, file, where.row, burst, settings))
 
 
 def _write_waveform(scene, file, row, burst, settings):

@@ -70,7 +70,7 @@ def check(scene: Scene) -> None:
         _scale(scene, calc)
     faults = []
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
-                           ('bands', _bands), ('frf', _frf), ('plan', _plan), ('burst', _burst), ('vibrometer', _vibrometer),
+                           ('bands', _bands), ('frf', _frf), ('burst', _burst), ('vibrometer', _vibrometer),
                            ('foundation', _pillar), ('foundation', _two_springs), ('foundation', _out_of_plane),
                            ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene)),
                            ('design', lambda scene: scene.design.check(scene))):
@@ -300,19 +300,6 @@ def _frf(scene: Scene) -> None:
             raise ValueError(f'frf lacks the table {name!r}; add [frf.{name}] with at_m and direction_deg')
     if not (scene.single or scene.finite) and scene.patch is None:
         raise ValueError('frf: there is no patch to drive; add a table [patch]')
-
-
-def _plan(scene: Scene) -> None:
-    if scene.plan.edge is None:
-        return
-    if scene.bands is None:
-        raise ValueError(f'plan.edge = {scene.plan.edge!r} is an edge of bands; add a table [bands]')
-    known, branches = scene.special_points, scene.perfect_cell().calc.dim * len(scene.perfect_cell())
-    if scene.plan.edge not in known:
-        raise ValueError(f'plan.edge of the {scene.lattice.kind} lattice must be one of {", ".join(known)}, '
-                         f'not {scene.plan.edge!r}')
-    if scene.plan.branch > branches:
-        raise ValueError(f'plan.branch must be at most {branches}, not {scene.plan.branch}')
 
 
 def _scale(scene: Scene, calc: Repulsion) -> None:

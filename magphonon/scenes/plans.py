@@ -164,8 +164,6 @@ class FrfPlan(Damped):
 class PlanTable(Table):
     """Settings of "magphonon plan" that the other tables do not hold."""
 
-    edge: Text | None = Field(None, description='the special point for whose frequency to plan; without it for all bands')
-    branch: Count = Field(1, description='the branch at that point, counted from 1 by frequency')
     force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it the force vanishes')
 
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from .. import units
 from ..errors import finite, not_negative, one_of, shown
-from ..interactions.bond_laws import BondLaws
 from .bond import sizes
 from .site_laws import Foundation, Springs, kept, of_sites, tie_of
 
@@ -283,12 +282,3 @@ def refuse_infinite(calc: MagneticRepulsion) -> None:
             raise ValueError(f'the law {shown(calc.laws)} gives the {what} {value[b]} {unit} at the distance '
                              f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters and '
                              'their units (mm, N)')
-
-
-def refuse_unlike(calc: Repulsion, tool: str, instead: str) -> None:
-    """Refuse particles that differ in law, strength or foundation, for a `tool` that supposes them to be equal."""
-    unlike = [what for what, differs in (('laws or strengths', isinstance(calc.law, BondLaws)),
-                                         ('foundations', np.ndim(calc.foundation) > 0)) if differs]
-    if unlike:
-        raise ValueError(f'{tool} supposes one law and one foundation for all particles, but these have different '
-                         f'{" and ".join(unlike)}; {instead}')

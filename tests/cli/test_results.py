@@ -56,19 +56,19 @@ def test_results_say_where_they_came_from(tmp_path, capsys):
     scene, out = scene_file(tmp_path), tmp_path / 'out'
     before = datetime.now(UTC) - timedelta(seconds=1)  # the date is cut off to seconds
     assert main(['bands', str(scene), '-o', str(out)]) == 0
-    assert main(['plan', str(scene), '--run', '-o', str(out)]) == 0
+    assert main(['dos', str(scene), '-o', str(out)]) == 0
     assert whole(out)
     known = json.loads((out / 'provenance.json').read_text())
-    assert list(known['results']) == ['bands', 'plan']
-    for name, extra in (('bands', ''), ('plan', ' --run')):
+    assert list(known['results']) == ['bands', 'dos']
+    for name in ('bands', 'dos'):
         part = known['results'][name]
-        assert part['command'] == f'magphonon {name} {scene}{extra} -o {out}'
+        assert part['command'] == f'magphonon {name} {scene} -o {out}'
         assert before <= datetime.fromisoformat(part['date']) <= datetime.now(UTC)
         assert part['versions']['magphonon'] == __version__
         assert {'python', 'ase', 'phonopy', 'numpy'} < part['versions'].keys()
     assert known['scene']['title'] == read_scene(scene).title
     assert (out / 'scene.toml').read_bytes() == scene.read_bytes()
-    columns = [(out / file).read_text().split('\n')[0] for file in ('bands.csv', 'plan_bands.csv')]
+    columns = [(out / file).read_text().split('\n')[0] for file in ('bands.csv', 'dos.csv')]
     assert columns[0] != columns[1]  # which is why one must not replace the other
 
 
@@ -88,7 +88,7 @@ def test_another_scene_is_refused_with_both_names_and_what_differs(tmp_path, cap
     assert main(['bands', str(scene_file(tmp_path)), '-o', str(out)]) == 0
     before, other = contents(out), scene_file(tmp_path, OTHER, 'other.toml')
     capsys.readouterr()
-    for command in (['bands', str(other)], ['plan', str(other), '--run']):
+    for command in (['bands', str(other)], ['dos', str(other)]):
         assert main([*command, '-o', str(out)]) == 2
         shown = capsys.readouterr()
         for words in ("'Chain held", "'Heavy chain held", 'differs in title, [lattice]', 'name another directory'):
@@ -112,7 +112,7 @@ def test_an_edited_scene_replaces_the_results_of_its_own_command_but_mixes_with_
 def test_comments_and_new_tables_make_no_other_scene(tmp_path):
     out = tmp_path / 'out'
     write(out, scene_file(tmp_path))
-    write(out, scene_file(tmp_path, '# a comment\n' + CHAIN + '\n[plan]\nedge = "X"\n'), {'plan_bands.csv': ''}, 'plan')
+    write(out, scene_file(tmp_path, '# a comment\n' + CHAIN + '\n[plan]\nforce_N = 1.0\n'), {'plan_frf.csv': ''}, 'plan')
     assert (out / 'scene.toml').read_text().startswith('# a comment')
     assert whole(out)
     with pytest.raises(ValueError, match=r'differs in \[plan\]'):  # what has results may not change any more, nor go

@@ -80,12 +80,13 @@ def test_a_pipe_without_a_scene(content, words, monkeypatch, capsys):
 
 
 def test_results_go_to_a_directory_named_after_scene_and_command(desk, capsys):
-    (desk / 'mine.toml').write_text(CHAIN)
+    text = ready_scene('oscillator').read_text()
+    (desk / 'mine.toml').write_text(text)
     assert main(['plan', 'mine.toml', '--run']) == 0
     assert 'data are in mine-plan' in capsys.readouterr().out
     assert (desk / 'mine-plan' / 'provenance.json').exists()
     (desk / 'sub').mkdir()
-    (desk / 'sub' / 'mine.toml').write_text(HEAVY)
+    (desk / 'sub' / 'mine.toml').write_text(text.replace('mass_kg = 1.0', 'mass_kg = 2.0'))
     before = names(desk)
     assert main(['plan', 'sub/mine.toml', '--run']) == 2  # another scene of the same name
     assert 'mine-plan holds results (plan) of the scene' in capsys.readouterr().err

@@ -9,20 +9,17 @@ from oracles import Pairs
 from scipy.linalg import eigh
 
 from magphonon import (
-    AllNeighbours,
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
     Recorder,
     ToneBurst,
     Yukawa,
-    analytic_bands,
     foundation_needed,
     lattices,
 )
-from magphonon.planning.bands import plan_bands
 from magphonon.planning.peak import highest_peak, plan_peak, turning
-from magphonon.planning.plan import Method, Plan, Settings
+from magphonon.planning.plan import Method, Plan
 from magphonon.planning.scene import scene_plans
 from magphonon.planning.waveform import plan_waveform
 from magphonon.response import propagation
@@ -31,7 +28,7 @@ from magphonon.response.normal_modes import modes
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.stiffness import bond
 from workflows.planning import judge, met_by, without_amplitude, without_dstar
-from workflows.situations import Bands, Peak, Waveform, strip
+from workflows.situations import Peak, Waveform, strip
 
 LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
 
@@ -41,8 +38,6 @@ LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
 
 def sample():
     """Some situations of each sort; `python -m workflows.planning` judges hundreds."""
-    yield from (Bands('triangular', InversePower(1.0, 4.58), 0.5), Bands('kagome', LAW, 12.0, 'M'))
-    yield Bands('honeycomb', YUKAWA, 12.0)
     yield from (Peak(LAW, 0, 0.02), Peak(YUKAWA, 90, 0.08), Peak(InversePower(1.0, 3.0), 45, 1e-3))
     yield Waveform('triangular', LAW, 0.2, (1, 0), 0.3, 3e-3, rows=14)
 
@@ -62,39 +57,6 @@ def test_the_cheapest_method_that_is_surely_good_enough_is_taken():
     assert Plan('it', 'itself', 0.01, methods, (), 0.0).choice.name == 'good'
     with pytest.raises(ValueError, match=r'no model here gives it to 0.1 %: .* off by 0.9 %; allow more'):
         _ = Plan('it', 'itself', 0.001, methods[:3], (), 0.0).choice
-
-
-@pytest.mark.parametrize(('name', 'settings'), [
-    ('steel', Settings('conventional', 1)),  # contacts end at the nearest neighbour, and D*/D0 is some 1e-4
-    ('fcc', Settings('complete', 1)),        # r^-13 falls fast, D* is 10 %
-    ('wigner', Settings('complete', 'all')),  # Coulomb reaches everywhere
-])
-def test_each_matter_gets_its_own_model(name, settings):
-    assert next(scene_plans(read_scene(ready_scene(name)), 1e-2)).plan.choice.settings == settings
-
-
-def test_a_loose_tolerance_needs_no_shells_and_a_tight_one_the_exact_sum():
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 2.0), foundation=2.0)
-    path = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc)
-    assert plan_bands(cell, path, 0.9).choice.settings == Settings('conventional', 1)
-    assert plan_bands(cell, path, 1e-9).choice.settings == Settings('complete', 'all')
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('tolerance', [0.1, 0.03, 0.01, 0.003])
-def test_plans_of_an_unstable_lattice_hold_where_its_squares_change_sign(tolerance):
-    """The square lattice without foundation; the truth are exact sums at every wavevector of the path."""
-    cell = lattices.square(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, InversePower(1e4, 4.0))
-    path = cell.cell.bandpath('GXMG', npoints=300, pbc=cell.pbc)
-    chosen = plan_bands(cell, path, tolerance).choice.settings
-    law, exact, found = cell.calc.laws, cell.copy(), cell.copy()
-    exact.calc = AllNeighbours(exact, law)
-    found.calc = exact.calc if chosen.shells == 'all' else MagneticRepulsion(found, law, shells=chosen.shells)
-    truth = analytic_bands(exact, path).omega
-    assert truth.min() < -0.01 * truth.max()  # unstable indeed
-    assert abs(analytic_bands(found, path, model=chosen.model).omega - truth).max() < tolerance * truth.max()
 
 
 # --- what simple scenes are spared -----------------------------------------------------------------------------------

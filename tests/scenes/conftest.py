@@ -9,7 +9,6 @@ import pytest
 from magphonon.scenes.scene import ready_scene
 
 SCENE = tomllib.loads(ready_scene('prototype').read_text())
-del SCENE['plan']  # its edge M belongs to the triangular lattice, which tests change
 
 
 def toml(value):
