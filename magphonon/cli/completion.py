@@ -35,9 +35,9 @@ def run(options: Namespace) -> None:
     except ImportError:
         raise ValueError("the script is made by shtab, which is missing; pip install 'magphonon[completion]' brings it") from None
     from ..scenes.sources import ready_scenes
-    from .main import whole_parser
+    from .main import parser_of
 
-    parser, names = whole_parser(), ' '.join(ready_scenes())
+    parser, names = parser_of(), ' '.join(ready_scenes())
     completed = {'scene': SCENE, 'name': READY, 'output': shtab.DIRECTORY, 'files': shtab.DIRECTORY}
     completed |= {'tables': SCANS} | dict.fromkeys(('file', 'geometry', 'style', 'page'), shtab.FILE)
     [commands] = [action for action in parser._actions if isinstance(action, _SubParsersAction)]

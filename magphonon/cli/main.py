@@ -170,11 +170,10 @@ def _no_messages_about_fonts():
 
 
 def _options(arguments):
-    parser = whole_parser()
+    parser = parser_of([first] if (first := next(iter(arguments), '-')) in COMMANDS else COMMANDS)
     for word in arguments:
         if any((x < ' ' and x not in '\n\t') or '\x7f' <= x < '\xa0' for x in word):
             parser.error(f'{word!r} holds a control character; leave it out, or rename the file')
-    first = next(iter(arguments), '-')
     if not first.startswith('-') and first not in COMMANDS:
         meant = did_you_mean(SYNONYMS.get(first, first), COMMANDS, f'the commands are {", ".join(COMMANDS)}')
         parser.error(f'there is no command {first!r}{meant}')
@@ -189,11 +188,12 @@ def _options(arguments):
     return options
 
 
-def whole_parser():
+def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+    """A parser of some commands: a command that runs needs no other."""
     parser = argparse.ArgumentParser(prog='magphonon', description='Static forces in repulsive lattices: bands with D0 + D*.')
     parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
-    for name in COMMANDS:
+    for name in names:
         command = import_module(f'.{name}', __package__)
         told = (command.__doc__ or '').partition(': ')[2]  # python -OO leaves out docstrings
         subparser = commands.add_parser(name, help=command.HELP, description=told)
