@@ -66,10 +66,11 @@ def run(options: Namespace) -> None:
         unstable = _unstable(cell)
         rest = [] if (found := scene.relaxation()) is None else [str(found)]
         amplitudes, decays = _amplitudes(cell, largest, loud=not unstable), _decays(plan, cell, records)
-        text = '\n'.join([scene.title, *rest, '', report(records), *amplitudes, *decays, *unstable, '', *neighbours(scene)])
+        others = neighbours(scene, brief=True)
+        text = '\n'.join([scene.title, *rest, '', report(records), *amplitudes, *decays, *unstable, '', *others])
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
         loud = [line for line in amplitudes if 'WARNING' in line]
-        short = '\n'.join([scene.title, *rest, '', *_conclusion(records), *loud, *decays, *unstable, '', *neighbours(scene)])
+        short = '\n'.join([scene.title, *rest, '', *_conclusion(records), *loud, *decays, *unstable, '', *others])
     print(text if options.verbose else short)
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
 

@@ -50,4 +50,4 @@ def _left_out(scene, plan, best, k):
     within = None if edge is None else {(edge.point, edge.branch): TOLERABLE}
     cell = varied(scene, {'spacing': best.spacing / (scene.lattice.spacing_m * u.m)}).perfect_cell()
     cell.calc.set(foundation=k)
-    return neighbours(scene, points, atoms=cell, within=within, limit=f'{100 * TOLERABLE:g} % of the frequency')
+    return neighbours(scene, points, atoms=cell, within=within, limit=f'{100 * TOLERABLE:g} %')

@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
                 path = scene.lattice.path(scene.bands.path, WAVEVECTORS)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
                 report += _unfolded(folder, save, lattice, patch, path)
         save(axes.figure, 'dos')
-    print('\n'.join([*report, *neighbours(scene)]))
+    print('\n'.join([*report, *neighbours(scene, brief=True)]))
     print(f'pictures and data are in {options.output}')
 
 

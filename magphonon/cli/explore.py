@@ -55,7 +55,8 @@ def run(options: Namespace) -> None:
     with whole_file(file, 'wb') as out:
         out.write(page + _signature(page))
     options.written = file
-    print('\n'.join([f'{file} is written; open it in a browser', *filter(None, [perfect]), *left_out(scene), *neighbours(scene)]))
+    print('\n'.join([f'{file} is written; open it in a browser', *filter(None, [perfect]), *left_out(scene),
+                     *neighbours(scene, brief=True)]))
 
 
 def _template(text, scene, atoms):

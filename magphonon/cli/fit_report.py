@@ -7,13 +7,11 @@ from collections import Counter
 
 import numpy as np
 
-from .. import lattices, units as u
-from ..bands.neighbours import neighbour_shifts
+from .. import units as u
 from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, WITH_CARE, shells_within
 from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
-from ..stiffness.calculator import MagneticRepulsion
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 from .neighbours import neighbours
@@ -53,7 +51,7 @@ def force_report(options, forces, fit, shared):
     if fit.scatter > 1:
         yield (f'The rows scatter {fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened by '
                'that: look for an outlier, or leave the column out.')
-    yield _neighbours(fit)
+    yield _reach(fit)
     for name, value, conflict, unit, symbol in zip(SHARED, fit.zeros, fit.conflicts, (u.N, u.mm, u.N, u.mm), ('N', 'mm') * 2,
                                                    strict=True):
         if conflict > CONFLICT:
@@ -61,15 +59,12 @@ def force_report(options, forces, fit, shared):
                    'it is larger, or the shape of the magnets is not as named.')
 
 
-def _neighbours(fit):
-    """How many the table knows, and what the nearest alone would cost in the lattice of most magnets."""
-    reach = fit.law.r[-1] / fit.spacing
-    cell = lattices.triangular(fit.spacing, 1.0)
-    cell.calc = MagneticRepulsion(cell, fit.law)
-    shift = neighbour_shifts(cell, [[0.5, 0, 0]]).relative[0, 0]
-    return (f'The table reaches to {reach:.3g} spacings, {shells_within(reach)} shell(s) of neighbours. In a triangular lattice '
-            'without foundation all neighbours, if the force goes on falling as at its end, shift the shear wave at M by '
-            f'{100 * shift:+.2g} % against the nearest alone: measure to three spacings or more, or name the magnet.')
+def _reach(fit):
+    """How many neighbours the table knows."""
+    reach, known = fit.law.r[-1] / fit.spacing, shells_within(fit.law.r[-1] / fit.spacing)
+    return (f'The table reaches to {reach:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. If it is less '
+            'than three spacings, a lattice has to guess the forces of the others: measure farther, or name the magnet '
+            '(--magnet). "magphonon check" says what they shift.')
 
 
 def neighbours_of(found):

@@ -78,7 +78,7 @@ def run(options: Namespace) -> None:
             lines += ['', *_compared(measured, curves)]
             if (doubt := misread(scene, measured)) is not None:
                 lines[-1] = f'They look like {doubt}: mend the table, or the name of its column, first.'
-    print('\n'.join([*lines, *neighbours(scene)]))
+    print('\n'.join([*lines, *neighbours(scene, brief=True)]))
     print(f'picture and data are in {options.output}')
 
 

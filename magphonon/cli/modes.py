@@ -66,7 +66,7 @@ def run(options: Namespace) -> None:
         if patch is not None:
             report += _of_patch(folder, save, lattice, patch, scene, options)
         drawn = any(folder.glob('*.png'))
-    print('\n'.join([*report, *neighbours(scene)]))
+    print('\n'.join([*report, *neighbours(scene, brief=True)]))
     print(f'pictures and data are in {options.output}' if drawn else 'no pictures: modes are drawn of planar lattices that have '
           f'a number of shells, motion in the plane and at most {MOST_BRANCHES} branches')
 

@@ -1,4 +1,7 @@
-"""What the neighbours that a scene leaves out cost, in words: one piece for all commands, per branch at the points asked."""
+"""What the neighbours that a scene omits would change, in words, per branch at the points asked.
+
+In full where one looks for it (`check`, `bands`, fits, designs, tolerances); the other commands name the largest shift only.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +25,14 @@ MOST_SHOWN = 6
 
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
                within: Mapping[tuple[str, int], float] | None = None, speeds: bool = False,
-               limit: str = 'the 95 % interval') -> list[str]:
+               limit: str = 'its 95 % interval', brief: bool = False) -> list[str]:
     """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
 
-    `points` are the wavevectors asked, in fractions of the reciprocal vectors: one for each name, or several for a name of them
-    all, of which the largest shift is told; by default the special points of the bands.  `within` has half widths of 95 %
-    intervals, as fractions of the frequencies, by point and branch from 1: shifts that exceed them are named in a second line,
-    where `limit` says what these widths are.  With `speeds`, the shift of long waves along x is told, too: they need many more
-    neighbours.
+    In `brief` it names the largest shift only.  `points` are the wavevectors asked, in fractions of the reciprocal vectors: one
+    for each name, or several for a name of them all, of which the largest shift is named; by default the special points of the
+    bands.  `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch from 1: shifts that
+    exceed them are named, and `limit` says what these widths are.  With `speeds`, a second line names the shift of long waves
+    along x: they need many more neighbours.
     """
     if scene.single or scene.law.kind == 'saved':
         return []
@@ -45,7 +48,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
         return [f'{told}; what the others would change is not computed for so large a cell.']
     if points is None:
         points = special_points(scene)
-    told = _shifts(scene, told, atoms, points, within or {}, limit)
+    told = [_shifts(scene, told, atoms, points, within or {}, limit, brief)]
     return told + (_speeds(atoms) if speeds and not atoms.constraints else [])
 
 
@@ -68,13 +71,13 @@ def _counted(scene):
     return f'{number} (shells = {asked})'
 
 
-def _shifts(scene, told, atoms, points, within, limit):
+def _shifts(scene, told, atoms, points, within, limit, brief):
     q = {name: np.reshape(np.asarray(several, dtype=float), (-1, 3)) for name, several in points.items()}
     found = neighbour_shifts(atoms, np.concatenate(list(q.values())))
     end = '' if found.known else ', if the forces go on falling as at the end of their table'
     largest = abs(found.relative).max()
     if largest <= TOLERANCE:
-        return [f'{told}: all others would shift no frequency at {", ".join(q)} by more than {100 * TOLERANCE:g} %{end}.']
+        return f'{told}: all others would shift no frequency at {", ".join(q)} by more than {100 * TOLERANCE:g} %{end}.'
     branch, shifts, first = 'branch in the plane' if atoms.calc.layer else 'branch', [], 0
     for name, several in q.items():
         here = slice(first, first + len(several))
@@ -83,20 +86,21 @@ def _shifts(scene, told, atoms, points, within, limit):
         for k, x in enumerate(worst):
             to = f' to {u.hertz(found.every[here][0, k]):.4g} Hz' if len(several) == 1 else ''
             shifts.append((x, f'{name}, {branch} {k + 1}', f'{"" if to else "up to "}{100 * x:+.2g} %{to}', (name, k + 1)))
+    if brief:
+        _, place, words, _ = max(shifts, key=lambda shift: abs(shift[0]))
+        return f'{told}: all would shift {place} by {words}{end}. "magphonon check" names the other shifts.'
     least = sorted((abs(x) for x, *_ in shifts), reverse=True)[:MOST_SHOWN][-1]
     shown = [f'{place} by {words}' for x, place, words, _ in shifts if abs(x) >= max(least, TOLERANCE)]
     others = max((abs(x) for x, *_ in shifts if TOLERANCE < abs(x) < least), default=0.0)
-    lines = [f'{told}: all would shift {"; ".join(shown)}{f"; others by up to {100 * others:.2g} %" if others else ""}{end}.']
+    line = f'{told}: all would shift {"; ".join(shown)}{f"; others by up to {100 * others:.2g} %" if others else ""}{end}.'
     exceeding = [place for x, place, _, which in shifts if abs(x) > within.get(which, np.inf)]
     if exceeding:
-        few = 'NEAREST' if scene.law.shells == 1 else 'SO FEW'
-        lines.append(f'NOT WITH {few} NEIGHBOURS: the shift is more than {limit} of {"; ".join(exceeding)}, '
-                     'which does not hold for real magnets.')
+        few = 'Nearest neighbours' if scene.law.shells == 1 else 'So few neighbours'
+        line += f' {few} are not enough here: the others shift {"; ".join(exceeding)} by more than {limit}.'
     if not found.known:
-        lines[-1] += ' Measure the force farther away, or give the shape of the magnets.'
-    elif isinstance(scene.law.asked, int):
-        lines[-1] += ' Leave law.shells out, or write shells = "auto", to count as many as matter.'
-    return lines
+        return line + ' Measure the force farther away, or give the shape of the magnets.'
+    advice = ' Omit law.shells, or write shells = "auto", to count as many as matter.'
+    return line + advice * isinstance(scene.law.asked, int)
 
 
 def _speeds(atoms):

@@ -37,7 +37,7 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf', 'burst')
     print(scene.title)
-    of_patches = [f'\n{line}' for line in neighbours(scene)]
+    of_patches = [f'\n{line}' for line in neighbours(scene, brief=True)]
     if not options.answer:
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')

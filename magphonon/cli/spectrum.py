@@ -77,7 +77,7 @@ def _analysed(options, scene):
             text, asked = (_field if plane else _row)(options, scene, cell, scan, folder, save)
         except ValueError as error:
             raise ValueError(f'{options.table}: {error}') from None
-        text = '\n'.join([scene.title, text, '', *neighbours(scene, asked)])
+        text = '\n'.join([scene.title, text, '', *neighbours(scene, asked, brief=True)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
     print('\n' * (options.table != options.tables[0]) + text)
     return asked is not None

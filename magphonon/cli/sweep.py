@@ -166,7 +166,7 @@ def _lead(options, workers):
         journal.unlink(missing_ok=True)
     else:
         options.notes.append(f'{journal} of an earlier command stays; it is complete, and may be removed')
-    print('\n'.join([report, *(f'\nAt the values of the scene itself: {line}' for line in neighbours(scene))]))
+    print('\n'.join([report, *(f'\nAt the values of the scene itself: {line}' for line in neighbours(scene, brief=True))]))
     print(f'pictures and data are in {options.output}')
 
 

@@ -52,7 +52,7 @@ def run(options: Namespace) -> None:
         if scene.frf is not None:
             lines += _response(folder, save, scene, tolerances)
         if not (bands and tolerances.changes):
-            lines += neighbours(scene)
+            lines += neighbours(scene, brief=True)
     print('\n'.join(lines))
     print(f'pictures and data are in {options.output}')
 

@@ -86,7 +86,7 @@ def test_results_go_to_a_directory_named_after_scene_and_command(desk, capsys):
     assert 'data are in mine-plan' in capsys.readouterr().out
     assert (desk / 'mine-plan' / 'provenance.json').exists()
     (desk / 'sub').mkdir()
-    (desk / 'sub' / 'mine.toml').write_text(text.replace('mass_kg = 1.0', 'mass_kg = 2.0'))
+    (desk / 'sub' / 'mine.toml').write_text(text.replace('title = "', 'title = "Heavy '))
     before = names(desk)
     assert main(['plan', 'sub/mine.toml', '--run']) == 2  # another scene of the same name
     assert 'mine-plan holds results (plan) of the scene' in capsys.readouterr().err
