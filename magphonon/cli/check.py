@@ -6,16 +6,24 @@ The exit status is 1 if there is a problem, such as a lattice that buckles, and 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 from .. import units
+from ..findings import Finding, Findings
 from .arguments import add_scene
+
+if TYPE_CHECKING:
+    from ase import Atoms
+
+    from ..scenes.scene import Scene
+    from ..stability.verdicts import Verdict
 
 HELP = 'check a scene before it runs: equilibrium, stability, time step, supports, linear range, supercell, cost'
 JUDGED = 20_000
 """Largest number of particles of a patch that is judged separately.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
-
-
 SEEN = 1e-3
 """Relative change of a frequency by leaning pillars that is mentioned: real lattices are hardly known better."""
 
@@ -25,75 +33,154 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Print the verdicts and return the exit status: 0 if no problem was found, 1 otherwise."""
-    from psutil import virtual_memory
-
-    from ..bands.bands import cut_off
-    from ..scenes.lattices import Oscillator
+    """Print the findings and return the exit status: 0 if no problem was found, 1 otherwise."""
     from ..scenes.scene import read_scene
-    from ..stability.verdicts import verdict
-    from .costs import USABLE_FRACTION, costs, too_much
-    from .neighbours import neighbours
 
-    scene = read_scene(options.scene)
-    print(scene.title)
-    expected, free = costs(scene), virtual_memory().available
-    faults = [too_much(scene, cost, free) for cost in expected if cost.bytes > USABLE_FRACTION * free]
-    atoms = scene.perfect_cell()
-    if scene.single:
-        print(f'A constant force of {atoms.calc.load[Oscillator.free, 1] / units.N:.6g} N along the guide is assumed to '
-              'balance the repulsion of the three magnets.')
-    supercell = scene.supercell() if scene.bands is not None else None
-    name = 'Oscillator' if scene.single else 'Structure' if scene.finite else 'Lattice'
+    case = Case(read_scene(options.scene))
+    print(case.scene.title)
     try:
-        relaxation = scene.relaxation()
+        case.relaxation  # noqa: B018  all that follows is about the structure at rest
     except ValueError as error:
         print(f'\nDefects and disorder: {error}.')
         return 1
-    patch = scene.patch_atoms() if scene.patch is not None and not scene.single else None
-    if relaxation is not None:
-        patch = None if scene.finite else relaxation.atoms
-        atoms = relaxation.atoms if scene.finite else atoms
-        print(f'\nDefects and disorder: {relaxation} There it is stable.')
-    modulated = scene.foundation is not None and scene.foundation.modulation is not None
-    losses = scene.bands is not None and scene.bands.damping_per_s is not None
-    damping = scene.bands.damping_of(atoms) if losses else 0.0
-    verdicts = {name: verdict(atoms, supercell=None if modulated else supercell, damping=damping)}
-    if patch is not None and len(patch) <= JUDGED:
-        verdicts['Patch'] = verdict(patch, damping=damping)
-    for name, judged in verdicts.items():
-        print(f'\n{name}: {judged}')
-    at_rest = atoms.pbc.any() and not verdicts[name].residual
-    if at_rest and not modulated and (cutoff := cut_off(atoms)) is not None:
-        holds = 'The held particles and the foundation give' if atoms.constraints else 'The foundation gives'
-        print(f'\n{holds} a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
-    if patch is not None and 'Patch' not in verdicts:
-        print(_large(patch, relaxation is None))
-    for line in () if modulated else (*neighbours(scene), *_leaning(scene)):
-        print(f'\n{line}')
-    if expected:
-        print('\nEstimated cost of each table:', *expected, sep='\n  ')
-    for fault in faults:
-        print(f'TOO COSTLY: {fault}.')
-    return 0 if all(judged.fine for judged in verdicts.values()) and not faults else 1
+    found = [*REPORT.of(case)]
+    for said in found:
+        if said.words:
+            print(f'\n{said.words}')
+    return int(any(said.fault for said in found))
 
 
-def _leaning(scene):
-    """What leaning pillars, which the scene leaves out, would do to the lowest branch, if anything."""
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene, and what several findings ask of it."""
+
+    scene: Scene
+
+    @cached_property
+    def relaxation(self) -> Any:
+        """Where a structure with defects or disorder comes to rest, or None for a scene without."""
+        return self.scene.relaxation()
+
+    @cached_property
+    def atoms(self) -> Atoms:
+        """The lattice, or the finite structure at its rest."""
+        return self.relaxation.atoms if self.relaxation is not None and self.scene.finite else self.scene.perfect_cell()
+
+    @cached_property
+    def patch(self) -> Atoms | None:
+        """The patch at its rest, or None for a scene without."""
+        if self.scene.finite or self.scene.single or self.scene.patch is None:
+            return None
+        return self.scene.patch_atoms() if self.relaxation is None else self.relaxation.atoms
+
+    @property
+    def modulated(self) -> bool:
+        """Whether the springs of the foundation change in time."""
+        return self.scene.foundation is not None and self.scene.foundation.modulation is not None
+
+    @cached_property
+    def damping(self) -> Any:
+        losses = self.scene.bands is not None and self.scene.bands.damping_per_s is not None
+        return self.scene.bands.damping_of(self.atoms) if losses else 0.0
+
+    @cached_property
+    def judged(self) -> Verdict:
+        """The verdict on the lattice or the finite structure."""
+        from ..stability.verdicts import verdict
+
+        supercell = self.scene.supercell() if self.scene.bands is not None and not self.modulated else None
+        return verdict(self.atoms, supercell=supercell, damping=self.damping)
+
+
+REPORT = Findings()
+
+
+@REPORT.check
+def guided(case: Case) -> str | None:
+    """The force that an oscillator is assumed to carry."""
+    from ..scenes.lattices import Oscillator
+
+    if not case.scene.single:
+        return None
+    calc: Any = case.atoms.calc
+    return (f'A constant force of {calc.load[Oscillator.free, 1] / units.N:.6g} N along the guide is assumed to balance the '
+            'repulsion of the three magnets.')
+
+
+@REPORT.check
+def defects(case: Case) -> str | None:
+    """Where a structure with defects or disorder stands."""
+    return case.relaxation and f'Defects and disorder: {case.relaxation} There it is stable.'
+
+
+@REPORT.check
+def structure(case: Case) -> Finding:
+    """The verdict on the lattice, the finite structure or the oscillator."""
+    name = 'Oscillator' if case.scene.single else 'Structure' if case.scene.finite else 'Lattice'
+    return Finding(case.judged, f'{name}: {case.judged}', fault=not case.judged.fine)
+
+
+@REPORT.check
+def patch(case: Case) -> Finding | str | None:
+    """The verdict on the patch; of a large one, that of its lattice holds."""
+    from ..stability.verdicts import verdict
+
+    if case.patch is None:
+        return None
+    if len(case.patch) > JUDGED:
+        return _large(case.patch, case.relaxation is None)
+    judged = verdict(case.patch, damping=case.damping)
+    return Finding(judged, f'Patch: {judged}', fault=not judged.fine)
+
+
+@REPORT.check
+def cut_off(case: Case) -> str | None:
+    """The lowest frequency at Gamma, of a lattice whose foundation or held particles give one."""
+    from ..bands import bands
+
+    if not case.atoms.pbc.any() or case.judged.residual or case.modulated or (lowest := bands.cut_off(case.atoms)) is None:
+        return None
+    holds = 'The held particles and the foundation give' if case.atoms.constraints else 'The foundation gives'
+    return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz, the lowest frequency at Gamma.'
+
+
+@REPORT.check
+def others(case: Case) -> list[str]:
+    """What neighbours that are omitted would change."""
+    from .neighbours import neighbours
+
+    return [] if case.modulated else neighbours(case.scene)
+
+
+@REPORT.check
+def leaning(case: Case) -> str | None:
+    """What leaning pillars, which the scene omits, would do to the lowest branch, if anything."""
     from ..bands.bloch import bloch_modes
 
+    scene = case.scene
     leant = scene.with_lean(True)
-    if scene.single or leant is scene or scene.foundation.leans:
-        return []
+    if case.modulated or scene.single or leant is scene or scene.foundation is None or scene.foundation.leans:
+        return None
     points = {'Gamma' if name == 'G' else name: q for name, q in scene.special_points.items()}
     try:
         here, there = (units.hertz(bloch_modes(one.perfect_cell(), [*points.values()])[0][:, 0]) for one in (scene, leant))
     except ValueError:  # no lattice of which leaning is known
-        return []
+        return None
     shifts = [f'at {name} from {a:.6g} to {b:.6g} Hz' for name, a, b in zip(points, here, there, strict=True)
               if abs(b - a) > SEEN * abs(a)]
-    return shifts and [f'Pillars lean, and the magnets with them: this would shift the lowest branch {", ".join(shifts)}; '
-                       'lean = true in [foundation.pillar] takes it in.']
+    return (f'Pillars lean, and the magnets with them: this would shift the lowest branch {", ".join(shifts)}. '
+            'Write lean = true in [foundation.pillar] to include it.') if shifts else None
+
+
+@REPORT.check
+def cost(case: Case) -> Finding | None:
+    """What the commands on this scene need; a fault where the memory does not suffice."""
+    from .costs import costs, too_much
+
+    expected = costs(case.scene)
+    faults = [f'Too large: {fault}.' for one in expected if (fault := too_much(case.scene, one))]
+    lines = ['Estimated cost of each table:', *(f'  {one}' for one in expected), *faults]
+    return Finding(expected, '\n'.join(lines), fault=bool(faults)) if expected else None
 
 
 def _large(patch, perfect):

@@ -188,14 +188,15 @@ def refuse_costly(scene: Scene, *tables: str) -> None:
 
 def refuse_cost(scene: Scene, cost: Cost) -> None:
     """Raise ValueError if a command needs more memory than is available; the message names the key."""
-    free = psutil.virtual_memory().available
-    if cost.bytes > USABLE_FRACTION * free:
-        raise ValueError(too_much(scene, cost, free))
+    if fault := too_much(scene, cost):
+        raise ValueError(fault)
 
 
-def too_much(scene: Scene, cost: Cost, free: float) -> str:
-    """The message for a cost that is too high: the key, its value and what to do."""
-    value = scene
+def too_much(scene: Scene, cost: Cost) -> str:
+    """What is said of a cost that is too high: the key, its value and what to do; nothing if the memory suffices."""
+    free, value = psutil.virtual_memory().available, scene
+    if cost.bytes <= USABLE_FRACTION * free:
+        return ''
     for key in cost.key.split('.'):
         value = scene.supercell() if key == 'supercell' else scene.wanted('bands') if key == 'bands' else getattr(value, key)
     return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] need '

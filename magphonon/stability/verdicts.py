@@ -6,7 +6,7 @@ list.  What cannot be a fault is decorated with `remark`: it is computed only if
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,6 +23,7 @@ from ..dynamics.drives import constant_push
 from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import positive
+from ..findings import Finding, Findings
 from ..interactions.bond_laws import groups, laws_of, taken
 from ..interactions.law_cards import card_of
 from ..interactions.pair_laws import Hertz, higher_derivatives
@@ -60,42 +61,8 @@ SAME = 1e-9  # relative difference of two stiffnesses that is round-off
 DENSEST = 50e-3  # mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
 
-@dataclass(frozen=True)
-class Finding:
-    """What one check found.
-
-    Attributes
-    ----------
-    value : Any
-        The result in mm, g, ms; None if it does not apply or was not judged.
-    words : str
-        A sentence or two, in SI units; empty if there is nothing to say.
-    fault : bool
-        Whether a run would fail, or its result be meaningless.
-    unjudged : str
-        What was left out because it would take too long for so many particles.
-    """
-
-    value: Any = None
-    words: str = ''
-    fault: bool = False
-    unjudged: str = ''
-
-
-CHECKS: dict[str, Callable[[Case], Finding]] = {}  # the checks by name, in the order in which their words are told
-REMARKS: set[str] = set()  # names of the checks that are never a fault
-
-
-def check(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
-    """Put a function on the list of checks, by its name."""
-    CHECKS[judge.__name__] = judge
-    return judge
-
-
-def remark(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
-    """Put a function on the list of checks that is never a fault, so that `Verdict.faults` need not wait for it."""
-    REMARKS.add(judge.__name__)
-    return check(judge)
+CHECKS = Findings()  # the checks of a `Case` by name
+REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,7 +81,7 @@ class Verdict:
     def finding(self, name: str) -> Finding:
         """What the check of this name found."""
         if name not in self._found:
-            self._found[name] = CHECKS[name](self.case)
+            self._found[name] = CHECKS.find(name, self.case)
         return self._found[name]
 
     def __getattr__(self, name: str) -> Any:

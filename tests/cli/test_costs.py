@@ -62,7 +62,7 @@ def test_check_tells_what_it_takes_and_what_is_too_much(scene_file, capsys):
     fine = capsys.readouterr().out
     assert '[bands] less than 0.1 GB of memory, a few seconds, 8 files' in fine
     assert main.main(['check', str(scene_file(bands__points=10**12))]) == 1
-    assert 'TOO COSTLY: bands.points = 1000000000000 makes [bands] need about' in capsys.readouterr().out
+    assert 'Too large: bands.points = 1000000000000 makes [bands] need about' in capsys.readouterr().out
 
 
 @pytest.mark.slow

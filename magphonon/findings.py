@@ -1,0 +1,86 @@
+"""Reports as lists of small functions, each of which finds one thing about a case and says it in words.
+
+A report is a `Findings`; a function of the case joins it by its decorator `check`, or `remark` if what it finds cannot be a
+fault.  The words are told in the order in which the functions stand in their file.
+
+Examples
+--------
+>>> from magphonon.findings import Finding, Findings
+>>> REPORT = Findings()
+>>> @REPORT.check
+... def balance(force):
+...     return Finding(force, f'A force of {force} N is left.', fault=True) if force else None
+>>> @REPORT.remark
+... def size(force):
+...     return 'One particle.'
+>>> REPORT.lines(0.0), REPORT.lines(0.5), [one.fault for one in REPORT.of(0.5)]
+(['One particle.'], ['A force of 0.5 N is left.', 'One particle.'], [True, False])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeVar
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one function of a report found.
+
+    Attributes
+    ----------
+    value : Any
+        The result in mm, g, ms; None if it does not apply or was not judged.
+    words : str
+        A sentence or two, in SI units; empty if there is nothing to say.
+    fault : bool
+        Whether a run would fail, or its result be meaningless.
+    unjudged : str
+        What was omitted because it would take too long for so many particles.
+    """
+
+    value: Any = None
+    words: str = ''
+    fault: bool = False
+    unjudged: str = ''
+
+
+Judge: TypeAlias = Callable[[Any], Finding | str | Iterable[str] | None]
+J = TypeVar('J', bound=Judge)
+
+
+class Findings(dict[str, Judge]):
+    """The functions of a report by name, in the order in which their words are told.
+
+    A function returns a `Finding`, or only its words: a sentence, several lines, or None if it has nothing to say.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.remarks: set[str] = set()  # names of those that are never a fault
+
+    def check(self, judge: J) -> J:
+        """Put a function on the list, by its name."""
+        self[judge.__name__] = judge  # pyright: ignore[reportAttributeAccessIssue]  functions have one
+        return judge
+
+    def remark(self, judge: J) -> J:
+        """Put a function on the list whose words are never a fault, so that who asks for faults need not wait for it."""
+        self.remarks.add(judge.__name__)  # pyright: ignore[reportAttributeAccessIssue]
+        return self.check(judge)
+
+    def find(self, name: str, case: Any) -> Finding:
+        """What the function of this name finds about a case."""
+        found = self[name](case)
+        if isinstance(found, Finding):
+            return found
+        return Finding(words=found if isinstance(found, str) else '\n'.join(found or ()))
+
+    def of(self, case: Any) -> Iterator[Finding]:
+        """What each function finds about a case, one after the other."""
+        return (self.find(name, case) for name in self)
+
+    def lines(self, case: Any) -> list[str]:
+        """The words of all that have something to say."""
+        return [found.words for found in self.of(case) if found.words]
