@@ -91,26 +91,18 @@ def run(options: Namespace) -> None:
     options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
         _fit_frf(options)
-        return
-    if options.scene is not None:
-        for name in OF_FORCES:
-            if getattr(options, name) is not None:
-                raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; leave it or --bands out')
+    elif options.scene is not None:
         _fit_bands(options)
-        return
+    else:
+        _fit_forces(options)
+
+
+def _fit_forces(options):
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
     from .fit_report import force_report
 
-    for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
-        if given:
-            raise ValueError(f'{name} belongs to a fit of ridges; name the scene with --bands SCENE')
-    (options.file, *more) = options.files
-    if more:
-        raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one, in any '
-                         'order, or name with --bands the scene whose ridges these are')
-    if options.output is None and (options.pdf or options.title is not None or options.style is not None):
-        raise ValueError('--pdf, --title and --style apply to the picture; name with -o DIR the directory to write it to')
+    _refuse_options_of_others(options)
     given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
     shared = SharedErrors(**{name: value for name, value in given.items() if value is not None})
     shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
@@ -128,10 +120,23 @@ def run(options: Namespace) -> None:
         with results(options, None, options.file) as out, drawing(options, out) as save:
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
-    print('\n'.join(force_report(options, forces, fit, shared)))
+    print(force_report(options, forces, fit, shared))
     print(f'\nfor a scene file:\n\n{entry}', end='')
     if options.output is not None:
         print(f'\nthe picture and the entry are in {options.output}')
+
+
+def _refuse_options_of_others(options):
+    """A fit of forces takes one table, and no options of the other fits."""
+    for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
+        if given:
+            raise ValueError(f'{name} belongs to a fit of ridges; name the scene with --bands SCENE')
+    (options.file, *more) = options.files
+    if more:
+        raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one, in any '
+                         'order, or name with --bands the scene whose ridges these are')
+    if options.output is None and (options.pdf or options.title is not None or options.style is not None):
+        raise ValueError('--pdf, --title and --style apply to the picture; name with -o DIR the directory to write it to')
 
 
 def _shape(name):
@@ -149,9 +154,12 @@ def _fit_bands(options):
     from ..scenes.scene import read_scene
     from ..stiffness.bond import MODELS
     from ..waves.ridge_tables import read_ridges
-    from .fit_report import band_report, neighbours_of
+    from .fit_report import band_report
     from .results import results
 
+    for name in OF_FORCES:
+        if getattr(options, name) is not None:
+            raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; leave it or --bands out')
     scene, points = read_scene(options.scene), read_ridges(*options.files)
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
@@ -162,7 +170,7 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    text = '\n'.join([band_report(found, len(points), fixed), '', *neighbours_of(found)])
+    text = band_report(found, len(points), fixed)
     if options.output is not None:
         with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
             cells = {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}

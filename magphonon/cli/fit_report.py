@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .. import units as u
 from ..design.least_squares import DETERMINED, FITS, NORMAL
+from ..findings import Findings
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, WITH_CARE, shells_within
 from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
@@ -16,14 +18,41 @@ from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 from .neighbours import neighbours
 
+if TYPE_CHECKING:
+    from ..interactions.fits import Fit, SharedErrors
+    from ..interactions.force_tables import Forces
+
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
 
-def force_report(options, forces, fit, shared):
-    near, far = forces.r.min(), forces.r.max()
-    yield (f'{options.file}: {len(forces.r)} forces from {near / u.m:g} to {far / u.m:g} m, '
-           f'{"without" if forces.sigma is None else "with"} uncertainties')
+class ForceCase(NamedTuple):
+    """A fit of forces: options of the command, the table, the fit, and the errors that all rows share."""
+
+    options: Any
+    forces: Forces
+    fit: Fit
+    shared: SharedErrors
+
+
+FORCES, RIDGES, RESPONSES = Findings(), Findings(), Findings()
+
+
+def force_report(*case) -> str:
+    """All that is said of a fit of forces, of a `ForceCase`."""
+    return '\n'.join(FORCES.lines(ForceCase(*case)))
+
+
+@FORCES.check
+def table(case):
+    r, sigma = case.forces.r, case.forces.sigma
+    return (f'{case.options.file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, '
+            f'{"without" if sigma is None else "with"} uncertainties')
+
+
+@FORCES.check
+def force_and_slope(case):
+    fit = case.fit
     yield f'\nat {fit.spacing / u.m:g} m, intervals of 95 %:'
     force, slope, exponent = fit.intervals
     for name, value, ends, unit, symbol in (('force f', fit.force, force, u.N, 'N'),
@@ -31,67 +60,79 @@ def force_report(options, forces, fit, shared):
                                             ('exponent', fit.exponent, exponent, 1.0, '')):
         low, high = ends / unit
         yield f'  {name:12} {value / unit:.4g} [{low:.4g}, {high:.4g}] {symbol}'.rstrip()
-    zero, distance, hysteresis, backlash = shared.sizes(abs(forces.f).max())
-    yield (f'\nKnown before: the zero of the distances to {distance / u.mm:.2g} mm, that of the force to {zero / u.N:.2g} N,\n'
-           f'hysteresis to {hysteresis / u.N:.2g} N, backlash to {backlash / u.mm:.2g} mm, gain to {100 * shared.gain:.2g} % '
-           '(standard deviations).\n'
-           'If you know them better, say so: --distance-sigma, --zero-sigma, --hysteresis-sigma, --backlash-sigma, --gain-sigma.')
+
+
+@FORCES.check
+def known_before(case):
+    zero, distance, hysteresis, backlash = case.shared.sizes(abs(case.forces.f).max())
+    return (f'\nKnown before: the zero of the distances to {distance / u.mm:.2g} mm, that of the force to {zero / u.N:.2g} N,\n'
+            f'hysteresis to {hysteresis / u.N:.2g} N, backlash to {backlash / u.mm:.2g} mm, gain to '
+            f'{100 * case.shared.gain:.2g} % (standard deviations).\n'
+            'If you know them better, say so: --distance-sigma, --zero-sigma, --hysteresis-sigma, --backlash-sigma, '
+            '--gain-sigma.')
+
+
+@FORCES.check
+def what_makes_the_slope_uncertain(case):
+    fit = case.fit
     shares = sorted(fit.shares.items(), key=lambda item: -item[1])
     told = ', '.join(f'{name} {100 * share:.0f} %' for name, share in shares if share > 0.005)
     yield f'What makes the slope uncertain: {told} (of its variance).'
     if fit.with_care < 0.8 * fit.half_widths[1]:
         yield (f'Measure the zero of the distances to {WITH_CARE / u.mm:g} mm, and the slope is known to '
                f'{100 * fit.with_care:.2g} % instead of {100 * fit.half_widths[1]:.2g} %.')
-    if options.magnet is None:
-        yield (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm cannot tell which law it is; the intervals hold for any smooth '
-               'law.')
-    else:
-        lost = '; the data contradict it.' if fit.weight < SHAPE_WEIGHT / 5 else '.'
-        yield f'The shape of {options.magnet} has the weight {fit.weight:.2g} against a free curve{lost}'
-    if fit.scatter > 1:
-        yield (f'The rows scatter {fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened by '
-               'that: look for an outlier, or leave the column out.')
-    yield _reach(fit)
-    for name, value, conflict, unit, symbol in zip(SHARED, fit.zeros, fit.conflicts, (u.N, u.mm, u.N, u.mm), ('N', 'mm') * 2,
-                                                   strict=True):
+
+
+@FORCES.check
+def which_law(case):
+    if case.options.magnet is None:
+        near, far = case.forces.r.min(), case.forces.r.max()
+        return (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm cannot tell which law it is; the intervals hold for any '
+                'smooth law.')
+    lost = '; the data contradict it.' if case.fit.weight < SHAPE_WEIGHT / 5 else '.'
+    return f'The shape of {case.options.magnet} has the weight {case.fit.weight:.2g} against a free curve{lost}'
+
+
+@FORCES.check
+def scatter(case):
+    return (f'The rows scatter {case.fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened by '
+            'that: look for an outlier, or leave the column out.') if case.fit.scatter > 1 else None
+
+
+@FORCES.check
+def reach(case):
+    """How many neighbours the table knows."""
+    spacings = case.fit.law.r[-1] / case.fit.spacing
+    known = shells_within(spacings)
+    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. If it is '
+            'less than three spacings, a lattice has to guess the forces of the others: measure farther, or name the magnet '
+            '(--magnet). "magphonon check" says what they shift.')
+
+
+@FORCES.check
+def conflicts(case):
+    """Errors of the whole table that come out far from what was stated."""
+    for name, value, conflict, unit, symbol in zip(SHARED, case.fit.zeros, case.fit.conflicts, (u.N, u.mm, u.N, u.mm),
+                                                   ('N', 'mm') * 2, strict=True):
         if conflict > CONFLICT:
             yield (f'The {name} comes out as {value / unit:.2g} {symbol}, {conflict:.1f} standard deviations from what was told: '
                    'it is larger, or the shape of the magnets is not as named.')
 
 
-def _reach(fit):
-    """How many neighbours the table knows."""
-    reach, known = fit.law.r[-1] / fit.spacing, shells_within(fit.law.r[-1] / fit.spacing)
-    return (f'The table reaches to {reach:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. If it is less '
-            'than three spacings, a lattice has to guess the forces of the others: measure farther, or name the magnet '
-            '(--magnet). "magphonon check" says what they shift.')
-
-
-def neighbours_of(found):
-    """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
-    sigma = found.values()['bond stiffness'][1]
-    within = {('the ridges', k + 1): NORMAL * sigma / 2 for k in set(found.fits['complete'].branches)}
-    scene = found.fitted() if found.fits['complete'].follows else found.scene
-    return neighbours(scene, {'the ridges': found.points.q}, within=within)
-
-
 def band_report(found, points: int, fixed: list[str]) -> str:
-    """The parameters in both models with their intervals, what is not determined, and the evidence for D*."""
+    """The parameters in both models with their intervals, what is not determined, the evidence for D*, and what others shift."""
     own, fits = found.points, found.fits
-    on = ', '.join(f'{count} ridge{"s" * (count > 1)} on branch {branch + 1}'
-                   for branch, count in sorted(Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist())).items()))
-    lines = [found.scene.title, '', f'{len(own)} of {points} ridge points share no noise and are fitted: {on}, from below.',
-             *_known(found, fixed), '']
+    ridges = Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist()))
+    on = ', '.join(f'{count} on branch {branch + 1}' for branch, count in sorted(ridges.items()))
+    lines = [found.scene.title, '', f'Fitting {len(own)} of the {points} ridge points (the others repeat the noise of these). '
+             f'Ridges: {on}.', *_known(found, fixed), '']
     values = {model: found.values(model) for model in fits}
     rows = [(_with_unit(name), *(_interval(*values[model][name]) for model in fits)) for name in values['complete']]
     rows += _predicted(found)
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     return '\n'.join([*lines, *_table(fits, rows), '',
-                      'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
-                      *_allowed(found), *_undetermined(found), *_biased(found), *_left_out(found), *_stated(found),
-                      *_verdict(found),
-                      *_entries(found)])
+                      'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.', *RIDGES.lines(found)])
 
 
 def _known(found, fixed):
@@ -101,8 +142,8 @@ def _known(found, fixed):
     shells = found.scene.law.shells
     return ['; '.join(['Known: spacing and mass', *known]) + '.',
             f'Neighbours: {shells} shell{"s" * (shells != 1)}.' + (
-                ' Others are left out: a law with one shell is another than that of the particles; shells = "auto" counts as '
-                'many as matter.' if shells == 1 else '')]
+                ' The others are omitted: a law fitted with one shell is not the pair law of the magnets; shells = "auto" '
+                'counts as many as matter.' if shells == 1 else '')]
 
 
 def _predicted(found):
@@ -114,7 +155,8 @@ def _predicted(found):
             for k, name in enumerate(points) for branch in range(told[0][0].shape[1])]
 
 
-def _allowed(found):
+@RIDGES.check
+def allowed(found):
     """What the intervals contain of shifts that all ridges of a branch share."""
     sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
     kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
@@ -143,7 +185,8 @@ def _interval(value, sigma):
     return f'{value:.4g}, {low:.4g} to {high:.4g}'
 
 
-def _undetermined(found):
+@RIDGES.check
+def undetermined(found):
     open_ = [KEY_OF[name] for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
     if not open_ or not found.fits['complete'].follows:
         return []
@@ -154,24 +197,8 @@ def _undetermined(found):
             f'{open_[0]} takes its value from the scene as exact.']
 
 
-def _entries(found):
-    """Correlations of the parameters of the complete model, and its entries for a scene file, if all of them are determined."""
-    fit, scene = found.fits['complete'], found.fitted()
-    if (fit.sigma > DETERMINED).any() or not fit.follows:
-        return []
-    R = fit.covariance / np.outer(fit.sigma, fit.sigma)
-    pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
-    law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
-    law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
-    law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
-    springs = scene.foundation.changes if scene.foundation else {}
-    rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
-    return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
-            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
-            *(['[foundation]', *rows] if rows else [])]
-
-
-def _biased(found):
+@RIDGES.check
+def biased(found):
     lines = []
     if found.biased and found.better.follows:
         more = ' '.join(f'--prior {KEY_OF[name]}=...+-...' for name in found.names if name not in (*found.priors, 'force'))
@@ -185,7 +212,8 @@ def _biased(found):
     return lines
 
 
-def _left_out(found):
+@RIDGES.check
+def left_out(found):
     fit = found.fits['complete']
     if not found.left_out:
         return []
@@ -194,7 +222,27 @@ def _left_out(found):
             'were taken out is no surer than one with them.']
 
 
-def _verdict(found):
+@RIDGES.check
+def stated(found):
+    """The force that was measured before, as the scene states it, beside that of the ridges."""
+    if found.stated is None or not found.fits['complete'].follows:
+        return []
+    (before, sigma), (force, share) = found.stated, found.values()['force']
+    if not share <= DETERMINED:
+        return []
+    lines = [f'The table of forces is taken as exact but for its strength. [uncertainty] knows its exponent to '
+             f'{found.scene.uncertainty.exponent:.2g}: one steeper by this makes the force {100 * found.by_shape:+.2g} %, which '
+             'its interval above does not contain.'] if found.by_shape else []
+    share = np.hypot(share, found.by_shape)
+    apart = abs(force - before) / np.hypot(sigma, force * share)
+    doubt = '' if apart < CONFLICT else ' One of the two is wrong, or they are of different magnets.'
+    return [*lines,
+            f'The scene states a force of {before:.4g} +- {sigma:.2g} N with [uncertainty], and the ridges give {force:.4g} +- '
+            f'{force * share:.2g} N: {apart:.1f} standard deviations apart.{doubt}']
+
+
+@RIDGES.check
+def verdict(found):
     if not found.better.follows:
         return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
                 f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above mean '
@@ -242,22 +290,31 @@ def _causes(found):
             'one out and widens the intervals by what is missed.')
 
 
-def _stated(found):
-    """The force that was measured before, as the scene states it, beside that of the ridges."""
-    if found.stated is None or not found.fits['complete'].follows:
+@RIDGES.check
+def entries(found):
+    """Correlations of the parameters of the complete model, and its entries for a scene file, if all of them are determined."""
+    fit, scene = found.fits['complete'], found.fitted()
+    if (fit.sigma > DETERMINED).any() or not fit.follows:
         return []
-    (before, sigma), (force, share) = found.stated, found.values()['force']
-    if not share <= DETERMINED:
-        return []
-    lines = [f'The table of forces is taken as exact but for its strength. [uncertainty] knows its exponent to '
-             f'{found.scene.uncertainty.exponent:.2g}: one steeper by this makes the force {100 * found.by_shape:+.2g} %, which '
-             'its interval above does not contain.'] if found.by_shape else []
-    share = np.hypot(share, found.by_shape)
-    apart = abs(force - before) / np.hypot(sigma, force * share)
-    doubt = '' if apart < CONFLICT else ' One of the two is wrong, or they are of different magnets.'
-    return [*lines,
-            f'The scene states a force of {before:.4g} +- {sigma:.2g} N with [uncertainty], and the ridges give {force:.4g} +- '
-            f'{force * share:.2g} N: {apart:.1f} standard deviations apart.{doubt}']
+    R = fit.covariance / np.outer(fit.sigma, fit.sigma)
+    pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
+    law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
+    law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
+    law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
+    springs = scene.foundation.changes if scene.foundation else {}
+    rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
+    return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
+            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
+            *(['[foundation]', *rows] if rows else [])]
+
+
+@RIDGES.check
+def others(found):
+    """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
+    sigma = found.values()['bond stiffness'][1]
+    within = {('the ridges', k + 1): NORMAL * sigma / 2 for k in set(found.fits['complete'].branches)}
+    scene = found.fitted() if found.fits['complete'].follows else found.scene
+    return ['', *neighbours(scene, {'the ridges': found.points.q}, within=within)]
 
 
 def frf_report(found, fixed: list[str]) -> str:
@@ -270,28 +327,43 @@ def frf_report(found, fixed: list[str]) -> str:
     stated = any(one.sigma is not None for one in found.functions)
     rows.append(('residual in the noise' if stated else 'residual (% of the peak)',
                  *(f'{fit.misfit:.4g}' if stated else f'{100 * fit.noise:.3g}' for fit in fits.values())))
-    lines = [found.scene.title, '', f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '',
-             *_table(fits, rows), '',
-             'Intervals of 95 %, and in brackets values of a model that does not follow the data; force and bond stiffness '
-             '-df/dr are those at the spacing.']
+    return '\n'.join([
+        found.scene.title, '', f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '',
+        *_table(fits, rows), '', 'Intervals of 95 %, and in brackets values of a model that does not follow the data; force and '
+        'bond stiffness -df/dr are those at the spacing.', *RESPONSES.lines(found)])
+
+
+@RESPONSES.check
+def not_this_lattice(found):
     better = found.better
-    if not better.follows:
-        lines.append(f'The lattice is not this model: its sites would have to scatter by {100 * better.site_scatter:.0f} %, so '
-                     'that no interval is given. Check mass, spacing, shells, places and directions of points, units.')
-    elif better.site_scatter:
-        share = f'{100 * better.site_scatter:.2g} %'
-        lines.append(f'The residual of the {better.model} model is {better.misfit:.3g} times the noise: the lattice is not quite '
-                     f'this model. Magnets whose strengths scatter by {share} from one to the next, springs by twice and places '
-                     'by half of that, do so; the intervals are widened by what such scatter does.' if stated else
-                     'No uncertainties are stated (a column sigma_...): the whole residual is counted as noise, and once more as '
-                     f'scatter from magnet to magnet, of {share}.')
-        if 'damping' in better.names:
-            bias = 100 * better.bias[better.names.index('damping')]
-            lines.append(f'Scatter broadens peaks: {bias:.2g} % of damping are taken off, half of it is in the interval.')
+    return None if better.follows else (
+        f'The lattice is not this model: its sites would have to scatter by {100 * better.site_scatter:.0f} %, so that no '
+        'interval is given. Check mass, spacing, shells, places and directions of points, units.')
+
+
+@RESPONSES.check
+def residual(found):
+    better = found.better
+    if not (better.follows and better.site_scatter):
+        return
+    share = f'{100 * better.site_scatter:.2g} %'
+    if any(one.sigma is not None for one in found.functions):
+        yield (f'The residual of the {better.model} model is {better.misfit:.3g} times the noise: the lattice is not quite this '
+               f'model. Magnets whose strengths scatter by {share} from one to the next, springs by twice and places by half of '
+               'that, do so; the intervals are widened by what such scatter does.')
+    else:
+        yield ('No uncertainties are stated (a column sigma_...): the whole residual is counted as noise, and once more as '
+               f'scatter from magnet to magnet, of {share}.')
+    if 'damping' in better.names:
+        bias = 100 * better.bias[better.names.index('damping')]
+        yield f'Scatter broadens peaks: {bias:.2g} % of damping are taken off, half of it is in the interval.'
+
+
+@RESPONSES.check
+def which_model(found):
     worse = 'conventional' if found.ratio >= 1 else 'complete'
-    lines.append(f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {
+    return f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {
         'complete': 'the data speak for D0 + D*.',
         'conventional': 'D0 alone follows the data and D0 + D* does not; they speak for D0 alone'
                         + (', and the complete model ends without static forces.' if found.endless else '.'),
-        None: 'this cannot decide between the models.'}[found.verdict])
-    return '\n'.join(lines)
+        None: 'this cannot decide between the models.'}[found.verdict]
