@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .errors import shown
+from .units import hertz
 
 
 class Result:
@@ -44,3 +45,14 @@ def _in_words(value: Any, unit: str) -> str:
         return f'{found}, complex{f", {unit}" if unit else ""}>'
     known = value[np.isfinite(value)] if value.dtype.kind in 'iuf' else value[:0]
     return f'{found}{f", {known.min():.4g} to {known.max():.4g} {unit}".rstrip() if known.size else ""}>'
+
+
+class InHertz(Result):
+    """Base of all results with angular frequencies `omega`: the same frequencies in Hz."""
+
+    omega: Any
+
+    @property
+    def frequencies_Hz(self) -> Any:
+        """Frequencies in Hz, in the shape of `omega`."""
+        return hertz(self.omega)

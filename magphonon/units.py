@@ -14,8 +14,6 @@ from __future__ import annotations
 from math import pi
 from typing import Any
 
-from .results import Result
-
 mm = g = ms = rad = A = 1.0
 m = kg = s = 1e3
 N = kg * m / s**2
@@ -36,14 +34,3 @@ c = 299792458 * m / s
 def hertz(omega: Any) -> Any:
     """Frequency in Hz of an angular frequency in rad/ms."""
     return omega / (2 * pi) / Hz
-
-
-class InHertz(Result):
-    """Base of all results with angular frequencies `omega`: the same frequencies in Hz."""
-
-    omega: Any
-
-    @property
-    def frequencies_Hz(self) -> Any:
-        """Frequencies in Hz, in the shape of `omega`."""
-        return hertz(self.omega)

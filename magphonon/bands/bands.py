@@ -15,9 +15,9 @@ from ase import Atoms
 from ase.cell import Cell
 from ase.dft.kpoints import BandPath, parse_path_string
 
-from .. import units
 from ..errors import finite, positive
 from ..files import Saved, not_saved, saved_arrays
+from ..results import InHertz
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.site_laws import each_spring
@@ -47,7 +47,7 @@ ROUND_OFF = 1e-9  # relative tolerance of the depth, so that a row exactly at th
 
 
 @dataclass(frozen=True)
-class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
+class Bands(InHertz, Saved, kind='bands', units=UNITS):
     """Frequencies along a path through the Brillouin zone.
 
     Attributes

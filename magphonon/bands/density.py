@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units
 from ..errors import finite, whole
 from ..files import Saved
+from ..results import InHertz
 from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes
 
@@ -41,7 +42,7 @@ STARTS, HALVINGS = 8, 30
 
 
 @dataclass(frozen=True)
-class DensityOfStates(units.InHertz, Saved, kind='densities of states', units={
+class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     'omega': ('rad/ms', 'frequencies'), 'density': ('ms/rad', 'frequencies'), 'modes': ('',), 'width': ('rad/ms', 'frequencies'),
     'error': ('ms/rad', 'frequencies'),
 }):

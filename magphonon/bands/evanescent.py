@@ -27,8 +27,8 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from .. import units
 from ..errors import finite, one_of
+from ..results import InHertz
 from ..stiffness.rest import LinearSystem
 from ..stiffness.site_laws import site_blocks
 from ..stiffness.sites import site_damping
@@ -130,7 +130,7 @@ def _at(A, powers, log, v):
 
 
 @dataclass(frozen=True)
-class ComplexBands(units.InHertz):
+class ComplexBands(InHertz):
     """Waves along a direction at given frequencies, the slowest decay first.
 
     Attributes

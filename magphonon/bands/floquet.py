@@ -16,8 +16,8 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
-from .. import units
 from ..errors import positive
+from ..results import InHertz
 from ..stiffness.matrices import companion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, on_foundation
@@ -30,7 +30,7 @@ STILL = -1e-9  # in W: real frequencies down to this are those of growth alone, 
 
 
 @dataclass(frozen=True)
-class FloquetBands(units.InHertz):
+class FloquetBands(InHertz):
     """Waves of a modulated lattice at each wavevector, the two for each mode in which the wave itself is strongest.
 
     Attributes

@@ -11,9 +11,9 @@ from ase.cell import Cell
 from ase.geometry import minkowski_reduce
 from numpy.typing import ArrayLike, NDArray
 
-from .. import units
 from ..errors import whole
 from ..files import Saved
+from ..results import InHertz
 from .bands import group_velocities
 
 PLANAR = (True, True, False)
@@ -52,7 +52,7 @@ def first_zone(cell: ArrayLike) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class ZoneMap(units.InHertz, Saved, kind='frequencies over the zone', units={
+class ZoneMap(InHertz, Saved, kind='frequencies over the zone', units={
     'cell': ('mm', 'vectors', 'dim'), 'q': ('reciprocal vectors', 'n1', 'n2', 'vectors'),
     'omega': ('rad/ms', 'n1', 'n2', 'branches'), 'velocity': ('mm/ms', 'n1', 'n2', 'branches', 'dim'),
 }, missing=('velocity',)):

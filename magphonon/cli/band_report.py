@@ -14,7 +14,7 @@ from ..bands.force_constants import foundation_recovered
 from ..bands.topology import chern_numbers
 from ..bands.zone import PLANAR
 from ..interactions.pair_laws import repulsion
-from ..scenes.lattices import ALL
+from ..scenes.laws import ALL
 from ..stability.buckling import common_spring, common_support, foundation_needed, on_the_verge
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli

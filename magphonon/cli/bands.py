@@ -107,7 +107,7 @@ def _draw(save, scene, bands, highest_Hz, hot=None):
     from ..bands.zone import PLANAR
     from ..plotting.bands import name_branches, plot_bands, plot_thermal
     from ..plotting.zone import plot_zone
-    from ..scenes.lattices import ALL
+    from ..scenes.laws import ALL
 
     ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
     if 'conventional' in bands:

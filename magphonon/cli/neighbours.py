@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units as u
 from ..bands.bands import points_on, sound_speeds
 from ..bands.neighbours import neighbour_shifts, with_all
-from ..scenes.lattices import TOLERANCE
+from ..scenes.laws import TOLERANCE
 from ..scenes.scene import MOST_IN_A_CELL, Scene
 from ..scenes.structures import FileLattice
 

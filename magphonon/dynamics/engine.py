@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
-from warnings import warn
 
 import numpy as np
 from ase import Atoms
@@ -245,25 +243,6 @@ def not_compiled(calc: Any) -> str | None:
     if calc.tie.modulation(calc.anchors) is None:
         return f'the foundation is {calc.tie!r}, a function in Python'
     return 'modulated springs are not slack at rest' if calc.slack.any() else None
-
-
-@cache
-def can_compile() -> bool:
-    """Whether kernels can be compiled; with a warning, once, where the numba that is installed does not serve."""
-    try:
-        from numba import config
-
-        if config.DISABLE_JIT:
-            raise RuntimeError('NUMBA_DISABLE_JIT is set')
-        from .kernels_numba import follow
-
-        u, x = np.zeros((2, 1)), np.zeros((1, 3))
-        follow(None, u, u, u, np.ones(1), x, x.copy(), True)  # the smallest of them: where it cannot be compiled none can
-    except Exception as error:  # what a numba of another version raises
-        warn(f'compiled steps cannot be loaded with the numba that is installed ({error!r}); long runs go on in NumPy, which '
-             "takes several times as long: pip install -U 'magphonon[fast]'", stacklevel=4)
-        return False
-    return True
 
 
 class Blocks:

@@ -36,8 +36,9 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
 from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
+from .compiled import can_compile
 from .drives import forces_and_walls, refuse_held_drives
-from .engine import Blocks, can_compile, half_step, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_turns
+from .engine import Blocks, half_step, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_turns
 from .splittings import SPLITTINGS
 from .thermostat import Bath
 

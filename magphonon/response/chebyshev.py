@@ -35,7 +35,7 @@ import numpy as np
 from scipy import fft, sparse
 from tqdm import tqdm
 
-from ..dynamics.engine import can_compile
+from ..dynamics.compiled import can_compile
 from ..stiffness.lowest import lowest_mode
 from ..stiffness.matrices import signed_root
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from .. import units
 from ..errors import finite, one_of, positive
 from ..files import Saved
+from ..results import InHertz
 from ..stiffness.factors import inverse
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
@@ -78,7 +78,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class FrequencyResponse(units.InHertz, Saved, kind='frequency responses', units={
+class FrequencyResponse(InHertz, Saved, kind='frequency responses', units={
     'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
 }):
     """Displacement per force over frequency, whatever the road to it.

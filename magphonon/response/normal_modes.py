@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units
 from ..errors import Unstable, finite, refuse_memory, whole
 from ..files import Saved
+from ..results import InHertz
 from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import gyrating_modes, signed_root
 from ..stiffness.rest import LinearSystem
@@ -26,7 +27,7 @@ WELL = 0.37  # a third of the largest motion, or more, but no ratio that symmetr
 
 
 @dataclass(frozen=True)
-class Modes(units.InHertz, Saved, kind='modes', units={
+class Modes(InHertz, Saved, kind='modes', units={
     'omega': ('rad/ms', 'modes'), 'shapes': ('g^-1/2', 'modes', 'particles', 'dim'),
 }):
     """Natural frequencies and mode shapes of a structure.
@@ -155,7 +156,7 @@ def refuse_growing(lowest: float, highest: float) -> None:
 
 
 @dataclass(frozen=True)
-class Extent(units.InHertz, Saved, kind='extents of modes', units={
+class Extent(InHertz, Saved, kind='extents of modes', units={
     'omega': ('rad/ms', 'modes'), 'participation': ('', 'modes'), 'centre': ('mm', 'modes', 'dim'), 'length': ('mm', 'modes'),
     'along': ('', 'modes', 'dim'),
 }):

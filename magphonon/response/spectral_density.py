@@ -13,10 +13,10 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from .. import units
 from ..bands.density import DensityOfStates, increasing
 from ..errors import finite, whole
 from ..files import Saved
+from ..results import InHertz
 from ..stiffness.rest import LinearSystem
 from .chebyshev import COLUMNS, spectrum_of
 
@@ -75,7 +75,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
 
 
 @dataclass(frozen=True)
-class SpectralFunction(units.InHertz, Saved, kind='spectral functions', units={
+class SpectralFunction(InHertz, Saved, kind='spectral functions', units={
     'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
     'density': ('ms/rad', 'wavevectors', 'frequencies'), 'modes': ('',), 'width': ('rad/ms', 'frequencies'),
 }):

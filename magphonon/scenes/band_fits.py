@@ -18,7 +18,7 @@ from ..errors import one_of
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..waves.ridge_tables import RidgePoints
-from .keys import unit_of
+from .fields import unit_of
 from .laws import KINDS
 from .scene import Scene, parts_of, scene_of
 from .structures import FileLattice

@@ -13,10 +13,10 @@ import numpy as np
 from ase.dft.kpoints import parse_path_string
 
 from .. import units as u
-from ..stiffness.sites import FREQUENCIES_Hz, frequency_scale
+from ..stiffness.plausibility import FREQUENCIES_Hz, frequency_scale
 from .fields import fault, raise_all
-from .lattices import ALL, Supercell
-from .laws import MagnetsLaw, SavedLaw
+from .lattices import Supercell
+from .laws import ALL, MagnetsLaw, SavedLaw
 from .structures import FileLattice
 
 if TYPE_CHECKING:

@@ -19,6 +19,15 @@ LONGEST_TEXT = 200
 """Largest number of characters of a text; a title is printed above a picture."""
 LONGEST_LIST = 10_000
 """Largest number of entries of a list; a longer table of forces belongs in a file."""
+UNITS = {'_N_m_a': 'N m^a', '_kg_per_m3': 'kg/m^3', '_N_per_m': 'N/m', '_A_m2': 'A m^2', '_J_m': 'J m', '_per_s': '1/s',
+         '_percent': '%', '_Hz': 'Hz', '_kg': 'kg', '_Pa': 'Pa', '_deg': 'degrees', '_m': 'm', '_N': 'N', '_T': 'T', '_C': 'C',
+         '_s': 's', '_px': 'pixels'}
+"""Unit of a key by the end of its name, the longest ends first."""
+
+
+def unit_of(key: str) -> str:
+    """The unit that the end of a key tells, as 'N/m' of foundation.stiffness_N_per_m; '' if it tells none."""
+    return next((unit for end, unit in UNITS.items() if key.endswith(end)), '')
 
 
 def _text(value):

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
 from ..errors import did_you_mean, one_of
-from .fields import Allowed, Table, between
+from .fields import Allowed, Table, between, unit_of
 from .scene import Scene, ready_scenes
 
 if TYPE_CHECKING:
@@ -18,16 +18,7 @@ if TYPE_CHECKING:
 
     from pydantic.fields import FieldInfo
 
-UNITS = {'_N_m_a': 'N m^a', '_kg_per_m3': 'kg/m^3', '_N_per_m': 'N/m', '_A_m2': 'A m^2', '_J_m': 'J m', '_per_s': '1/s',
-         '_percent': '%', '_Hz': 'Hz', '_kg': 'kg', '_Pa': 'Pa', '_deg': 'degrees', '_m': 'm', '_N': 'N', '_T': 'T', '_C': 'C',
-         '_s': 's', '_px': 'pixels'}
-"""Unit of a key by the end of its name, the longest ends first."""
 TYPES = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false'}
-
-
-def unit_of(key: str) -> str:
-    """The unit that the end of a key tells, as 'N/m' of foundation.stiffness_N_per_m; '' if it tells none."""
-    return next((unit for end, unit in UNITS.items() if key.endswith(end)), '')
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from ase.constraints import FixedLine
-from pydantic import BeforeValidator, Field, PrivateAttr, field_serializer, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from .. import lattices, units as u
 from ..bands.bands import band_path
-from ..errors import MOST, not_negative, shown, whole
+from ..errors import not_negative
 from ..interactions.upright import UprightMagnets
 from ..stiffness.site_laws import Travelling
 from .fields import (
@@ -36,7 +36,6 @@ from .fields import (
 from .structures import FileLattice
 
 if TYPE_CHECKING:
-    from typing import Self
 
     from ase import Atoms
     from ase.dft.kpoints import BandPath
@@ -46,62 +45,8 @@ if TYPE_CHECKING:
 
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
-ALL, AUTO = 'all', 'auto'
-TOLERANCE = 1e-3
-"""Largest relative change of a frequency by neighbours that are left out, for shells = 'auto': spacings and forces of real
-lattices are hardly known better."""
 MOST_CELLS = 10**6
 """Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
-
-
-def _shells(value):
-    if isinstance(value, str) and value in (ALL, AUTO):
-        return value
-    try:
-        return whole('', value)
-    except ValueError:
-        raise ValueError(f' must be a whole number from 1 to {MOST}, {AUTO!r} or {ALL!r}, not {shown(value)}') from None
-
-
-Shells = Annotated[int | Literal['auto', 'all'], BeforeValidator(_shells), Allowed('1 or more'),
-                   Field(description=f"the number of shells of neighbours that interact; '{AUTO}' for as many as each frequency "
-                                     f"at the special points needs to be right to {TOLERANCE:.1%}, '{ALL}' for all",
-                         examples=[1])]
-
-
-class Neighbours(Table):
-    """Base of the laws: which neighbours interact."""
-
-    if TYPE_CHECKING:
-        shells: int | str = AUTO
-
-    _asked: int | str = PrivateAttr(AUTO)  # what the scene says, where `shells` is the number that was chosen
-    _reach: float | None = PrivateAttr(None)  # and the distance in spacings behind which the next shell begins
-
-    @model_validator(mode='after')
-    def _as_asked(self):
-        self._asked = self.shells
-        return self
-
-    @field_serializer('shells', check_fields=False)
-    def _told(self, shells):
-        return self._asked
-
-    @property
-    def asked(self) -> int | str:
-        """The value of the key `shells` in the scene."""
-        return self._asked
-
-    @property
-    def reach(self) -> float | None:
-        """A distance in spacings behind the last chosen shell; it is quicker to find neighbours by it than by their number."""
-        return self._reach
-
-    def with_shells(self, shells: int | str, reach: float | None = None) -> Self:
-        """The same law with the neighbours that were chosen for it."""
-        law = self.model_copy(update={'shells': shells})
-        law._reach = reach
-        return law
 
 
 class Lattice(Table):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, Union
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, create_model, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, create_model, field_serializer, model_validator
 
 from .. import units as u
-from ..errors import one_of, positive, shown, whole
+from ..errors import MOST, one_of, positive, shown, whole
 from ..interactions.bond_laws import Laws
 from ..interactions.force_tables import read_forces
 from ..interactions.law_cards import Kind, kinds_of_laws
@@ -18,7 +18,62 @@ from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
 from ..interactions.pair_laws import Attraction, InversePower, PairLaw, Tabulated
 from .fields import Allowed, Flag, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
-from .lattices import AUTO, Neighbours, Shells
+
+ALL, AUTO = 'all', 'auto'
+TOLERANCE = 1e-3
+"""Largest relative change of a frequency by neighbours that are left out, for shells = 'auto': spacings and forces of real
+lattices are hardly known better."""
+
+
+def _shells(value):
+    if isinstance(value, str) and value in (ALL, AUTO):
+        return value
+    try:
+        return whole('', value)
+    except ValueError:
+        raise ValueError(f' must be a whole number from 1 to {MOST}, {AUTO!r} or {ALL!r}, not {shown(value)}') from None
+
+
+Shells = Annotated[int | Literal['auto', 'all'], BeforeValidator(_shells), Allowed('1 or more'),
+                   Field(description=f"the number of shells of neighbours that interact; '{AUTO}' for as many as each frequency "
+                                     f"at the special points needs to be right to {TOLERANCE:.1%}, '{ALL}' for all",
+                         examples=[1])]
+
+
+class Neighbours(Table):
+    """Base of the laws: which neighbours interact."""
+
+    if TYPE_CHECKING:
+        shells: int | str = AUTO
+
+    _asked: int | str = PrivateAttr(AUTO)  # what the scene says, where `shells` is the number that was chosen
+    _reach: float | None = PrivateAttr(None)  # and the distance in spacings behind which the next shell begins
+
+    @model_validator(mode='after')
+    def _as_asked(self):
+        self._asked = self.shells
+        return self
+
+    @field_serializer('shells', check_fields=False)
+    def _told(self, shells):
+        return self._asked
+
+    @property
+    def asked(self) -> int | str:
+        """The value of the key `shells` in the scene."""
+        return self._asked
+
+    @property
+    def reach(self) -> float | None:
+        """A distance in spacings behind the last chosen shell; it is quicker to find neighbours by it than by their number."""
+        return self._reach
+
+    def with_shells(self, shells: int | str, reach: float | None = None) -> Self:
+        """The same law with the neighbours that were chosen for it."""
+        law = self.model_copy(update={'shells': shells})
+        law._reach = reach
+        return law
+
 
 Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_T)))]
 

@@ -41,8 +41,8 @@ from ..stiffness.rest import freedom
 from ..stiffness.site_laws import of_sites
 from .consistency import check
 from .fields import Table, Text, listed, reason
-from .lattices import ALL, AUTO, TOLERANCE, AnyLattice, Foundation, Oscillator, Patch, Supercell
-from .laws import InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
+from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell
+from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
 from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
 from .structures import Defects, Disorder, FileLattice

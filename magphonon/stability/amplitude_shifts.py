@@ -16,6 +16,7 @@ from .. import units
 from ..bands.bloch import wavevectors
 from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
+from ..results import InHertz
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import LinearSystem
@@ -31,7 +32,7 @@ CONVERGENCE = 1e-9  # relative change of the frequency in the last iteration at 
 
 
 @dataclass(frozen=True)
-class Shifts(units.InHertz):
+class Shifts(InHertz):
     """Amplitude dependence of modes.
 
     Attributes

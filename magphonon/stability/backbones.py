@@ -20,9 +20,9 @@ from ase import Atoms
 from numpy.typing import NDArray
 from scipy import sparse
 
-from .. import units
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import PhysicsError, positive, whole
+from ..results import InHertz
 from ..stiffness.rest import LinearSystem
 from .amplitude_shifts import forces_at
 
@@ -36,7 +36,7 @@ STEP = 1.0  # time step of disturbances, of order 6, in 1/w_max
 
 
 @dataclass(frozen=True)
-class NonlinearModes(units.InHertz):
+class NonlinearModes(InHertz):
     """A family of periodic vibrations.
 
     Attributes

@@ -30,9 +30,10 @@ from ..lattices.bonds import ON_SHELL, Bonds, bonds_within, distances_within, im
 from .bond import MODELS, Central, bond_stiffness
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
+from .plausibility import warn_of_units
 from .repulsion import Repulsion
 from .site_laws import Foundation, range_of
-from .sites import Sites, displacement_components, from_reference, refuse_motion_out_of_the_plane, warn_of_units
+from .sites import Sites, displacement_components, from_reference, refuse_motion_out_of_the_plane
 
 TAIL = 12.3
 """Distance in spacings from which a law counts as an inverse power: the bands of discs, whose law approaches that of dipoles,

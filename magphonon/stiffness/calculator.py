@@ -22,6 +22,7 @@ from ..interactions.bond_laws import checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, displaced, interaction_along, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
+from .plausibility import refuse_infinite, warn_of_units
 from .repulsion import Repulsion, masses_of
 from .site_laws import range_of
 from .sites import (
@@ -29,9 +30,7 @@ from .sites import (
     displacement_components,
     from_reference,
     refuse_height,
-    refuse_infinite,
     refuse_motion_out_of_the_plane,
-    warn_of_units,
 )
 
 if TYPE_CHECKING:

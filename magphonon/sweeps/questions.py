@@ -20,7 +20,7 @@ from .. import units as u
 from ..bands.bloch import bloch_modes
 from ..errors import PhysicsError, did_you_mean, one_of, shown, whole
 from ..response.frf import receptance
-from ..scenes.keys import UNITS, unit_of
+from ..scenes.fields import UNITS, unit_of
 from ..scenes.scene import Scene, parts_of, scene_of
 from ..stability.amplitude_shifts import frequency_shifts
 from ..stability.buckling import common_spring, foundation_needed, softest_of, spacing_held

@@ -34,6 +34,7 @@ from .. import units
 from ..bands.bloch import bloch_modes
 from ..bands.zone import first_zone
 from ..files import Saved
+from ..results import InHertz
 from .ridge_tables import FIELD, RidgePoints
 from .scans import Scan
 from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, LEAST_POWER, NORMAL, hann, without_drift
@@ -125,7 +126,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class FieldMap(units.InHertz, Saved, kind='field maps', units={
+class FieldMap(InHertz, Saved, kind='field maps', units={
     'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
     'power': ('mm^2', 'branches', 'wavevectors', 'frequencies'),
 }):

@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import units
 from ..files import refuse_overflow, whole_file
+from ..results import InHertz
 from ..tables import ANGLE, AREA, FREQUENCY, PURE, TEXT, read_table
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
 
 
 @dataclass(frozen=True)
-class RidgePoints(units.InHertz):
+class RidgePoints(InHertz):
     """Points of one or more measured branches.
 
     Attributes

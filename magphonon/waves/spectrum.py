@@ -31,6 +31,7 @@ from scipy.special import stdtrit
 from .. import units
 from ..errors import finite, positive
 from ..files import Saved
+from ..results import InHertz
 
 FEWEST = 8  # smallest number of frames, and of points, for a map
 PAD = 4
@@ -56,7 +57,7 @@ RESOLVED = 1.0  # distance in bins at which two waves have separate peaks; 2 pi 
 
 
 @dataclass(frozen=True)
-class Spectrum(units.InHertz, Saved, kind='spectra', units={
+class Spectrum(InHertz, Saved, kind='spectra', units={
     'xi': ('rad', 'wavenumbers'), 'omega': ('rad/ms', 'frequencies'), 'power': ('mm^2', 'frequencies', 'wavenumbers'),
     'xi_centre': ('rad', 'frequencies', 'wavenumbers'), 'omega_centre': ('rad/ms', 'frequencies', 'wavenumbers'),
     'xi_spread': ('rad', 'frequencies', 'wavenumbers'), 'omega_spread': ('rad/ms', 'frequencies', 'wavenumbers'),
@@ -225,7 +226,7 @@ def _over_space(over_time, window):
 
 
 @dataclass(frozen=True)
-class Ridge(units.InHertz):
+class Ridge(InHertz):
     """Points along the crest of a map, one for each frequency line of the record.
 
     Attributes

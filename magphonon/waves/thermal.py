@@ -22,7 +22,6 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
-from .. import units
 from ..bands.bloch import bloch_modes, wavevectors
 from ..dynamics.engine import highest_frequency
 from ..dynamics.recorder import Recorder
@@ -30,6 +29,7 @@ from ..dynamics.verlet import DrivenVerlet
 from ..errors import PhysicsError, finite, positive
 from ..files import Saved
 from ..lattices.bonds import image_of
+from ..results import InHertz
 from ..stiffness.factors import factorised
 from ..stiffness.rest import LinearSystem
 from .fields import hull_window
@@ -44,7 +44,7 @@ FEWEST = 5  # frames of a segment
 
 
 @dataclass(frozen=True)
-class ThermalBands(units.InHertz, Saved, kind='thermal bands', units={
+class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'wavevectors', 'branches'),
     'error': ('rad/ms', 'wavevectors', 'branches'), 'bias': ('rad/ms', 'wavevectors', 'branches'),
     'linear': ('rad/ms', 'wavevectors', 'branches'),

@@ -22,10 +22,10 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
-from .. import units
 from ..bands.bloch import bloch_modes
 from ..dynamics.motion import Motion
 from ..errors import finite, one_of
+from ..results import InHertz
 from .rows import Row, row_of
 from .scans import Scan
 from .spectrum import LEAST_POWER, NORMAL, RESOLVED, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
@@ -45,7 +45,7 @@ LOBE_bins = 2.0  # half width of the main lobe of a Hann window in wavenumber bi
 
 
 @dataclass(frozen=True)
-class Branch(units.InHertz):
+class Branch(InHertz):
     """One branch of the bands over the phase per step.
 
     Attributes

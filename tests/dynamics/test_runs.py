@@ -160,31 +160,31 @@ def test_a_run_that_becomes_long_changes_the_kernel_and_nothing_else(monkeypatch
 
 def test_with_a_numba_that_does_not_serve_long_runs_go_on_in_numpy_with_one_warning(monkeypatch):
     numba = pytest.importorskip('numba')
-    from magphonon.dynamics import engine
+    from magphonon.dynamics import compiled
 
     monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 0)
     monkeypatch.delitem(sys.modules, 'magphonon.dynamics.kernels_numba', raising=False)
     monkeypatch.delattr('magphonon.dynamics.kernels_numba', raising=False)
     monkeypatch.delattr(numba.extending, 'overload')
-    engine.can_compile.cache_clear()
+    compiled.can_compile.cache_clear()
     dyn = DrivenVerlet(patch(speed=0.01), DT)
     with pytest.warns(UserWarning, match='compiled steps cannot be loaded .*overload'):
         dyn.run(3)
     dyn.run(3)  # warnings are errors
     assert dyn.engine == 'numpy'
     monkeypatch.undo()
-    engine.can_compile.cache_clear()
+    compiled.can_compile.cache_clear()
 
 
 def test_where_compiling_is_switched_off_long_runs_go_on_in_numpy_with_one_warning(monkeypatch):
     numba = pytest.importorskip('numba')
-    from magphonon.dynamics import engine
+    from magphonon.dynamics import compiled
 
     want = DrivenVerlet(patch(speed=0.01), DT, engine='numpy')
     want.run(6)
     monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 0)
     monkeypatch.setattr(numba.config, 'DISABLE_JIT', 1)
-    engine.can_compile.cache_clear()
+    compiled.can_compile.cache_clear()
     dyn = DrivenVerlet(patch(speed=0.01), DT)
     with pytest.warns(UserWarning, match='NUMBA_DISABLE_JIT is set'):
         dyn.run(3)
@@ -194,7 +194,7 @@ def test_where_compiling_is_switched_off_long_runs_go_on_in_numpy_with_one_warni
     with pytest.raises(ImportError, match='needs numba'):
         DrivenVerlet(patch(), DT, engine='compiled')
     monkeypatch.undo()
-    engine.can_compile.cache_clear()
+    compiled.can_compile.cache_clear()
 
 
 @pytest.mark.slow

@@ -5,7 +5,8 @@ import tomllib
 import pytest
 
 from magphonon.cli.main import main
-from magphonon.scenes.keys import UNITS, scene_keys
+from magphonon.scenes.fields import UNITS
+from magphonon.scenes.keys import scene_keys
 from magphonon.scenes.scene import Scene, ready_scenes
 
 KEYS = scene_keys()

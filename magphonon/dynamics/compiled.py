@@ -1,0 +1,27 @@
+"""Whether compiled code runs here."""
+
+from __future__ import annotations
+
+from functools import cache
+from warnings import warn
+
+import numpy as np
+
+
+@cache
+def can_compile() -> bool:
+    """Whether kernels can be compiled; with a warning, once, where the numba that is installed does not serve."""
+    try:
+        from numba import config
+
+        if config.DISABLE_JIT:
+            raise RuntimeError('NUMBA_DISABLE_JIT is set')
+        from .kernels_numba import follow
+
+        u, x = np.zeros((2, 1)), np.zeros((1, 3))
+        follow(None, u, u, u, np.ones(1), x, x.copy(), True)  # the smallest of them: where it cannot be compiled none can
+    except Exception as error:  # what a numba of another version raises
+        warn(f'compiled steps cannot be loaded with the numba that is installed ({error!r}); long runs go on in NumPy, which '
+             "takes several times as long: pip install -U 'magphonon[fast]'", stacklevel=4)
+        return False
+    return True
