@@ -13,6 +13,16 @@ PACKAGE = Path(magphonon.__file__).parent
 FLOORS = [{'cli'}, {'sweeps'}, {'scenes'}, {'design', 'planning'}, {'plotting', 'waves', 'response', 'stability'},
           {'bands', 'dynamics'}, {'stiffness'}, {'lattices', 'interactions'}]
 """From the top down; rooms on one floor do not know each other.  Single modules such as `units` are the ground below all."""
+CORE = {
+    '': 'errors units results files',
+    'interactions': 'law_cards pair_laws bond_laws',
+    'lattices': 'bonds',
+    'stiffness': 'bond matrices sites site_laws terms plausibility restartable supercells repulsion calculator rest',
+    'bands': 'bloch bands force_constants',
+    'dynamics': ('drives cages memory_layout bond_increments site_forces splittings thermostat compiled kernels_numpy engine '
+                 'verlet'),
+}
+"""The core shelf: Eq. 4, the calculator, bands by both roads and time steps.  Who has read it needs nothing else for these."""
 FILES = sorted(file for file in PACKAGE.rglob('*.py') if file.parent != PACKAGE or not file.name.startswith('__'))
 
 
@@ -21,10 +31,11 @@ def name_of(file):
     return '.'.join(file.relative_to(PACKAGE).with_suffix('').parts).removesuffix('.__init__')
 
 
-def imported(file):
-    """Dotted names within the package that a file imports when it runs, at the top or inside functions; not those for types."""
+def imported(file, late=True):
+    """Dotted names within the package that a file imports when it runs, at the top or, if `late`, in functions; not for types."""
     tree = ast.parse(file.read_text(encoding='utf-8'))
     blocks = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING']
+    blocks += [] if late else [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
     never_run = {inner for block in blocks for inner in ast.walk(block)}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.level and node not in never_run:
@@ -53,6 +64,16 @@ def test_no_circle():
     names = {name_of(file) for file in FILES}
     graph = {name_of(file): set(imported(file)) & names - {name_of(file)} for file in FILES}
     assert list(TopologicalSorter(graph).static_order())
+
+
+def test_the_core_shelf_imports_only_itself():
+    """What is asked for seldom, such as the lowest of many modes, is imported where it is asked for."""
+    core = {f'{room}.{name}'.lstrip('.') for room, names in CORE.items() for name in names.split()}
+    files = {name_of(file): file for file in FILES}
+    assert core <= set(files)
+    leaving = {(name, target) for name in core for target in imported(files[name], late=False) if target and target not in core}
+    assert not leaving
+    assert {'bands.neighbours'} == set(imported(files['cli.neighbours'], late=False)) & {'bands.neighbours'}  # one is seen
 
 
 @pytest.mark.parametrize('file', FILES, ids=name_of)

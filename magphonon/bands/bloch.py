@@ -12,7 +12,6 @@ from scipy.linalg import eigh
 from tqdm import tqdm
 
 from ..errors import finite, whole
-from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
 from ..stiffness.matrices import companion, eigenvalues_of_two, gyrating_modes, hermitian_eigenvalues, hessian, signed_root
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
@@ -73,6 +72,8 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = N
     by_cosines = alone and np.ndim(calc.site_stiffness) < 3
     parts = _of_one_particle(system, q, model) if by_cosines else _by_lapack(system, q, model, vectors)
     if branches is not None:
+        from ..stiffness.lowest import inverse_pays
+
         count = whole('branches', branches)
         if count > every:
             raise ValueError(f'the cell has {every} branches, not {count}')
@@ -156,6 +157,8 @@ def _of_one_particle(system, q, model):
 
 def _lowest_by_inverse(system, q, model, count, vectors):
     """The same for the lowest modes, one wavevector after the other; each result is the first estimate of the next."""
+    from ..stiffness.lowest import lowest_eigenpairs
+
     calc, S, squares = system.calc, system.shapes, None
     K = calc.rest_stiffness(model)
     for at in tqdm(q, desc='wavevectors', delay=2, disable=None, leave=False):

@@ -19,7 +19,6 @@ from ..interactions.bond_laws import labels, taken
 from ..lattices.bonds import stretches
 from ..stiffness.bond import stiffest
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.lowest import DENSE
 from ..stiffness.matrices import GROWS
 from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
 from ..stiffness.sites import out_of_plane, refuse_gyration
@@ -90,6 +89,8 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     >>> round(float(2 / highest_frequency(patch)), 2)  # the largest stable time step in ms
     2.13
     """
+    from ..stiffness.lowest import DENSE
+
     system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
     if _held_by_gyration(system):
         bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.turning)
@@ -179,6 +180,8 @@ def _particle_bound(system):
 
 
 def _largest_eigenvalue(D, tolerance):
+    from ..stiffness.lowest import DENSE
+
     if D.shape[0] < DENSE:
         return np.linalg.eigvalsh(D.toarray()).max(initial=0.0)
     start = np.random.default_rng(0).normal(size=D.shape[0])  # a fixed start vector makes the result reproducible

@@ -20,10 +20,8 @@ from scipy import sparse
 
 from ..errors import NotAtRest
 from ..lattices.bonds import lengths_of
-from .bloch_bound import proves_stable
 from .bond import sizes
 from .calculator import MagneticRepulsion, same_cell
-from .lowest import none_negative
 from .matrices import growth, mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
 from .site_laws import refuse_changes
@@ -346,6 +344,9 @@ class LinearSystem:
     @cached_property
     def stable(self) -> bool:
         """Whether stiffness alone holds the structure: no squared frequency is negative, apart from round-off."""
+        from .bloch_bound import proves_stable  # late: bands need neither
+        from .lowest import none_negative
+
         return proves_stable(self) or none_negative(self.K)
 
     def growth(self, damping: ArrayLike = 0.0) -> float:
