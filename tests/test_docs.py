@@ -1,6 +1,7 @@
 """The site tells everything: each room, each command, each threshold; `.ci/run` builds it and runs its tutorials."""
 
 import ast
+import doctest
 import re
 import sys
 from pathlib import Path
@@ -100,3 +101,19 @@ def test_the_scene_of_own_positions_on_its_page_is_stable(tmp_path):
     omega = modes(read_scene(tmp_path / 'mine.toml').atoms()).omega
     assert len(omega) == 8  # four free magnets in the plane
     assert (omega > 0).all()
+
+
+def test_the_tour_of_twelve_functions_runs_and_is_short():
+    page = ROOT / 'docs/reading.md'
+    done = doctest.testfile(str(page), module_relative=False, optionflags=doctest.ELLIPSIS)
+    assert done.attempted > 20
+    assert not done.failed
+    named = re.findall(r'^\*\*\d+\. `(?:\w+\.)?(\w+)`\*\* in `([\w/]+\.py)`', page.read_text(encoding='utf-8'), re.M)
+    assert len(named) == 12
+    lengths = []
+    for name, file in named:
+        tree = ast.parse((ROOT / 'magphonon' / file).read_text(encoding='utf-8'))
+        [node] = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name == name][:1]
+        told = [part for part in ast.walk(node) if isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant)]
+        lengths.append(node.end_lineno - node.lineno + 1 - sum(part.end_lineno - part.lineno + 1 for part in told))
+    assert sum(lengths) < 300, dict(zip(named, lengths, strict=True))
