@@ -63,6 +63,7 @@ finally:
 print(json.dumps([*entered]), file=sys.__stdout__)
 """
 SITE_LAWS = {'OnSite', 'Travelling', 'Springs'}
+TRAITS = 'attract', 'change', 'gyrat', 'held', 'plane', 'turn', 'unlike'
 CALCULATORS = {'MagneticRepulsion', 'AllNeighbours', 'type(calc)', 'type(self)', 'cls'}
 """Calls of these that name three settings or more by hand are counted as rebuilds of a calculator."""
 
@@ -102,8 +103,8 @@ def spelled_out(trees, texts):
                 for call in calls if ast.unparse(call.func) in CALCULATORS]
     return {
         'files that write "gyrat"': sum(any('gyrat' in line.lower() for line in lines) for lines in texts.values()),
-        'functions refuse_*': sum(node.name.lstrip('_').startswith('refuse') for tree in trees.values()
-                                  for _, node in functions_of(tree)),
+        'functions refuse_* of a trait': sum(node.name.startswith('refuse_') and any(trait in node.name for trait in TRAITS)
+                                             for tree in trees.values() for _, node in functions_of(tree)),
         'isinstance on laws of sites': sum(bool(SITE_LAWS & {node.id for node in nodes if isinstance(node, ast.Name)})
                                            for nodes in asked),
         'calculators rebuilt by hand': sum(count >= 3 for count in settings),

@@ -72,12 +72,10 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = N
     by_cosines = alone and np.ndim(calc.site_stiffness) < 3
     parts = _of_one_particle(system, q, model) if by_cosines else _by_lapack(system, q, model, vectors)
     if branches is not None:
-        from ..stiffness.lowest import inverse_pays
-
         count = whole('branches', branches)
         if count > every:
             raise ValueError(f'the cell has {every} branches, not {count}')
-        if len(q) and calc.pairwise and not system.turning and inverse_pays(every, count, real=False):
+        if len(q) and calc.pairwise and not system.turning and _inverse_pays(every, count):
             parts = _lowest_by_inverse(system, q, model, count, vectors)
     squares, columns = zip(*parts, strict=True)
     omega = signed_root(np.concatenate(squares)[:, :count])
@@ -153,6 +151,12 @@ def _of_one_particle(system, q, model):
     for part in in_batches(q, calc):
         a, b, c = own[:, None] - K.T @ np.cos(part @ lead).T
         yield eigenvalues_of_two(a, b, c), None
+
+
+def _inverse_pays(size, count):
+    from ..stiffness.lowest import inverse_pays  # late: seldom asked for
+
+    return inverse_pays(size, count, real=False)
 
 
 def _lowest_by_inverse(system, q, model, count, vectors):

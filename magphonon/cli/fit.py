@@ -102,7 +102,7 @@ def _fit_forces(options):
     from ..interactions.force_tables import read_forces
     from .fit_report import force_report
 
-    _refuse_options_of_others(options)
+    _check_options_of_forces(options)
     given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
     shared = SharedErrors(**{name: value for name, value in given.items() if value is not None})
     shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
@@ -126,7 +126,7 @@ def _fit_forces(options):
         print(f'\nthe picture and the entry are in {options.output}')
 
 
-def _refuse_options_of_others(options):
+def _check_options_of_forces(options):
     """A fit of forces takes one table, and no options of the other fits."""
     for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
         if given:
