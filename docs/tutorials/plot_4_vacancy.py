@@ -77,8 +77,8 @@ ax.set(xlabel='frequency (Hz)', ylabel='participation ratio')
 ax.legend(frameon=False)
 
 # %%
-# One lies below all bands, one above: in the soft one the neighbours move into the hole and out of
-# it, where nothing pushes back.
+# Three lie below all bands of the perfect lattice and one above: in the softest one the neighbours
+# move into the hole and out of it, where nothing pushes back.
 
 k = order[0]
 ax = new_axes(5, 4.2)

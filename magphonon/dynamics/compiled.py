@@ -14,7 +14,7 @@ def can_compile() -> bool:
     try:
         from numba import config
 
-        if config.DISABLE_JIT:
+        if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
             raise RuntimeError('NUMBA_DISABLE_JIT is set')
         from .kernels_numba import follow
 

@@ -176,10 +176,11 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Ax
     Returns
     -------
     matplotlib.axes.Axes
-        Coloured by the component u_x or u_y in which most of the motion is, on a scale that is symmetric about zero.
+        Coloured by the component u_x or u_y in which most of the motion of all frames is, so that the pictures of one push can be
+        compared, on a scale that is symmetric about zero.
     """
     ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in)) if ax is None else ax
-    axis = main_axis(field.displacements[frame])
+    axis = main_axis(field.displacements)
     crests = field.displacements[frame, :, axis]
     dots, power = draw_crests(ax, patch, crests, visible([crests]))
     mark_site(ax, patch, site)
