@@ -81,7 +81,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
         squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
         squares, vectors = lowest_eigenpairs(system.K, count)
-    return Modes(signed_root(squares), _fixed(squares / abs(system.K).max(), (system.shapes @ vectors).T, system))
+    return Modes(signed_root(squares), _fixed(squares / (abs(system.K).max() or 1.0), (system.shapes @ vectors).T, system))
 
 
 def _fixed(squares, shapes, system):
