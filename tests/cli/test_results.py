@@ -213,7 +213,7 @@ def test_each_command_says_which_names_its_results_have(tmp_path):
     forces = tmp_path / 'forces.csv'
     forces.write_text('r_mm,f_N\n' + '\n'.join(f'{r},{2e4 * r**-4}' for r in range(8, 18)) + '\n')
     runs = {bands: 'bands chain --pdf', dos: 'dos chain', modes: 'modes vacancy --animate 2', frf: 'frf oscillator',
-            plan: 'plan chain --run', uncertainty: 'uncertainty oscillator', fit: f'fit {forces}',
+            plan: 'plan oscillator --run', uncertainty: 'uncertainty oscillator', fit: f'fit {forces}',
             burst: 'burst square', sweep: 'sweep chain --over law.a=3,4 --ask stability.needed --executor here'}
     for command, words in runs.items():
         out = tmp_path / words.split()[0]
