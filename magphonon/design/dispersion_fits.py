@@ -86,7 +86,7 @@ class DispersionFit(ParameterFit):
 
 
 def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str | None = None,
-                   priors: Mapping[str, tuple[float, float]] | None = None) -> DispersionFit:
+                   priors: Mapping[str, tuple[float, float]] | None = None, near: DispersionFit | None = None) -> DispersionFit:
     """Fit parameters of a lattice to measured points of its branches.
 
     Parameters
@@ -102,6 +102,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         D0 + D*, or D0 alone; that of the calculator if not given.
     priors : dict, optional
         What is known of parameters from elsewhere: the factor and its relative standard uncertainty.
+    near : DispersionFit, optional
+        A fit of the same ridges from which this one goes on: no branches far from its own are tried, which takes most of the time.
 
     Examples
     --------
@@ -143,6 +145,10 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     def nearest(atoms, points):
         return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
+    if near is not None:
+        x = np.log(near.factors)
+        return min(with_branches(near.branches, x), _settled(cell, names, points, model, priors, nearest, x),
+                   key=lambda fit: fit.chi2)
     fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
     count = bloch_modes(start, points.q[:1], model)[0].shape[1]
     told = _told(points, count)

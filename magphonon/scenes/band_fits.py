@@ -101,7 +101,6 @@ class BandFits:
 
         Each of the ridges that the model misses most is left out, by its name; NEIGHBOURS count as many as matter.
         """
-        fixed = [name for name in parameters_of(self.scene) if name not in self.names]
         off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
         tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
         if self.scene.law.shells == 1:
@@ -111,7 +110,7 @@ class BandFits:
         found = {}
         for name, (scene, without) in tried.items():
             with suppress(ValueError):  # too few points are left
-                found[name] = fit_bands(scene, self.points, fixed, self.priors, without).fits[self.better.model]
+                found[name] = _fit(scene.counted(), self.points, self.names, self.priors, without, self.better.model, self.better)
         return dict(sorted(found.items(), key=lambda item: item[1].chi2))
 
     @property
@@ -247,8 +246,16 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     if not names:
         raise ValueError('all parameters are fixed; leave one of them free')
     scene = of_remanence(scene)
-    own, left_out = _divided(points, without)
+    own, _ = _divided(points, without)
     _refuse_two_springs(own, [name for name in names if name not in priors])
+    fits = {model: _fit(scene, points, names, priors, without, model) for model in MODELS}
+    return BandFits(scene, own, fits, priors, tuple(without))
+
+
+def _fit(scene, points, names, priors, without, model, near=None):
+    """The fit of one model, and by how much it misses the ridges that are left out."""
+    own, left_out = _divided(points, without)
+    fixed = [name for name in parameters_of(scene) if name not in names]
     relative = {name: relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
     cell = scene.perfect_cell()
     calc: Any = cell.calc
@@ -259,11 +266,8 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
         atoms.calc = calc.changed(laws=there.law.potential(), sites=replace(calc.sites, foundation=springs))
         return atoms, changes_of(there)
 
-    fits = {}
-    for model in MODELS:
-        fit = fit_dispersion(build, names, own, model, relative)
-        fits[model] = replace(fit, missed=residuals_of(build, fit, left_out)) if len(left_out) else fit
-    return BandFits(scene, own, fits, priors, tuple(without))
+    fit = fit_dispersion(build, names, own, model, relative, near)
+    return replace(fit, missed=residuals_of(build, fit, left_out)) if len(left_out) else fit
 
 
 def _divided(points, without):
