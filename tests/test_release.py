@@ -2,6 +2,9 @@
 
 import json
 import re
+import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -35,6 +38,46 @@ def test_one_version_licence_description_and_author():
     assert developers in (ROOT / 'LICENSE').read_text(encoding='utf-8')
     assert zenodo['keywords'] == codemeta['keywords'] == PROJECT['keywords']
     assert codemeta['runtimePlatform'] == f'Python {PROJECT["requires-python"]}'
+
+
+FILLED = """repository = "https://forge.example/magphonon"
+documentation = "https://docs.example/magphonon"
+contact = "conduct@example.org"
+doi = "10.1234/one"
+affiliations = ["Institute of Lattices: One"]
+authors = [{ given-names = "Ada", family-names = "Lova", orcid = "0000-0001-2345-6789", affiliation = 1 },
+           { given-names = "Émile", family-names = "du Pont", affiliation = 1 }]
+"""
+
+
+def test_one_file_of_the_owner_fills_all_places(tmp_path):
+    files = ('pyproject.toml', 'CITATION.cff', 'codemeta.json', '.zenodo.json', 'recipe.yaml', 'README.md', 'CONTRIBUTING.md',
+             'CODE_OF_CONDUCT.md', 'paper/paper.md', 'magphonon/__init__.py', '.ci/owner.py', '.ci/owner.toml')
+
+    def written():
+        subprocess.run([sys.executable, tmp_path / '.ci/owner.py'], check=True)
+        return {name: (tmp_path / name).read_text(encoding='utf-8') for name in files}
+
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    assert written() == {name: (ROOT / name).read_text(encoding='utf-8') for name in files}  # what stands here is what it writes
+    (tmp_path / '.ci/owner.toml').write_text(FILLED, encoding='utf-8')
+    texts = written()
+    assert written() == texts
+    project = tomllib.loads(texts['pyproject.toml'])['project']
+    assert [one['name'] for one in project['authors']] == ['Ada Lova', 'Émile du Pont']
+    assert project['urls']['Issues'] == 'https://forge.example/magphonon/issues'
+    cff, head = yaml.safe_load(texts['CITATION.cff']), yaml.safe_load(texts['paper/paper.md'].split('---\n')[1])
+    assert cff['authors'][0] == {'family-names': 'Lova', 'given-names': 'Ada', 'orcid': 'https://orcid.org/0000-0001-2345-6789'}
+    assert (cff['doi'], cff['repository-code'], cff['references'][0]['year']) == ('10.1234/one', 'https://forge.example/magphonon', 2020)
+    assert [one['name'] for one in head['authors']] == ['Ada Lova', 'Émile du Pont']
+    assert head['affiliations'] == [{'name': 'Institute of Lattices: One', 'index': 1}]
+    assert json.loads(texts['codemeta.json'])['author'][1]['familyName'] == 'du Pont'
+    assert json.loads(texts['.zenodo.json'])['creators'][0] == {'name': 'Lova, Ada', 'orcid': '0000-0001-2345-6789'}
+    assert yaml.safe_load(texts['recipe.yaml'])['about']['repository'] == 'https://forge.example/magphonon'
+    assert 'https://forge.example/magphonon/issues' in texts['CONTRIBUTING.md'] and 'conduct@example.org' in texts['CODE_OF_CONDUCT.md']
+    assert 'Clone [its sources](https://forge.example/magphonon)' in texts['README.md']
 
 
 def test_conda_installs_what_pip_installs():
