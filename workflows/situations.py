@@ -93,10 +93,10 @@ class Peak:
         return vibration(brentq(excess, 0.5 * self.amplitude, 1.7 * self.amplitude, xtol=1e-12))[0]
 
     def truth(self, method):
-        if method.settings.dt is not None:
-            x = self._true * method.settings.dt / 2
+        if method.dt is not None:
+            x = self._true * method.dt / 2
             return float(np.arcsin(x) / x - 1)
-        return abs(self._linear(method.settings.model) / self._true - 1)
+        return abs(self._linear(method.model) / self._true - 1)
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,9 @@ class Waveform:
         return {model: self._limit(model, share=1e-7) for model in MODELS}
 
     def truth(self, method):
-        if method.settings.dt is not None:
-            return difference(self._verlet(method.settings.dt, order=method.settings.order)[0], self._true)
-        return difference(self._linear[method.settings.model], self._true)
+        if method.dt is not None:
+            return difference(self._verlet(method.dt, order=method.order)[0], self._true)
+        return difference(self._linear[method.model], self._true)
 
 
 @dataclass(frozen=True)

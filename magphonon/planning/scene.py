@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import units as u
 from ..files import write_columns
-from .plan import Plan, Settings
+from .plan import Method, Plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ class Wanted:
 
     name: str  # name of its files
     plan: Plan
-    answer: Callable[[Path, Settings], None]  # takes a file and the Settings of a method, and writes the data to the file
+    answer: Callable[[Path, Method], None]  # takes a file and a Method, and writes the data to the file
     notes: tuple[str, ...] = ()  # effects that the plan leaves out
 
     def report(self) -> str:
@@ -36,7 +36,7 @@ class Wanted:
 
     def run(self, folder: Path) -> None:
         """Run the recommended method and write its data into the folder as plan_NAME, apart from those of other commands."""
-        self.answer(folder / f'plan_{self.name}', self.plan.choice.settings)
+        self.answer(folder / f'plan_{self.name}', self.plan.choice)
 
 
 def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
@@ -63,18 +63,18 @@ def _peak(scene, tolerance):
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
     notes = () if force else ('This is the small-amplitude response; set [plan] force_N for a finite force.',)
-    return Wanted('frf', plan, lambda file, settings: _write_response(scene, file, force, settings), notes)
+    return Wanted('frf', plan, lambda file, method: _write_response(scene, file, force, method), notes)
 
 
-def _write_response(scene, file, force, settings):
+def _write_response(scene, file, force, method):
     from ..response.frf import receptance
     from ..response.stepped import stepped_response
 
-    (atoms, source, answer), omega, damping = scene.shaken(settings.model), scene.frf.omega, scene.frf.damping
-    if settings.dt is None:
+    (atoms, source, answer), omega, damping = scene.shaken(method.model), scene.frf.omega, scene.frf.damping
+    if method.dt is None:
         response = receptance(atoms, source, answer, omega, damping)
     else:
-        response = stepped_response(atoms, source, answer, omega, damping, force, settings.dt)
+        response = stepped_response(atoms, source, answer, omega, damping, force, method.dt)
     response.save(file.with_suffix('.npz'))
     amplitude, phase = abs(response.response) / (u.m / u.N), np.degrees(np.angle(response.response))
     write_columns(file.with_suffix('.csv'), ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],
@@ -91,25 +91,25 @@ def _burst(scene, cell, patch, tolerance, k):
     name = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
     found = replace(found, quantity=name)
     return Wanted(f'burst_{plan.names[k]}', found,
-                  lambda file, settings: _write_waveform(scene, file, where.row, burst, settings))
+                  lambda file, method: _write_waveform(scene, file, where.row, burst, method))
 
 
-def _write_waveform(scene, file, row, burst, settings):
+def _write_waveform(scene, file, row, burst, method):
     from ..dynamics.recorder import Recorder
     from ..dynamics.verlet import DrivenVerlet
     from ..response.propagation import propagate
     from ..waves.scan_tables import write_scan
     from .waveform import FRAMES
 
-    patch, dt = scene.patch_atoms(settings.model), settings.dt
+    patch, dt = scene.patch_atoms(method.model), method.dt
     frame = 2 * np.pi / burst.drive.omega / FRAMES
     if dt is None:
         times = np.arange(0, burst.duration, frame)
         motion = propagate(patch, times, [burst.drive], burst.damping, row)
     else:
-        each = max(1, int(frame / dt)) if settings.order == 2 else int(np.ceil(frame / dt))  # long steps must fit into a frame
-        dt = dt if settings.order == 2 else frame / each
-        dyn = DrivenVerlet(patch, dt, [burst.drive], burst.damping, order=settings.order)
+        each = max(1, int(frame / dt)) if method.order == 2 else int(np.ceil(frame / dt))  # long steps must fit into a frame
+        dt = dt if method.order == 2 else frame / each
+        dyn = DrivenVerlet(patch, dt, [burst.drive], burst.damping, order=method.order)
         recorder = Recorder(dyn, row, each)
         dyn.run(int(burst.duration / dt))
         motion = recorder.motion

@@ -6,10 +6,9 @@ this bound does not decide, trial runs with long time steps are made, each with 
 with 1e-6 of the amplitude, which is linear.  Their difference is the effect of nonlinearity, without the time-step error; what
 half the step changes of it says how well it is known.
 
-The time-step error is proportional to the square of the step.  Without a trial run it is bounded by the third derivative of the
-exact linear solution, because a lattice also vibrates at its own frequencies, not only at that of the carrier.  With a trial run
-it is the change of the full burst when the step is doubled, because the amplitude shifts the frequencies.  That of steps of order
-four or six is smaller by at least as much as for the fastest wave, of which it is known in closed form.
+The time-step error is proportional to the square of the step: it is what changes of the full burst when the step is doubled,
+because the amplitude shifts the frequencies.  That of steps of order four or six is smaller by at least as much as for the
+fastest wave, of which it is known in closed form.
 """
 
 from __future__ import annotations
@@ -19,18 +18,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
-from scipy import sparse
 
 from ..dynamics.cages import Diverged
-from ..dynamics.drives import Drives, ToneBurst
+from ..dynamics.drives import ToneBurst
 from ..dynamics.engine import highest_frequency
 from ..dynamics.recorder import Recorder
 from ..dynamics.splittings import SPLITTINGS
 from ..dynamics.verlet import DrivenVerlet
-from ..response.propagation import Transient, propagate
+from ..response.propagation import propagate
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem
-from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, Settings, force_cost, percent
+from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, percent
 
 FRAMES = 12  # number of times compared and written in each period of the carrier: harmonics up to the fifth are resolved
 TIMES = 8  # number of frames whose strains are computed at once, so that the arrays stay in the processor's cache
@@ -41,9 +39,6 @@ BOUND_FACTOR, BUILD_UP_STEPS = 5, 30
 """Safety factor of the bound of nonlinearity, and the number of steps along a row beyond which the factor grows with the square
 root of their number, because harmonics build up on the way.  The largest ratios measured, without foundation, are 3 along 20
 steps and 5.1 along 60."""
-CANCELLATION = 1.5
-"""Safety factor of the time-step error without a trial run, for parts of the third derivative that cancel at one time while
-their errors do not.  Of 70 bursts tried the true error was at most 0.7 of the bound with it."""
 LARGEST_CHANGE = 0.2
 """Largest relative change of the motion, when the step is doubled, from which the error is taken to be a third of the change.  In
 the bursts of tests/planning/test_step_plans.py the errors then are between one half and all of what is told."""
@@ -76,7 +71,6 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     Returns
     -------
     Plan
-        The settings of its methods are `model` and, where time is stepped, `dt` in ms.
     """
     system = LinearSystem.of(atoms)
     calc, dt = system.calc, LONGEST_STEP / highest_frequency(system)  # half the longest, because the step is doubled
@@ -88,39 +82,37 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     exact = linear['complete'].displacements
     frozen, strain = difference(linear['conventional'].displacements, exact[:, row]), _strain(calc, exact)
     bound = BOUND_FACTOR * max(1.0, np.sqrt(len(row) / BUILD_UP_STEPS)) * steepness(calc) / 2 * strain
-    if bound <= tolerance:
-        effect = _Effect(bound, 0.0, linear_step_error(system, linear['complete'], drive, damping, row, dt), 0.0, 2 * dt, 0.0,
-                         (f'bonds stretch and rotate by at most {percent(strain)}, so nonlinearity changes the waveform by less '
-                          f'than {percent(bound)}',))
-    else:
+    if tried := bound > tolerance:
         effect = _tried(atoms, drive, row, damping, (dt, interval, steps), tolerance)
-
-    methods, force = [], len(calc.bonds) * force_cost(calc.dim)
-    for model, error in (('conventional', frozen + effect.nonlinear), ('complete', effect.nonlinear)):
-        products, entries = linear[model].products, LinearSystem.of(as_model(atoms, model)).K.nnz
-        methods.append(Method(f'{model} linear', f'exact propagation in {products} products with the stiffness matrix',
-                              products * entries, error, effect.doubt, Settings(model)))
-    dt_run = (min(dt * np.sqrt(STEP_ERROR_FRACTION * tolerance / effect.stepping), effect.longest)
-              if effect.stepping < np.inf else effect.longest / 2)
-    count = int(np.ceil(duration / dt_run))
-    methods.append(Method('nonlinear', f'velocity Verlet in {count} steps', count * force,
-                          float(effect.stepping * (dt_run / dt) ** 2), effect.step_doubt,
-                          Settings('complete', dt=float(dt_run))))
-    if effect.stepping < np.inf:
+    else:
+        effect = _Effect(bound, 0.0, np.inf, 2 * dt, (f'bonds stretch and rotate by at most {percent(strain)}, so nonlinearity '
+                                                      f'changes the waveform by less than {percent(bound)}',))
+    methods = [Method(f'{model} linear', f'exact propagation in {linear[model].products} products with the stiffness matrix',
+                      error, effect.doubt, model)
+               for model, error in (('conventional', frozen + effect.nonlinear), ('complete', effect.nonlinear))]
+    if tried:
         squeezed = (1 - min(strain, MOST_SQUEEZED)) ** (-steepness(calc) / 2)  # bonds that are shortened are stiffer
-        top, frame = squeezed * LONGEST_STEP / dt, 2 * np.pi / drive.omega / FRAMES
-        longest = {p: _longest_step(p, effect, dt, top, frame, tolerance) for p in (4, 6)}
-        order = min(longest, key=lambda p: SPLITTINGS[p].stages / longest[p])
-        h, stages = float(longest[order]), SPLITTINGS[order].stages
-        evaluations = int(np.ceil(duration / h)) * stages
-        if evaluations < count:
-            steps = f'{evaluations // stages} steps of order {order}, each of {stages} evaluations of the forces'
-            error = float(_error_of(order, h, effect, dt, top))
-            methods.append(Method(f'nonlinear, order {order}', steps, evaluations * force, error, effect.step_doubt,
-                                  Settings('complete', dt=h, order=order)))
-    cost = effect.steps * force + sum(answer.products for answer in linear.values()) * system.K.nnz
-    return Plan('Waveform', 'its rms', tolerance, tuple(methods), (f'D* changes the waveform by {percent(frozen)}', *effect.said),
-                cost)
+        frame = 2 * np.pi / drive.omega / FRAMES
+        methods += _steps(effect, dt, squeezed * LONGEST_STEP / dt, frame, duration, tolerance)
+    return Plan('Waveform', 'its rms', tolerance, tuple(methods), (f'D* changes the waveform by {percent(frozen)}', *effect.said))
+
+
+def _steps(effect, dt, top, frame, duration, tolerance):
+    """The nonlinear methods: Verlet, and before it the order that takes the fewest evaluations of the forces, if fewer."""
+    known = effect.stepping < np.inf
+    h = min(dt * np.sqrt(STEP_ERROR_FRACTION * tolerance / effect.stepping), effect.longest) if known else effect.longest / 2
+    count = int(np.ceil(duration / h))
+    verlet = Method('nonlinear', f'velocity Verlet in {count} steps', float(effect.stepping * (h / dt) ** 2), STEP_DOUBT,
+                    dt=float(h))
+    if not known:
+        return [verlet]
+    longest = {p: _longest_step(p, effect, dt, top, frame, tolerance) for p in (4, 6)}
+    order = min(longest, key=lambda p: SPLITTINGS[p].stages / longest[p])
+    h, stages = float(longest[order]), SPLITTINGS[order].stages
+    steps = int(np.ceil(duration / h))
+    higher = Method(f'nonlinear, order {order}', f'{steps} steps of order {order}, each of {stages} evaluations of the forces',
+                    float(_error_of(order, h, effect, dt, top)), STEP_DOUBT, dt=h, order=order)
+    return [higher, verlet] if steps * stages < count else [verlet]
 
 
 def _error_of(order, h, effect, dt, top):
@@ -143,9 +135,7 @@ class _Effect:
     nonlinear: float
     doubt: float  # a bound has none
     stepping: float  # the error of the first time step of the trial, infinite where it is not known
-    step_doubt: float
     longest: float  # step in ms of a run that is known to converge
-    steps: float  # number of time steps that it took to know all this
     said: tuple[str, ...]  # the evidence
 
 
@@ -154,13 +144,12 @@ def _tried(atoms, drive, row, damping, clock, tolerance):
 
     The step is halved until the change of the motion is small, and the nonlinearity is clear of the tolerance.
     """
-    (dt, interval, steps), taken = clock, 0.0
+    dt, interval, steps = clock
 
     def run(share, fine):
-        nonlocal taken
         burst = replace(drive, amplitude=share * np.asarray(drive.amplitude))
         dyn = DrivenVerlet(as_model(atoms, 'complete'), dt / fine, [burst], damping)
-        record, taken = Recorder(dyn, row, int(interval * fine)), taken + steps * fine
+        record = Recorder(dyn, row, int(interval * fine))
         dyn.run(int(steps * fine))
         return record.displacements[1:] / share
 
@@ -188,7 +177,7 @@ def _tried(atoms, drive, row, damping, clock, tolerance):
     if not converged:
         said.append('time steps do not converge at this amplitude, so their error is unknown: run the nonlinear model with '
                     'shorter and shorter steps, and compare')
-    return _Effect(found, doubt, change / 3 * fine**2 if converged else np.inf, STEP_DOUBT, 2 * dt / fine, taken, tuple(said))
+    return _Effect(found, doubt, change / 3 * fine**2 if converged else np.inf, 2 * dt / fine, tuple(said))
 
 
 def steepness(calc: Repulsion) -> float:
@@ -211,40 +200,6 @@ def as_model(atoms: Atoms, model: str) -> Atoms:
     other, calc = atoms.copy(), repulsion_of(atoms)
     other.calc = calc.about(calc.reference, model=model)
     return other
-
-
-def linear_step_error(system: LinearSystem, motion: Transient, drive: ToneBurst, damping: float, row: NDArray[np.int_],
-                      dt: float) -> float:
-    """Upper bound of the relative error of time steps in a row, from the exact linear motion of all particles.
-
-    A time step dt raises each frequency w by w (w dt)^2/24, which changes what was sent at t = 0 by t dt^2/24 of its third
-    derivative j, and what was sent later by less; the factor `CANCELLATION` is for parts of j that cancel.  Amplitudes change by
-    dt^2/12 of the acceleration a.  Each damping step adds terms with gamma in place of w.  The derivatives contain every
-    frequency in the motion with its own weight.
-    """
-    h = 1e-4 / drive.omega  # of a central difference, with a relative error of 1e-8
-    pushes, dim = Drives([drive], len(system)), system.dim
-    rows, shapes = system.rows(row)
-    driven = system.shapes[(pushes.particles[:, None] * dim + np.arange(dim)).ravel()][:, rows].T
-    inverse, K = system.free.T @ sparse.diags_array(np.sqrt(np.repeat(system.masses, dim))), system.K[rows]
-
-    def force(times):
-        return driven @ pushes.forces(times)[..., :dim].reshape(len(times), -1).T
-
-    def reduced(u):
-        return inverse @ u.reshape(len(u), -1).T
-
-    every = reduced(motion.velocities)
-    v = every[rows]
-    a = force(motion.times) - K @ reduced(motion.displacements) - damping * v
-    j = (force(motion.times + h) - force(motion.times - h)) / (2 * h) - K @ every - damping * a
-
-    def size(y):
-        return np.linalg.norm(shapes @ y)
-
-    t = CANCELLATION * motion.times
-    error = (size(t * j) + damping * size(t * a) + damping**2 * size(t * v)) / 24 + size(a) / 12
-    return float(dt**2 * error / np.linalg.norm(motion.displacements[:, row]))
 
 
 def difference(u: NDArray[np.float64], exact: NDArray[np.float64]) -> float:

@@ -18,7 +18,7 @@ from magphonon import (
     foundation_needed,
     lattices,
 )
-from magphonon.planning.peak import highest_peak, plan_peak, turning
+from magphonon.planning.peak import highest_peak, plan_peak
 from magphonon.planning.plan import Method, Plan
 from magphonon.planning.scene import scene_plans
 from magphonon.planning.waveform import plan_waveform
@@ -43,41 +43,26 @@ def sample():
 
 
 @pytest.mark.slow
-def test_choices_meet_the_tolerance_and_are_not_dear_unless_they_ignore_what_matters():
+def test_choices_meet_the_tolerance_and_are_no_more_complete_than_need_be_unless_they_ignore_what_matters():
     verdicts = judge(list(sample()), (3e-2, 3e-3, 3e-4))
     assert all(v.met for v in verdicts), [(v.situation, v.plan.tolerance, v.choice, v.truth) for v in verdicts if not v.met]
-    assert max(v.ratio for v in verdicts) < 2
+    assert not any(v.needless for v in verdicts)
     assert met_by(without_dstar, verdicts) < 0.9
     assert met_by(without_amplitude, verdicts) < 0.9
 
 
-def test_the_cheapest_method_that_is_surely_good_enough_is_taken():
-    methods = (Method('poor', '', 1, 0.5, 0.0, {}), Method('doubtful', '', 2, 0.009, 0.5, {}),
-               Method('good', '', 3, 0.009, 0.1, {}), Method('better', '', 9, 0.0, 0.0, {}))
-    assert Plan('it', 'itself', 0.01, methods, (), 0.0).choice.name == 'good'
+def test_the_simplest_method_that_is_surely_good_enough_is_taken():
+    methods = Method('poor', '', 0.5), Method('doubtful', '', 0.009, 0.5), Method('good', '', 0.009, 0.1), Method('better', '', 0.0)
+    assert Plan('it', 'itself', 0.01, methods, ()).choice.name == 'good'
     with pytest.raises(ValueError, match=r'no model here gives it to 0.1 %: .* off by 0.9 %; allow more'):
-        _ = Plan('it', 'itself', 0.001, methods[:3], (), 0.0).choice
+        _ = Plan('it', 'itself', 0.001, methods[:3], ()).choice
 
 
 # --- what simple scenes are spared -----------------------------------------------------------------------------------
 
 
-def test_along_a_line_of_magnets_no_dstar_is_assembled(monkeypatch):
-    """Pushed along its line between two neighbours nothing turns: the plan finds it without D*, and the run takes D0."""
-    atoms = lattices.oscillator(np.pi / 2, 1.0, 1.0)[[0, 2, 3]]
-    atoms.positions[0] = 0, 1, 0
-    atoms.set_constraint([FixedLine(2, (0, 1, 0)), FixedLine([0, 1], (0, 1, 0))])
-    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=[(0, 2), (1, 2)], foundation=1.0).balanced([0, 1])
-    called, place = [], Place(2, [0.0, 1.0, 0.0])
-    monkeypatch.setattr('magphonon.planning.peak.bond_stiffness', lambda *given: called.append(given))
-    plan = plan_peak(atoms, place, place, np.linspace(0.5, 10, 50), 0.05, 1e-6)
-    assert plan.choice.name == 'conventional linear'
-    assert plan.choice.error == 0.0
-    assert not called
-
-
 def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
-    """Harmonics that build up on the way, and the phase that long steps lose, against runs in time steps."""
+    """Harmonics that build up on the way, against runs in time steps."""
     pilot = strip(lattices.triangular(1.0, 1.0), 62, LAW)
     inside = np.flatnonzero(pilot.get_tags() == 0)
     burst, duration = ToneBurst(inside[:1], (0, 1), 1e-3, 2.0, 5), 47.0
@@ -91,14 +76,10 @@ def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
         return record.displacements[1:] / share
 
     plan = plan_waveform(pilot, burst, inside, 0.0, duration, 10.0)
-    linear, run = plan.methods[1:]
+    linear = plan.methods[-1]
     loud, soft = stepped(1, 0.05), stepped(1e-4, 0.05)
     nonlinear = np.linalg.norm(loud - soft) / np.linalg.norm(soft)
     assert 0.5 * linear.error < nonlinear < linear.error  # 0.73: without its factor of five the bound would fail
-    fine = 0.4 * np.arange(1, len(soft) + 1)
-    exact = propagation.propagate(pilot, fine, [burst], tolerance=1e-7).displacements[:, inside]
-    off = np.linalg.norm(stepped(1e-4, 0.1) - exact) / np.linalg.norm(exact)
-    assert off < run.error * (0.1 / run.settings.dt) ** 2 < 2.5 * off  # w (w dt)^2/24 for all of the record, not for half
 
 
 def peaks_of(patch, law, k, place, omega, gamma):
@@ -141,8 +122,9 @@ def test_what_dstar_does_to_a_peak_is_known_to_half_its_width():
         frozen = plan_peak(patch, place, place, omega, gamma, 0.5).methods[0]
         width = (gamma / 2 + omega[1] - omega[0]) / peak['complete']  # between the modes that make one peak
         assert abs(frozen.error - truth) < width, seed
-        assert frozen.at_most > truth - width, seed
-        first_order = abs(np.sqrt(1 - turning(patch.calc, highest_peak(patch, place, place, omega, gamma))) - 1).max()
+        found, D0 = highest_peak(patch, place, place, omega, gamma), Pairs(patch, law, 1.2, 'conventional').hessian(patch.positions)
+        e, w = found.linear.shapes[found.mode][:, :2].ravel(), found.omega
+        first_order = abs(np.sqrt(e @ D0 @ e + k * e @ e) / w - 1)
         short += truth > 2 * first_order + width
     assert short >= 2  # of 240 such patches 22
 
