@@ -1,11 +1,8 @@
-"""The cost of a command, estimated before it starts: memory, time, number of files, and the key that the memory grows with.
+"""The cost of a command, estimated before it starts: memory, number of files, and the key that the memory grows with.
 
-The estimates count the largest arrays and the innermost loops.  The constants below are fitted to the peak resident memory and
-the processor time of the commands on one core, at two to four sizes each (`tests/cli/test_costs.py` lists them).  Constants
-marked "counted" were not measured.  The estimates are accurate enough to distinguish a typing error, such as 1e12 points, from
-work that only takes long.
-
-Names end in the unit, bytes or seconds.
+The estimates count the largest arrays.  The constants below are fitted to the peak resident memory of the commands, at two to
+four sizes each (`tests/cli/test_costs.py` lists them); one marked "counted" was not measured.  The estimates are accurate enough
+to distinguish a typing error, such as 1e12 points, from work that fits.  Names end in the unit, bytes.
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import psutil
 
-from .. import units as u
 from ..bands.bloch import bloch_modes
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
@@ -28,33 +24,25 @@ if TYPE_CHECKING:
 USABLE_FRACTION = 0.5
 """Fraction of the free memory that a command may use; the rest is kept for the system and for errors of the estimates."""
 GIGABYTE = 2**30
-PICTURES_bytes, PICTURES_s = 60e6, 2.0  # cost of fonts, figures and imports, for every command
-POINT_bytes, MATRIX_bytes, POINT_s = 1500, 3200, 1e-4
-"""Bands: cost of a wavevector by both models and phonopy: memory for any cell; memory for the matrices of a cell of one particle,
-which grows with the square of the number of particles; time, which grows with that number.  Measured between 20 000 and 60 000
-wavevectors of cells of one, two and three particles."""
-PHASE_bytes = 33  # bands: memory for the phase of one bond at one wavevector; counted
-PAIR_bytes, PAIR_s = 20, 9e-7  # bands by phonopy: cost of one pair of particles of the supercell, whose distances phonopy keeps
-TERM_s = 1.5e-8  # response: time of one term of the series at one frequency; counted
-PRODUCT_s = 4e-8  # response: time of one product with the matrix of a patch, per particle
+PICTURES_bytes = 60e6  # fonts, figures and imports, for every command
+POINT_bytes, MATRIX_bytes = 1500, 3200
+"""Bands: a wavevector by both models and phonopy, for any cell; its matrices for a cell of one particle, which grow with the
+square of the number of particles.  Measured between 20 000 and 60 000 wavevectors of cells of one, two and three particles."""
+PHASE_bytes = 33  # bands: the phase of one bond at one wavevector; counted
+PAIR_bytes = 20  # bands by phonopy: one pair of particles of the supercell, whose distances phonopy keeps
 SERIES_bytes, PROOF_bytes = 3000, 13e3
-"""Memory for one particle of a patch with its bonds; response: with its part of the factorisation that proves stability, measured
-between 7000 and 60 000 particles."""
-FACTOR_bytes, FACTOR_s = 17e3, 2e-5  # response: cost of one factorisation of the matrix at one frequency, per particle
-STEP_s, MOVE_s = 1.1e-4, 32e-9  # burst: time of one step in NumPy, and of one particle in it
-START_s = 0.3  # burst: time to build the patch and to draw the maps
-SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
-"""Burst: cost of one particle of the row at one time, with its share of the map and its line of text."""
-DRAWN_s = 3.0  # uncertainty: time for the lattices drawn at random
+"""One particle of a patch with its bonds; response: with its part of the factorisation that proves stability, measured between
+7000 and 60 000 particles."""
+FACTOR_bytes = 17e3  # response: one factorisation of the matrix at one frequency, per particle
+SAMPLE_bytes = 1800  # burst: one particle of the row at one time, with its share of the map and its line of text
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of a command for one table of a scene: bytes by the key that they grow with, seconds on one core, number of files."""
+    """Cost of a command for one table of a scene: bytes by the key that they grow with, number of files."""
 
     table: str
     memory: dict[str, float]
-    seconds: float
     files: int
 
     @property
@@ -68,7 +56,7 @@ class Cost:
         return max(self.memory, key=lambda key: self.memory[key])
 
     def __str__(self) -> str:
-        return f'[{self.table}] {amount(self.bytes)} of memory, {duration(self.seconds)}, {self.files} files'
+        return f'[{self.table}] {amount(self.bytes)} of memory, {self.files} files'
 
 
 def amount(size: float) -> str:
@@ -76,21 +64,12 @@ def amount(size: float) -> str:
     return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'about {size / GIGABYTE:.2g} GB'
 
 
-def duration(seconds: float) -> str:
-    """A time in words."""
-    for unit, length in (('years', 3.15e7), ('days', 86400), ('hours', 3600), ('minutes', 60)):
-        if seconds >= 2 * length:
-            return f'about {seconds / length:.2g} {unit}'
-    return f'about {seconds:.0f} s' if seconds >= 5 else 'a few seconds'
-
-
 def bands_cost(scene: Scene) -> Cost:
     """Cost of `magphonon bands`."""
     points, particles, bonds = scene.wanted('bands').points, len(scene.cell()), len(scene.perfect_cell().calc.bonds)
-    pairs = (particles * np.prod(scene.supercell(), dtype=float)) ** 2
     memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes + MATRIX_bytes * particles**2 + PHASE_bytes * bonds),
-              'bands.supercell': PAIR_bytes * pairs}
-    return Cost('bands', memory, PICTURES_s + POINT_s * particles * points + PAIR_s * pairs, 8)
+              'bands.supercell': PAIR_bytes * (particles * np.prod(scene.supercell(), dtype=float)) ** 2}
+    return Cost('bands', memory, 8)
 
 
 def frf_cost(scene: Scene) -> Cost:
@@ -98,52 +77,44 @@ def frf_cost(scene: Scene) -> Cost:
     plan, particles = scene.frf, particles_of(scene)
     size = 2 * particles
     if size <= SMALL:
-        return Cost('frf', {'frf.points': PICTURES_bytes + 48.0 * plan.points * size},
-                    PICTURES_s + 2e-8 * plan.points * size + 1e-9 * size**3, 4)
+        return Cost('frf', {'frf.points': PICTURES_bytes + 48.0 * plan.points * size}, 4)
     terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
     factorised = terms > FACTORISATION * np.sqrt(size) * plan.points or scene.cell().has('relative_damping')
     memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
               size_key(scene): (FACTOR_bytes if factorised else PROOF_bytes) * particles}
-    work = plan.points * FACTOR_s * particles if factorised else terms * (plan.points * TERM_s + PRODUCT_s * particles)
-    return Cost('frf', memory, PICTURES_s + len(MODELS) * work, 4)
+    return Cost('frf', memory, 4)
 
 
 def uncertainty_cost(scene: Scene) -> Cost:
     """Cost of `magphonon uncertainty`."""
-    memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s, 0
+    memory, files = {'title': PICTURES_bytes}, 0
     parameters = len(scene.uncertainty.model_fields_set)
     plan = scene.bands if scene.frf is not None or scene.single or scene.finite else scene.wanted('bands')
     if plan is not None:
         bonds = len(scene.perfect_cell().calc.bonds)
         memory['bands.points'] = plan.points * len(scene.cell()) ** 2 * (MATRIX_bytes + PHASE_bytes * bonds * parameters)
-        seconds, files = seconds + DRAWN_s + POINT_s * len(scene.cell()) * plan.points, files + 4
+        files += 4
     if scene.frf is not None:
         particles = particles_of(scene)
         memory['frf.points'] = 72.0 * scene.frf.points * particles * (2 + parameters) + FACTOR_bytes * particles
-        seconds += scene.frf.points * (1e-3 + FACTOR_s * particles)
         files += 3
-    return Cost('uncertainty', memory, seconds, files)
+    return Cost('uncertainty', memory, files)
 
 
 def burst_cost(scene: Scene) -> Cost:
     """Cost of `magphonon burst`; without a patch, which the command refuses, the cost of its start."""
     # here, because the import includes time steps, which other commands do not need
-    from ..waves.wave_source import SAMPLES, SNAPSHOTS, STEP_FRACTION
+    from ..waves.wave_source import SAMPLES, SNAPSHOTS
 
     if scene.patch is None:
-        return Cost('burst', {'burst.duration_s': PICTURES_bytes}, PICTURES_s, 0)
+        return Cost('burst', {'burst.duration_s': PICTURES_bytes}, 0)
     plan, particles = scene.burst, particles_of(scene)
-    row, top, length = particles**0.5, _top(scene), plan.duration_s * u.s
-    steps = length * top / (2 * STEP_FRACTION)
-    frames = length * max(plan.carriers_Hz) * u.Hz * SAMPLES
+    row, frames = particles**0.5, plan.duration_s * max(plan.carriers_Hz) * SAMPLES
     memory = {'burst.duration_s': PICTURES_bytes + SAMPLE_bytes * frames * row,
               scene.patch.size_key: particles * (SNAPSHOTS * 16 * 6 + SERIES_bytes)}
     if scene.vibrometer is not None:
-        frames = plan.duration_s * scene.vibrometer.sampling_rate_Hz
-        memory['vibrometer.sampling_rate_Hz'] = SAMPLE_bytes * frames * row
-    runs = len(MODELS) * len(plan.carriers_Hz)
-    seconds = PICTURES_s + runs * (START_s + steps * (STEP_s + MOVE_s * particles) + SAMPLE_s * frames * row)
-    return Cost('burst', memory, seconds, 8 * len(plan.carriers_Hz) + 3)
+        memory['vibrometer.sampling_rate_Hz'] = SAMPLE_bytes * plan.duration_s * scene.vibrometer.sampling_rate_Hz * row
+    return Cost('burst', memory, 8 * len(plan.carriers_Hz) + 3)
 
 
 def size_key(scene: Scene) -> str:

@@ -24,9 +24,7 @@ MOMENTS, VECTORS, SPECTRAL_MOMENTS = 512, 16, 256
 """Chebyshev moments and random vectors of the density of a patch, moments of its spectral function: they resolve 0.3 % and 0.6 %
 of the highest frequency."""
 WAVEVECTORS = 60  # number of wavevectors along the path
-COLUMN_s, COLUMNS_bytes = 25e-9, 2900
-"""Time of a product of the matrix with one of several vectors, per particle; memory for one particle with its share of the matrix
-and of these vectors."""
+COLUMNS_bytes = 2900  # memory for one particle with its share of the matrix and of the random vectors
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -62,12 +60,9 @@ def run(options: Namespace) -> None:
 
 def cost(scene: Scene) -> Cost:
     """Estimated cost of the command."""
-    from .costs import Cost, PICTURES_bytes, PICTURES_s, particles_of, size_key
+    from .costs import Cost, PICTURES_bytes, particles_of, size_key
 
-    particles = particles_of(scene)
-    waves = 0 if scene.finite or scene.single else 4 * len(scene.cell()) * WAVEVECTORS
-    work = particles * COLUMN_s * (VECTORS * MOMENTS + waves * SPECTRAL_MOMENTS) / 2
-    return Cost('dos', {size_key(scene): PICTURES_bytes + COLUMNS_bytes * particles}, PICTURES_s + work, 9)
+    return Cost('dos', {size_key(scene): PICTURES_bytes + COLUMNS_bytes * particles_of(scene)}, 9)
 
 
 def _of_lattice(folder, atoms):

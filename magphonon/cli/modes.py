@@ -32,8 +32,7 @@ points of the mesh."""
 
 DRAWN, MOST_DRAWN = 40, 600
 """Number of patches drawn at random with the scatter of [uncertainty], and largest number of free directions of one."""
-SHAPES_bytes, SHAPES_s = 40, 3e-10
-"""Cost of all modes of a structure with their shapes, divided by the square and the cube of its free directions."""
+SHAPES_bytes = 40  # memory for all modes of a structure with their shapes, divided by the square of its free directions
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -73,16 +72,15 @@ def run(options: Namespace) -> None:
 
 def cost(scene: Scene) -> Cost:
     """Estimated cost of the command."""
-    from .costs import Cost, FACTOR_bytes, FACTOR_s, PICTURES_bytes, PICTURES_s, particles_of, size_key
+    from .costs import Cost, FACTOR_bytes, PICTURES_bytes, particles_of, size_key
 
     size = 2 * particles_of(scene)
     if size <= MOST_DIRECTIONS:
-        memory, work = SHAPES_bytes * size**2, SHAPES_s * size**3
-        if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):  # complex, of twice the size
-            memory, work = 8 * memory, 20 * work
+        gyrating = bool(getattr(scene.lattice, 'gyration_rad_per_s', 0.0))  # complex, of twice the size
+        memory = SHAPES_bytes * size**2 * 8**gyrating
     else:
-        memory, work = (FACTOR_bytes + 16 * LOWEST) * size / 2, 30 * FACTOR_s * size
-    return Cost('modes', {size_key(scene): PICTURES_bytes + memory}, PICTURES_s + work, 6)
+        memory = (FACTOR_bytes + 16 * LOWEST) * size / 2
+    return Cost('modes', {size_key(scene): PICTURES_bytes + memory}, 6)
 
 
 def _of_lattice(save, scene, atoms):

@@ -60,7 +60,7 @@ def test_sizes_that_no_memory_holds_are_refused_by_key(command, name, value, sce
 def test_check_tells_what_it_takes_and_what_is_too_much(scene_file, capsys):
     assert main.main(['check', str(scene_file())]) == 0
     fine = capsys.readouterr().out
-    assert '[bands] less than 0.1 GB of memory, a few seconds, 8 files' in fine
+    assert '[bands] less than 0.1 GB of memory, 8 files' in fine
     assert main.main(['check', str(scene_file(bands__points=10**12))]) == 1
     assert 'Too large: bands.points = 1000000000000 makes [bands] need about' in capsys.readouterr().out
 
@@ -86,10 +86,3 @@ def test_estimates_of_memory_are_near(command, small, large, scene_file, tmp_pat
         took.append(int(done.stderr.split()[-1]))
     assert took[1] - took[0] > 80e6
     assert 1 / 2 < (told[1] - told[0]) / (took[1] - took[0]) < 2
-
-
-def test_time_grows_with_the_patch(scene_file):
-    """A series takes a product with the matrix of the patch for each of its terms."""
-    told = [next(cost.seconds for cost in costs.costs(read_scene(scene_file(patch__side_m=side))) if cost.table == 'frf')
-            for side in (2.5, 5.0)]
-    assert told[1] / told[0] == pytest.approx(4, rel=0.05)

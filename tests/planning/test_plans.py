@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ase.constraints import FixedLine
 from oracles import Pairs
 from scipy.linalg import eigh
 
@@ -22,7 +21,6 @@ from magphonon.planning.peak import highest_peak, plan_peak
 from magphonon.planning.plan import Method, Plan
 from magphonon.planning.scene import scene_plans
 from magphonon.planning.waveform import plan_waveform
-from magphonon.response import propagation
 from magphonon.response.frf import Place
 from magphonon.response.normal_modes import modes
 from magphonon.scenes.scene import read_scene, ready_scene
@@ -52,7 +50,8 @@ def test_choices_meet_the_tolerance_and_are_no_more_complete_than_need_be_unless
 
 
 def test_the_simplest_method_that_is_surely_good_enough_is_taken():
-    methods = Method('poor', '', 0.5), Method('doubtful', '', 0.009, 0.5), Method('good', '', 0.009, 0.1), Method('better', '', 0.0)
+    methods = tuple(Method(*given) for given in (('poor', '', 0.5), ('doubtful', '', 0.009, 0.5), ('good', '', 0.009, 0.1),
+                                                 ('better', '', 0.0)))
     assert Plan('it', 'itself', 0.01, methods, ()).choice.name == 'good'
     with pytest.raises(ValueError, match=r'no model here gives it to 0.1 %: .* off by 0.9 %; allow more'):
         _ = Plan('it', 'itself', 0.001, methods[:3], ()).choice
@@ -122,7 +121,8 @@ def test_what_dstar_does_to_a_peak_is_known_to_half_its_width():
         frozen = plan_peak(patch, place, place, omega, gamma, 0.5).methods[0]
         width = (gamma / 2 + omega[1] - omega[0]) / peak['complete']  # between the modes that make one peak
         assert abs(frozen.error - truth) < width, seed
-        found, D0 = highest_peak(patch, place, place, omega, gamma), Pairs(patch, law, 1.2, 'conventional').hessian(patch.positions)
+        found = highest_peak(patch, place, place, omega, gamma)
+        D0 = Pairs(patch, law, 1.2, 'conventional').hessian(patch.positions)
         e, w = found.linear.shapes[found.mode][:, :2].ravel(), found.omega
         first_order = abs(np.sqrt(e @ D0 @ e + k * e @ e) / w - 1)
         short += truth > 2 * first_order + width
