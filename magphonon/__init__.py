@@ -41,6 +41,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'response': ['frequency_response', 'modes', 'propagate'],
     'scenes': ['read_scene', 'ready_scene', 'write_scene'],
     'stability': ['foundation_needed', 'verdict'],
-    'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'OnSite', 'Travelling', 'for_ase_tools', 'relaxed', 'restored'],
+    'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'OnSite', 'PairCalculator', 'Travelling', 'for_ase_tools',
+                  'relaxed', 'restored'],
     'sweeps': ['sweep'],
 })

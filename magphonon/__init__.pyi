@@ -54,8 +54,9 @@ from .scenes import read_scene as read_scene, ready_scene as ready_scene, write_
 from .stability import foundation_needed as foundation_needed, verdict as verdict
 from .stiffness import (
     AllNeighbours as AllNeighbours,
-    MagneticRepulsion as MagneticRepulsion,
+    PairCalculator as PairCalculator,
     OnSite as OnSite,
+    PairCalculator as PairCalculator,
     Travelling as Travelling,
     for_ase_tools as for_ase_tools,
     relaxed as relaxed,

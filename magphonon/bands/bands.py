@@ -163,7 +163,7 @@ def analytic_bands(atoms: Atoms, path: BandPath | str, model: str | None = None,
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion or AllNeighbours.
+        One cell with its PairCalculator or AllNeighbours.
     path : ase.dft.kpoints.BandPath or str
         From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone.
     model : {'complete', 'conventional'}, optional
@@ -301,7 +301,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | Non
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell with its MagneticRepulsion.
+        One cell with its PairCalculator.
     q, model
         As for `bloch_modes`.
 
@@ -339,7 +339,7 @@ def cut_off(atoms: Atoms) -> float | None:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion or AllNeighbours.
+        One cell with its PairCalculator or AllNeighbours.
 
     Returns
     -------
@@ -368,7 +368,7 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str | 
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion or AllNeighbours.
+        One cell with its PairCalculator or AllNeighbours.
     direction : array_like, shape (dim,), optional
         By default along x.
     model : {'complete', 'conventional'}, optional

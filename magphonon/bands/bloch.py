@@ -37,7 +37,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = N
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell with its MagneticRepulsion or AllNeighbours.
+        One cell with its PairCalculator or AllNeighbours.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     model : {'complete', 'conventional'}, optional

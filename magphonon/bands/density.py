@@ -86,7 +86,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion or AllNeighbours, periodic in one, two or three directions.
+        One cell with its PairCalculator or AllNeighbours, periodic in one, two or three directions.
     omega : array_like, shape (frequencies,), optional
         Increasing, in rad/ms: the middles of the bins over which the density is averaged; 400 over all branches if not given.
     steps : int, optional

@@ -165,7 +165,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion; held particles, such as the walls of a channel, do not move.
+        One cell with its PairCalculator; held particles, such as the walls of a channel, do not move.
     direction : array_like, shape (3,)
         Wavevector of xi = 2 pi in fractions of the reciprocal vectors, as for `spectrum.branch`: in the triangular
         lattice along R2, (0, 1, 0) for a row of sources along R1 and (1/2, 1, 0) for a point source.

@@ -64,7 +64,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: str | None = None, damping:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion on a Travelling foundation.
+        One cell with its PairCalculator on a Travelling foundation.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors, as the `kpts` of a path.
     model : {'complete', 'conventional'}, optional

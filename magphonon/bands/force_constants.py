@@ -70,7 +70,7 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     Parameters
     ----------
     atoms : ase.Atoms
-        One periodic cell with its MagneticRepulsion or AllNeighbours; the calculator's reference is displaced.
+        One periodic cell with its PairCalculator or AllNeighbours; the calculator's reference is displaced.
     supercell : three ints, optional
         Number of cells along each lattice vector, 1 along those that are not periodic.  By default the smallest
         in which no bond spans half of the supercell.  Of AllNeighbours no supercell is large enough: the bands are then
@@ -266,7 +266,7 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     phonon : phonopy.Phonopy
         From `finite_displacements(atoms)`.
     atoms : ase.Atoms
-        The same cell with its MagneticRepulsion, from which D0 = phi'' n(x)n is taken.
+        The same cell with its PairCalculator, from which D0 = phi'' n(x)n is taken.
 
     Returns
     -------
@@ -317,7 +317,7 @@ def displacement_errors(atoms: Atoms, path: BandPath, distances: Sequence[float]
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion of the complete model.
+        One cell with its PairCalculator of the complete model.
     path : ase.dft.kpoints.BandPath
     distances : sequence of float
         Displacements in mm.

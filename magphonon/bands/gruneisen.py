@@ -15,7 +15,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from ..stiffness.bond import stiffness_change
-from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import bloch_matrix, mass_weighted
 from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes, wavevectors
@@ -48,7 +48,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str | None = None) -
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its PairCalculator.
     q, model
         As for `bloch_modes`.
 
@@ -83,7 +83,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str | None = None) -
     return Gruneisen(omega, gamma)
 
 
-def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.float64]:
+def growth(calc: PairCalculator, free: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivative `R + C u` of the bond vectors with respect to the logarithm of the spacing, in mm, shape (bonds, dim).
 
     The calculator is at rest; `free`, shape (particles * dim, free), are the orthonormal directions that constraints leave free.

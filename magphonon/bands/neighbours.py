@@ -64,7 +64,7 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion or AllNeighbours; waves in the plane of a layer.
+        One cell with its PairCalculator or AllNeighbours; waves in the plane of a layer.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
 
@@ -111,7 +111,7 @@ def enough_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> Enough:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion, of any number of shells.
+        One cell with its PairCalculator, of any number of shells.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     tolerance : float

@@ -1,6 +1,6 @@
 """What no smooth change of a lattice alters while its gaps stay open: Chern numbers of bands, and one-way waves along edges.
 
-Bands of particles that gyrate (`MagneticRepulsion(gyration=)`) may have Chern numbers other than zero.  The waves along an edge
+Bands of particles that gyrate (`PairCalculator(gyration=)`) may have Chern numbers other than zero.  The waves along an edge
 then cross a gap in one direction only: their number is the sum of the Chern numbers of all bands below the gap (Hatsugai, Phys.
 Rev. Lett. 71, 3697 (1993); gyroscopes: Nash et al., PNAS 112, 14495 (2015)).
 """
@@ -37,7 +37,7 @@ def chern_numbers(cell: Atoms | LinearSystem, model: str | None = None) -> NDArr
     Parameters
     ----------
     cell : ase.Atoms or LinearSystem
-        One cell with its MagneticRepulsion.
+        One cell with its PairCalculator.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; that of the calculator if not given.
 
@@ -126,7 +126,7 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str | None = Non
     Parameters
     ----------
     strip : ase.Atoms or LinearSystem
-        One cell of a strip with its MagneticRepulsion, periodic along one direction, as `lattices.ribbon` cuts it.
+        One cell of a strip with its PairCalculator, periodic along one direction, as `lattices.ribbon` cuts it.
     omega : float
         In rad/ms.
     model : {'complete', 'conventional'}, optional

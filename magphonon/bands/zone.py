@@ -89,7 +89,7 @@ def zone_map(atoms: Atoms, steps: int = 96, model: str | None = None) -> ZoneMap
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell of a planar lattice with its MagneticRepulsion.
+        One cell of a planar lattice with its PairCalculator.
     steps : int
         Mesh steps along each reciprocal vector; a multiple of 6 puts M and K of the hexagonal lattices on the mesh.
     model : {'complete', 'conventional'}, optional

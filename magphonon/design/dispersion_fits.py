@@ -92,7 +92,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     Parameters
     ----------
     build : callable
-        Takes a dict of parameter name to factor; returns the cell with its MagneticRepulsion, and what each parameter changes in
+        Takes a dict of parameter name to factor; returns the cell with its PairCalculator, and what each parameter changes in
         it (a dict of `Change`).
     names : tuple of str
         The parameters to fit.

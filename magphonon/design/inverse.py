@@ -90,7 +90,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
     Parameters
     ----------
     build : callable
-        From the spacing in mm to the cell with its MagneticRepulsion.
+        From the spacing in mm to the cell with its PairCalculator.
     target : Objective
         In rad/ms, such as a `BandEdge` or `band_gap` with infinite sharpness.
     wanted : float

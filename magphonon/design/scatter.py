@@ -249,7 +249,7 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
     Parameters
     ----------
     atoms : ase.Atoms
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     scatter : SiteScatter
     count : int or Modes, optional
         Number of modes, the lowest ones, or the modes themselves; all if not given.

@@ -114,7 +114,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Chan
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its PairCalculator.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     changes : sequence of Change

@@ -27,7 +27,7 @@ from ..files import whole_file
 from ..interactions.pair_laws import InversePower
 from ..stability.buckling import common_spring, softest_of
 from ..stiffness.bond import interaction_along, model_stiffness
-from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.calculator import PairCalculator
 from ..stiffness.defects import Scatter, site_normals
 from ..stiffness.factors import factorised
 from ..stiffness.matrices import hessian
@@ -224,7 +224,7 @@ class Variables:
         atoms.set_constraint(self.atoms.constraints)
         bonds = replace(calc.bonds, vectors=size * calc.bonds.vectors, cutoff=None)
         bonds.vectors[:, :dim] = R0 + C @ u
-        own = MagneticRepulsion(atoms, laws, bonds=bonds, anchors=anchors, foundation=k, strengths=strengths, load=calc.load,
+        own = PairCalculator(atoms, laws, bonds=bonds, anchors=anchors, foundation=k, strengths=strengths, load=calc.load,
                                 model=model)
         return Rest(LinearSystem.about(own, atoms)), u
 
@@ -362,7 +362,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     Parameters
     ----------
     atoms : ase.Atoms
-        With its MagneticRepulsion; it need not be at rest.
+        With its PairCalculator; it need not be at rest.
     objective : Objective
     over : dict
         What may vary, and its bounds: factors of the `strength`, `spring` (or `spring_x`, `spring_y`) and `mass` of each site,

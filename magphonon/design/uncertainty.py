@@ -143,7 +143,7 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its PairCalculator.
     q : array_like, shape (wavevectors, 3)
     tolerances : Tolerances
     model : {'complete', 'conventional'}, optional
@@ -207,7 +207,7 @@ def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike
                         seed: int = 0) -> NDArray[np.float64]:
     """Frequencies of `count` lattices whose parameters are drawn at random, to check the linear propagation.
 
-    `build` takes a dict of parameter name to factor and returns the cell with its MagneticRepulsion.  Shape (count, wavevectors,
+    `build` takes a dict of parameter name to factor and returns the cell with its PairCalculator.  Shape (count, wavevectors,
     modes), in rad/ms.
     """
     from tqdm import tqdm

@@ -18,7 +18,7 @@ from scipy.linalg import expm
 from ..interactions.bond_laws import labels, taken
 from ..lattices.bonds import stretches
 from ..stiffness.bond import stiffest
-from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS
 from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
 from ..stiffness.sites import out_of_plane, refuse_gyration
@@ -51,7 +51,7 @@ def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> None:
 
     Of modulated springs at their stiffest.
     """
-    if not isinstance(atoms.calc, MagneticRepulsion):
+    if not isinstance(atoms.calc, PairCalculator):
         return
     omega = frequency_bound(atoms, dt * 2 / limit)
     if omega * dt > limit:
@@ -79,7 +79,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        With its MagneticRepulsion.
+        With its PairCalculator.
 
     Examples
     --------
@@ -208,7 +208,7 @@ def half_step(damping: NDArray[np.float64], rate: Any, guided: NDArray[np.int_],
 
 def refuse_turns(atoms: Atoms, splitting: Splitting) -> None:
     """Refuse splittings of order 4 and 6, which suppose that nothing but positions makes forces, for particles that gyrate."""
-    if splitting.stages > 1 and isinstance(atoms.calc, MagneticRepulsion):
+    if splitting.stages > 1 and isinstance(atoms.calc, PairCalculator):
         refuse_gyration(atoms.calc, 'steps of order 4 and 6')
 
 
@@ -224,8 +224,8 @@ def refusal(atoms: Atoms) -> str | None:
     >>> refusal(patch) is None  # the block engines can run it
     True
     """
-    if type(atoms.calc) is not MagneticRepulsion:
-        return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
+    if type(atoms.calc) is not PairCalculator:
+        return f'the calculator is {atoms.calc!r}, not PairCalculator'
     if atoms.calc.dim != 2:
         return 'the structure is not planar'
     if atoms.calc.interaction.central(2) is None:
@@ -254,7 +254,7 @@ class Blocks:
     Parameters
     ----------
     atoms : ase.Atoms
-        With its MagneticRepulsion; `refusal(atoms)` is None.
+        With its PairCalculator; `refusal(atoms)` is None.
     dt : float
         Time step in ms.
     drives : sequence of drives
@@ -269,7 +269,7 @@ class Blocks:
 
     def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64],
                  splitting: Splitting = SPLITTINGS[2], threads: int = 1, bath: Bath | None = None) -> None:
-        calc: MagneticRepulsion = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
+        calc: PairCalculator = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
         masses = atoms.get_masses()
         self.atoms, self.calc, self.dt, self.threads, self.bath = atoms, calc, dt, threads, bath
         self._varying, self._walls = forces_and_walls([d for d in drives if not isinstance(d, Constant)], len(atoms))

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..interactions.bond_laws import groups
-from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.calculator import PairCalculator
 from ..stiffness.sites import refuse_gyration
 from .drives import Drives, ToneBurst
 from .motion import Motion
@@ -124,7 +124,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     directory : path-like
         Where to write; it must exist.
     atoms : ase.Atoms
-        A patch at rest with its MagneticRepulsion; FixAtoms is the only constraint allowed.
+        A patch at rest with its PairCalculator; FixAtoms is the only constraint allowed.
     timestep : float
         In ms.
     steps : int
@@ -209,8 +209,8 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
 def _scene(atoms):
     """Calculator and law of the patch, and which particles are fixed; refuses a scene that LAMMPS cannot run."""
     calc = atoms.calc
-    if not isinstance(calc, MagneticRepulsion):
-        raise ValueError(f'atoms.calc must be a MagneticRepulsion, not {calc!r}')
+    if not isinstance(calc, PairCalculator):
+        raise ValueError(f'atoms.calc must be a PairCalculator, not {calc!r}')
     if calc.parameters.model != 'complete':
         raise ValueError(f"LAMMPS updates the bond directions: model='complete', not {calc.parameters.model!r}")
     if atoms.pbc.any():

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..stiffness.calculator import MagneticRepulsion
+    from ..stiffness.calculator import PairCalculator
     from .memory_layout import Layout
 
 
@@ -23,7 +23,7 @@ class SiteForces:
     rest in mm.
     """
 
-    def __init__(self, calc: MagneticRepulsion, layout: Layout) -> None:
+    def __init__(self, calc: PairCalculator, layout: Layout) -> None:
         self.law, self.layout, self.anchors = calc.tie, layout, calc.anchors
         self.slack, self.waves = layout.scatter(calc.slack[:, :2]), None
         self.at_rest, wave = self.law.beyond(calc.slack[:, :2]), self.law.modulation(calc.anchors)
@@ -43,7 +43,7 @@ class SiteForces:
         return -np.tensordot(self.beats(np.array([t]))[0], self.waves, 1) * (self.slack + u)
 
 
-def site_forces(calc: MagneticRepulsion, layout: Layout) -> tuple[Any, SiteForces | None]:
+def site_forces(calc: PairCalculator, layout: Layout) -> tuple[Any, SiteForces | None]:
     """The constant springs of a calculator in N/mm, one number or shape (2, slots), and the other forces of its sites, if any."""
     k = calc.tie.k
     return layout.scatter(k) if isinstance(k, np.ndarray) else k, SiteForces(calc, layout) if calc.tie.known else None

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from ..errors import not_negative, one_of, positive, whole
-from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.calculator import PairCalculator
 from ..stiffness.rest import freedom
 from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
@@ -56,9 +56,9 @@ class DrivenVerlet(VelocityVerlet):
 
     The engines give observers the same states, equal to round-off (in blocks, where observers look decides how a sum is
     rounded, so only runs with the same observers have the same bits).  'ase' is ASE's own loop, for any calculator;
-    'numpy' and 'compiled' move planar structures with MagneticRepulsion by blocks of steps between two observer
+    'numpy' and 'compiled' move planar structures with PairCalculator by blocks of steps between two observer
     calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
-    With MagneticRepulsion a run that diverges stops with Diverged; with other calculators this is not noticed.
+    With PairCalculator a run that diverges stops with Diverged; with other calculators this is not noticed.
 
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
     parameters, the damping and the drives may be changed: every engine goes on with what it finds.
@@ -126,7 +126,7 @@ class DrivenVerlet(VelocityVerlet):
         self._sum_of_drives, self._walls = forces_and_walls(self._drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms), self.splitting)
         if atoms.calc is None:
-            raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
+            raise ValueError('the atoms have no calculator; attach atoms.calc = PairCalculator(atoms, law, ...)')
         refuse_held_drives(self._drives, atoms)
         refuse_turns(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
@@ -171,11 +171,11 @@ class DrivenVerlet(VelocityVerlet):
     def displacements(self) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim); exact in the block engines.
 
-        With another calculator than MagneticRepulsion they are counted from the start.
+        With another calculator than PairCalculator they are counted from the start.
         """
         if self._exact:
             return self._blocks.displacements
-        if isinstance(self.atoms.calc, MagneticRepulsion):
+        if isinstance(self.atoms.calc, PairCalculator):
             return self.atoms.calc.displacements(self.atoms)
         return self.atoms.positions - self._start
 
@@ -266,7 +266,7 @@ class DrivenVerlet(VelocityVerlet):
             momenta = self.atoms.get_momenta()
             momenta[self._sum_of_drives.particles] += share * self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
-        if isinstance(self.atoms.calc, MagneticRepulsion) and self.atoms.calc.tie.changes:
+        if isinstance(self.atoms.calc, PairCalculator) and self.atoms.calc.tie.changes:
             self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
@@ -353,12 +353,12 @@ class DrivenVerlet(VelocityVerlet):
             if self._blocks is not None and self._blocks.current:
                 blocks.adopt(self._blocks)
             self.engine = blocks.engine
-        elif isinstance(self.atoms.calc, MagneticRepulsion):
+        elif isinstance(self.atoms.calc, PairCalculator):
             cages = Cages(self.atoms)
         self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long)
         if self._walls:
             self._at_rest = self._start
-            if isinstance(self.atoms.calc, MagneticRepulsion):
+            if isinstance(self.atoms.calc, PairCalculator):
                 self._at_rest = self.atoms.get_positions()
                 self._at_rest[:, : self.atoms.calc.dim] -= self.atoms.calc.displacements(self.atoms)
             if blocks is not None:

@@ -61,7 +61,7 @@ class PairLaw(Protocol):
             def d2phi(self, r):
                 return self.phi(r) / self.length**2
 
-        atoms.calc = MagneticRepulsion(atoms, Exponential(5.0, 3.0), shells=3)
+        atoms.calc = PairCalculator(atoms, Exponential(5.0, 3.0), shells=3)
 
     Requirements on the methods:
 

@@ -29,7 +29,7 @@ from .pair_laws import PairLaw, higher_derivatives
 class UprightMagnets:
     """The interaction of magnets with axes normal to a plane; for motion in the plane it is the law `planar`.
 
-    It differs from `planar` only if the particles move out of the plane (`MagneticRepulsion` with `foundation=[[k, k, kz]]`).  A
+    It differs from `planar` only if the particles move out of the plane (`PairCalculator` with `foundation=[[k, k, kz]]`).  A
     law that is not wrapped in it is that of a force along the line that joins two particles, as between charges or grains of
     dust.
 

@@ -127,7 +127,7 @@ def oscillator(theta0: float, spacing: float, mass: float) -> Atoms:
 
     The free particle, number 4 in the paper, is at the origin.  One fixed magnet is at the distance `spacing` below it, two
     are at the angle `theta0` below the horizontal on its left and right.  The three push it upwards; an external
-    force must balance them: `MagneticRepulsion(atoms, law).balanced([3])`.
+    force must balance them: `PairCalculator(atoms, law).balanced([3])`.
 
     Parameters
     ----------

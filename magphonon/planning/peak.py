@@ -99,7 +99,7 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     source, answer, omega, damping
         As for `highest_peak`.
     tolerance : float

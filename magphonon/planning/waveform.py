@@ -57,7 +57,7 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     Parameters
     ----------
     atoms : ase.Atoms
-        With MagneticRepulsion.
+        With PairCalculator.
     drive : ToneBurst
     row : ndarray of int
         Particles measured.

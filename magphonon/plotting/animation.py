@@ -61,7 +61,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     path : path-like
         Ends in `.gif`, or in `.mp4`, for which ffmpeg or the package imageio-ffmpeg must be there.
     atoms : ase.Atoms
-        A planar structure with its MagneticRepulsion, at the places from which displacements count.
+        A planar structure with its PairCalculator, at the places from which displacements count.
     displacements : array_like, shape (frames, particles, dim)
         In mm: of a mode from `period`, of a wave from `propagate` or a `Recorder`.
     times : array_like, shape (frames,), optional

@@ -58,7 +58,7 @@ class Explorer:
     Attributes
     ----------
     atoms : ase.Atoms
-        One cell of a planar lattice or a chain, in balance by its symmetry, with its MagneticRepulsion.
+        One cell of a planar lattice or a chain, in balance by its symmetry, with its PairCalculator.
     path : ase.dft.kpoints.BandPath
         The wavevectors of the bands, about `POINTS` of them.
     """

@@ -38,7 +38,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell of a planar lattice with its MagneticRepulsion.
+        One cell of a planar lattice with its PairCalculator.
     bands : Bands
         Of these atoms, with modes (`vectors=True`).
     q : str or int
@@ -98,7 +98,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     Parameters
     ----------
     atoms : ase.Atoms
-        A planar structure with its MagneticRepulsion, at rest.
+        A planar structure with its PairCalculator, at rest.
     shape : ndarray, shape (particles, dim)
         A row of `Modes.shapes`; complex where particles gyrate.
     ax : matplotlib.axes.Axes, optional

@@ -39,7 +39,7 @@ def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its PairCalculator.
     ax : matplotlib.axes.Axes, optional
 
     Examples
@@ -75,7 +75,7 @@ def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None
     Parameters
     ----------
     patch : ase.Atoms
-        With its MagneticRepulsion.
+        With its PairCalculator.
     site : Site, optional
         Where a burst enters and where it is measured; triangles and a line of filled circles mark it.
     ax : matplotlib.axes.Axes, optional

@@ -53,7 +53,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        With MagneticRepulsion.
+        With PairCalculator.
     count : int, optional
         The lowest ones only, which a large structure finds without being diagonalised, and counts lest one be missed; all of them
         if not given.
@@ -124,7 +124,7 @@ def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     omega : float
         In rad/ms; negative for modes that grow faster than this rate.
 
@@ -235,7 +235,7 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     gap : two numbers
         Lower and upper end in rad/ms, such as a row of `magphonon.bands.band_gaps`; imaginary frequencies are negative.
 

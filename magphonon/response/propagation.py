@@ -186,7 +186,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     Parameters
     ----------
     atoms : ase.Atoms
-        With MagneticRepulsion; displacements from rest and momenta are the initial state.  Rest is the reference of the
+        With PairCalculator; displacements from rest and momenta are the initial state.  Rest is the reference of the
         calculator where the forces balance, the Constant drives among them; otherwise it is where the atoms are, if these
         have found another rest (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
     times : array_like, shape (times,)

@@ -34,7 +34,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     omega : array_like, shape (frequencies,), optional
         Increasing, in rad/ms; as many as there are moments, over all frequencies, if not given.
     moments : int
@@ -118,7 +118,7 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     cell : ase.Atoms
         The primitive cell of the perfect lattice, in the same orientation; its calculator is not needed.
     q : array_like, shape (wavevectors, 3)

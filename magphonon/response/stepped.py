@@ -70,7 +70,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     Parameters
     ----------
     structures : sequence of ase.Atoms
-        With their MagneticRepulsion, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may stand at one place
+        With their PairCalculator, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may stand at one place
         and may be the same: only the bonds within each act.  Periodic ones have one cell.
 
     Returns

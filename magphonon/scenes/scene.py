@@ -34,7 +34,7 @@ from ..lattices.bonds import bonds_within
 from ..lattices.patches import surrounded
 from ..response.frf import Place
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
-from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.calculator import PairCalculator
 from ..stiffness.leaning import leaning
 from ..stiffness.relaxation import Relaxation, relaxed
 from ..stiffness.rest import freedom
@@ -154,7 +154,7 @@ class Scene(Table):
         with _units_told_by_keys():
             nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
             still: dict[str, Any] = self._sites(atoms) | {'gyration': 0.0}
-            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), bonds=nearest, **still)
+            atoms.calc = PairCalculator(atoms, self._law(atoms), bonds=nearest, **still)
         return enough_shells(atoms, list(self.special_points.values()), tolerance)
 
     def counted(self) -> Scene:
@@ -213,7 +213,7 @@ class Scene(Table):
         return self.perfect_cell() if relaxation is None else relaxation.atoms
 
     def perfect_cell(self) -> Atoms:
-        """One unit cell, the oscillator or the finite structure, without [defects] and [disorder], with its MagneticRepulsion or
+        """One unit cell, the oscillator or the finite structure, without [defects] and [disorder], with its PairCalculator or
         AllNeighbours.
         """
         atoms = self._standing()
@@ -247,7 +247,7 @@ class Scene(Table):
             bonds = bonds_within(atoms, reach * self.lattice.spacing_m * u.m)
         try:
             shells: Any = self.law.shells  # "auto" is a number by now
-            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), shells=shells, cutoff=self.lattice.cutoff,
+            atoms.calc = PairCalculator(atoms, self._law(atoms), shells=shells, cutoff=self.lattice.cutoff,
                                            bonds=bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
@@ -277,7 +277,7 @@ class Scene(Table):
         return sites | ({'gyration': gyration} if gyration else {}) | ({} if spatial else {'dim': 2})
 
     def patch_atoms(self, model: str = 'complete') -> Atoms:
-        """The patch of [patch], or the finite structure, with its MagneticRepulsion, `ase.Atoms` in mm, g and ms."""
+        """The patch of [patch], or the finite structure, with its PairCalculator, `ase.Atoms` in mm, g and ms."""
         relaxation = self.relaxation(model)
         return self._perfect(model) if relaxation is None else relaxation.atoms
 
@@ -323,11 +323,11 @@ class Scene(Table):
         if self.foundation and self.foundation.leans:
             sites['foundation'] = of_sites(calc.foundation, slice(1))  # each site has the same
         if self.law.shells == 1 and self.lattice.cutoff is None:
-            patch.calc = MagneticRepulsion(patch, calc.laws, model=model, **sites)
+            patch.calc = PairCalculator(patch, calc.laws, model=model, **sites)
             return patch
         patch = surrounded(patch, whole, calc.bonds)
         free, bonds = freedom(patch)[0], bonds_within(patch, calc.bonds.cutoff or 1.000001 * calc.bonds.lengths.max())
-        patch.calc = MagneticRepulsion(patch, calc.laws, model=model, bonds=bonds.among(free[bonds.i] | free[bonds.j]),
+        patch.calc = PairCalculator(patch, calc.laws, model=model, bonds=bonds.among(free[bonds.i] | free[bonds.j]),
                                        **sites)
         return patch
 
@@ -446,7 +446,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     Parameters
     ----------
     atoms : ase.Atoms
-        With MagneticRepulsion or AllNeighbours.
+        With PairCalculator or AllNeighbours.
     path : path-like
         Path of the scene file; its name ends in .toml.
     title : str, optional

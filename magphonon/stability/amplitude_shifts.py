@@ -80,7 +80,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        With their MagneticRepulsion, at rest.
+        With their PairCalculator, at rest.
     q : array_like, shape (3,) or (wavevectors, 3), optional
         Of a periodic cell, in fractions of the reciprocal vectors.  If not given, those that are 0 or 1/2 along each of them, the
         band edges; of a finite structure the softest and the stiffest mode.
@@ -309,7 +309,7 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     linear : magphonon.response.normal_modes.Modes
         All modes of the structure.
     mode : int

@@ -74,7 +74,7 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with MagneticRepulsion.
+        At rest, with PairCalculator.
     mode : int
         Its number in `magphonon.modes`, from zero.
     amplitude : float

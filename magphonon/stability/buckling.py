@@ -227,7 +227,7 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str | None = None, ste
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation
+        One cell, or a finite structure, with its PairCalculator or AllNeighbours, whose own foundation
         is not included, as far as it is common to all particles.  Constraints remain in force, and the springs are taken as
         slack at the present positions.
     model : {'complete', 'conventional'}, optional
@@ -329,7 +329,7 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> Support
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        Planar, with its MagneticRepulsion.
+        Planar, with its PairCalculator.
     magnets : bool
         Magnets normal to the plane, or a central energy.
 
@@ -376,7 +376,7 @@ def border_over_spacings(atoms: Atoms, scales: ArrayLike) -> Border:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion, in balance.
+        One cell with its PairCalculator, in balance.
     scales : array_like, shape (values,)
         Multiples of the present spacing, ascending.
 
@@ -402,7 +402,7 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion by `InversePower`, in balance by its symmetry.
+        One cell with its PairCalculator by `InversePower`, in balance by its symmetry.
     exponents : array_like, shape (values,)
         Ascending.
 

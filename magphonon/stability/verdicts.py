@@ -145,7 +145,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     Parameters
     ----------
     atoms : ase.Atoms
-        With their MagneticRepulsion, or a cell with AllNeighbours.
+        With their PairCalculator, or a cell with AllNeighbours.
     drives : sequence of drives
         Drives of the run; `Constant` ones may balance static forces, in addition to the dead load of the calculator.
     supercell : three ints, optional

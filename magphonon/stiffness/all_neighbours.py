@@ -47,7 +47,7 @@ PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 class AllNeighbours(Repulsion):
     """Repulsion of all particles of an infinite lattice, whatever their distance, with foundation springs.
 
-    It replaces `MagneticRepulsion` for periodic cells and long-range laws, with the sums of `magphonon.stiffness.ewald`: bands,
+    It replaces `PairCalculator` for periodic cells and long-range laws, with the sums of `magphonon.stiffness.ewald`: bands,
     speeds of sound and phonopy's finite displacements work with both calculators.  The energy is the absolute energy of one
     cell.  If the sum over all neighbours diverges (r^-s with s <= d in d dimensions, such as Coulomb's), it includes a uniform
     neutralising background; for s = d its zero is arbitrary.
@@ -89,7 +89,7 @@ class AllNeighbours(Repulsion):
     def __init__(self, reference: Atoms, law: PairLaw, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, split: float = 1.0, dim: int | None = None) -> None:
         if not reference.pbc.any():
-            raise ValueError('the structure is not periodic so its neighbours are not infinitely many; use MagneticRepulsion')
+            raise ValueError('the structure is not periodic so its neighbours are not infinitely many; use PairCalculator')
         tail = tail_of(law, reference)
         if tail is None:
             raise ValueError('the sum over all neighbours is known for inverse powers, Yukawa repulsion and laws that become an '
@@ -325,7 +325,7 @@ def reach(atoms: Atoms, law: PairLaw, tolerance: float = 1e-5) -> float:
     Returns
     -------
     float
-        In mm, between two shells: for `MagneticRepulsion(atoms, law, cutoff=reach(...))`.
+        In mm, between two shells: for `PairCalculator(atoms, law, cutoff=reach(...))`.
 
     Examples
     --------

@@ -50,7 +50,7 @@ ACROSS = 1e-9  # relative change of the cell across its periodic directions abov
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 
 
-class MagneticRepulsion(Repulsion):
+class PairCalculator(Repulsion):
     """Pair repulsion between particles about their rest positions, with foundation springs.
 
     With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
@@ -187,14 +187,14 @@ class MagneticRepulsion(Repulsion):
         return super().set(**parameters)
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
-                laws: Any = None, model: str | None = None, dim: int | None = None) -> MagneticRepulsion:
+                laws: Any = None, model: str | None = None, dim: int | None = None) -> PairCalculator:
         here = self.reference if reference is None else reference
         if bonds is None:
             bonds = self.bonds if reference is None else self.bonds.at(reference)
-        return MagneticRepulsion(here, self.laws if laws is None else laws, bonds=bonds, model=model or self.model,
+        return PairCalculator(here, self.laws if laws is None else laws, bonds=bonds, model=model or self.model,
                                  dim=dim or self.dim, **vars(self.sites if sites is None else sites))
 
-    def on(self, supercell: Atoms) -> MagneticRepulsion:
+    def on(self, supercell: Atoms) -> PairCalculator:
         """The same calculator on a supercell of its reference, whatever the order of the particles there."""
         bonds = repeat_bonds(self.bonds, self.reference, supercell)
         image = image_of(self.reference, supercell)
@@ -202,7 +202,7 @@ class MagneticRepulsion(Repulsion):
         reference.set_tags(self.reference.get_tags()[image])  # tags are kinds, and phonopy does not keep tags
         return self.changed(reference, bonds, replace(self.sites[image], anchors=supercell.positions - self.slack[image]))
 
-    def about(self, atoms: Atoms, load: ArrayLike | None = None, *, model: str | None = None, **sites: Any) -> MagneticRepulsion:
+    def about(self, atoms: Atoms, load: ArrayLike | None = None, *, model: str | None = None, **sites: Any) -> PairCalculator:
         """The same calculator with the present positions of `atoms` as its rest, and optionally another load, model or `sites`.
 
         The pairs of particles, the anchors and the load stay; the bond vectors are computed again.  The forces at the new
@@ -216,7 +216,7 @@ class MagneticRepulsion(Repulsion):
         rest.positions[:, : self.dim] += self.displacements(atoms)
         return self.changed(rest, sites=replace(self.sites, load=self.load if load is None else load, **sites), model=model)
 
-    def balanced(self, particles: NDArray[Any] | Sequence[int]) -> MagneticRepulsion:
+    def balanced(self, particles: NDArray[Any] | Sequence[int]) -> PairCalculator:
         """The same calculator with the dead load that balances all other forces on some particles at rest."""
         load = self.load.copy()
         rest = np.zeros((len(load), self.dim))
@@ -355,18 +355,22 @@ class MagneticRepulsion(Repulsion):
         return sparse.csr_array(to_space @ H @ to_space.T)
 
 
+PairCalculator = PairCalculator
+"""The same calculator by the name of what the paper describes, magnets that repel each other."""
+
+
 def measure(atoms: Atoms) -> float:
     """Length, area or volume of a cell: of a chain in mm, of a planar lattice in mm^2, of a crystal in space in mm^3."""
     periods = atoms.cell.array[atoms.pbc]
     return float(np.sqrt(np.linalg.det(periods @ periods.T)))
 
 
-def same_cell(calc: MagneticRepulsion, atoms: Atoms) -> bool:
+def same_cell(calc: PairCalculator, atoms: Atoms) -> bool:
     """Whether the atoms are in the cell of the calculator's reference."""
     return np.array_equal(atoms.cell.array, calc.reference.cell.array)
 
 
-def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
+def carried(calc: PairCalculator, atoms: Atoms) -> tuple[Atoms, Bonds]:
     """Reference and bonds of a calculator, strained homogeneously from its cell to that of `atoms`."""
     reference, cell = calc.reference, atoms.cell
     anchored = not atoms.pbc.any() or calc.tied or calc.load.any()
@@ -387,13 +391,13 @@ def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
     return rest, bonds
 
 
-def bond_virial(calc: MagneticRepulsion, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
+def bond_virial(calc: PairCalculator, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
     """Derivative of the energy of the bonds by the strain at displacements `u`: gradients times R, in mJ, shape (dim, dim)."""
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
     return np.einsum('bx,by->xy', calc.interaction.forces(R)[1], R)
 
 
-def stress_per_volume(calc: MagneticRepulsion, atoms: Atoms) -> NDArray[np.float64]:
+def stress_per_volume(calc: PairCalculator, atoms: Atoms) -> NDArray[np.float64]:
     """Stress as defined by ASE, `dE/d strain` divided by the volume of the cell, in N/mm^2, Voigt's order xx, yy, zz, yz, xz, xy.
 
     It is negative where particles repel each other.  The volume contains the height of a planar cell, which has no physical

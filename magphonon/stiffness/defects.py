@@ -1,6 +1,6 @@
 """Defects and disorder: vacancies, substitutions, interstitials, and sites with random scatter.
 
-Each function takes atoms with their MagneticRepulsion and returns new atoms with a new calculator.  The bonds are those
+Each function takes atoms with their PairCalculator and returns new atoms with a new calculator.  The bonds are those
 of the perfect structure, except at the particles that were removed or added.  The result is in general not at rest: relax it
 first with `magphonon.relaxed`.
 """
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
-from .calculator import MagneticRepulsion
+from .calculator import PairCalculator
 from .repulsion import repulsion_of
 from .site_laws import kept
 
@@ -162,7 +162,7 @@ def _varied(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: An
     return _with(varied, calc.changed(reference, sites=sites))
 
 
-def _with(atoms: Atoms, calc: MagneticRepulsion) -> Atoms:
+def _with(atoms: Atoms, calc: PairCalculator) -> Atoms:
     """The atoms with this calculator."""
     atoms.calc = calc
     return atoms

@@ -31,7 +31,7 @@ from ..errors import finite
 from ..files import Saved
 from ..interactions.pair_laws import PairLaw
 from .all_neighbours import AllNeighbours
-from .calculator import MagneticRepulsion, bond_virial, measure, same_cell
+from .calculator import PairCalculator, bond_virial, measure, same_cell
 from .matrices import signed_root
 from .repulsion import masses_of, repulsion_of
 from .rest import LinearSystem
@@ -159,7 +159,7 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     Parameters
     ----------
     atoms : ase.Atoms
-        One periodic cell with its MagneticRepulsion.
+        One periodic cell with its PairCalculator.
 
     Returns
     -------
@@ -199,7 +199,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion or AllNeighbours.  Constraints are ignored.
+        One cell with its PairCalculator or AllNeighbours.  Constraints are ignored.
 
     Examples
     --------
@@ -245,7 +245,7 @@ def _along_periods(atoms, dim):
     return np.linalg.pinv(periods) @ periods
 
 
-def _of_bonds(calc: MagneticRepulsion, law: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _of_bonds(calc: PairCalculator, law: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """First and second strain derivative of the energy in mJ, and Lambda in N, shape (particles * dim, dim, dim).
 
     Lambda is valid only at rest, where the terms with the forces on a particle cancel.

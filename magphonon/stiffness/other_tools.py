@@ -72,7 +72,7 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     Parameters
     ----------
     atoms : ase.Atoms
-        With a MagneticRepulsion or AllNeighbours.
+        With a PairCalculator or AllNeighbours.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     """
     calc: Any = atoms.calc
     if not isinstance(calc, Repulsion):
-        raise ValueError(f'the atoms carry {calc!r} as calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...) first')
+        raise ValueError(f'the atoms carry {calc!r} as calculator; attach atoms.calc = PairCalculator(atoms, law, ...) first')
     refuse_gyration(calc, 'tools that see forces alone')
     refuse_changes(calc, 'tools that see forces alone')
     mobile, guided, _ = freedom(atoms)

@@ -21,7 +21,7 @@ from ase.neighborlist import neighbor_list
 from numpy.typing import NDArray
 
 from ..errors import positive
-from .calculator import MagneticRepulsion
+from .calculator import PairCalculator
 
 MM = 1e-7  # per Angstrom
 MJ = ase.units._e / 1e-3  # per eV
@@ -80,7 +80,7 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
     Returns
     -------
     ase.Atoms
-        A copy in mm, g and ms with a MagneticRepulsion, so that its frequencies are told in Hz.  Each element is a kind.
+        A copy in mm, g and ms with a PairCalculator, so that its frequencies are told in Hz.  Each element is a kind.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
     _refuse_many_bodies(atoms, laws, reach)
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='a mass of')  # atoms are denser than magnets, and their units are right
-        here.calc = MagneticRepulsion(here, laws if len(kinds) > 1 else laws[0, 0], cutoff=reach)
+        here.calc = PairCalculator(here, laws if len(kinds) > 1 else laws[0, 0], cutoff=reach)
     return here
 
 

@@ -12,7 +12,7 @@ from ..errors import shown
 from .bond import sizes
 
 if TYPE_CHECKING:
-    from .calculator import MagneticRepulsion
+    from .calculator import PairCalculator
     from .repulsion import Repulsion
 
 FREQUENCIES_Hz = 1e-4, 1e13
@@ -42,7 +42,7 @@ def warn_of_units(calc: Repulsion) -> None:
                       'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)
 
 
-def refuse_infinite(calc: MagneticRepulsion) -> None:
+def refuse_infinite(calc: PairCalculator) -> None:
     """Refuse a law whose force or stiffness at some bond is not a finite number."""
     bonds = calc.bonds
     for what, unit, value in zip(('force', 'stiffness'), ('N', 'N/mm'), sizes(calc.bond_vectors, calc.interaction), strict=True):

@@ -99,7 +99,7 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     Parameters
     ----------
     atoms : ase.Atoms
-        With its MagneticRepulsion, of any model: static forces are those of the complete one.  Constraints remain in force.
+        With its PairCalculator, of any model: static forces are those of the complete one.  Constraints remain in force.
     tolerance : float
         Largest force that may remain, as a fraction of the largest bond force.
     steps : int

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
     from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
-    from .calculator import MagneticRepulsion
+    from .calculator import PairCalculator
     from .site_laws import Foundation, Springs
     from .terms import Term
 
 
 class Repulsion(Restartable):
-    """Particles that repel each other, on a foundation: the base of `MagneticRepulsion` and `AllNeighbours`.
+    """Particles that repel each other, on a foundation: the base of `PairCalculator` and `AllNeighbours`.
 
     Bands, speeds of sound, phonopy's finite displacements and buckling use only what is named here, and accept both calculators.
     Every Bloch matrix already contains the foundation.
@@ -229,17 +229,17 @@ class Repulsion(Restartable):
         raise NotImplementedError
 
 
-def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
+def repulsion_of(atoms: Atoms) -> PairCalculator:
     """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are checked too."""
     calc: Any = atoms.calc
     if not getattr(calc, 'pairwise', False):
         if not isinstance(calc, Repulsion):
             raise ValueError(f'the atoms carry {calc!r} as calculator; '
-                             'attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
+                             'attach atoms.calc = PairCalculator(atoms, law, ...)')
         raise ValueError(f'this needs the stiffness of each bond, which {type(calc).__name__} does not have; '
-                         'attach atoms.calc = MagneticRepulsion(atoms, law, ...) with a number of shells')
+                         'attach atoms.calc = PairCalculator(atoms, law, ...) with a number of shells')
     masses_of(atoms)
-    return calc  # pyright: ignore[reportReturnType]  what is pairwise is a MagneticRepulsion or like one
+    return calc  # pyright: ignore[reportReturnType]  what is pairwise is a PairCalculator or like one
 
 
 def masses_of(atoms: Atoms) -> NDArray[np.float64]:

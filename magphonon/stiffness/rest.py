@@ -21,7 +21,7 @@ from scipy import sparse
 from ..errors import NotAtRest
 from ..lattices.bonds import lengths_of
 from .bond import sizes
-from .calculator import MagneticRepulsion, same_cell
+from .calculator import PairCalculator, same_cell
 from .matrices import growth, mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
 from .site_laws import refuse_changes
@@ -123,7 +123,7 @@ class LinearSystem:
         Parameters
         ----------
         atoms : ase.Atoms or LinearSystem
-            With MagneticRepulsion; a system is returned unchanged.
+            With PairCalculator; a system is returned unchanged.
         push : ndarray, shape (particles, 3), optional
             Constant forces of drives, in N, that become part of the dead load.
         gyrating : bool
@@ -196,7 +196,7 @@ class LinearSystem:
         return len(self.atoms)
 
     @cached_property
-    def calc(self) -> MagneticRepulsion:
+    def calc(self) -> PairCalculator:
         """The calculator, whose reference is the rest; ValueError for AllNeighbours, whose bonds are not known."""
         return repulsion_of(self.atoms)
 
@@ -381,7 +381,7 @@ def on_foundation(atoms: Atoms, foundation: Any) -> Atoms:
     return other
 
 
-def static_forces(calc: MagneticRepulsion, push: Any = 0.0) -> NDArray[np.float64]:
+def static_forces(calc: PairCalculator, push: Any = 0.0) -> NDArray[np.float64]:
     """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
 
     The round-off of forces that cancel is set to zero; a load or push (N, shape (particles, 3)) on balanced particles is kept,

@@ -16,7 +16,7 @@ from ase import Atoms
 
 from ..errors import one_of
 from .all_neighbours import AllNeighbours
-from .calculator import MagneticRepulsion
+from .calculator import PairCalculator
 
 if TYPE_CHECKING:
     from typing import Any
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from ..interactions.bond_laws import Laws
 
-CALCULATORS = {calculator.__name__: calculator for calculator in (MagneticRepulsion, AllNeighbours)}
+CALCULATORS = {'PairCalculator': PairCalculator, 'PairCalculator': PairCalculator, 'AllNeighbours': AllNeighbours}
 
 
 def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, laws: Laws | None = None) -> Atoms:
@@ -61,7 +61,7 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     found = getattr(calc, 'parameters', None) if parameters is None else parameters
     if not isinstance(found, dict) or 'calculator' not in found:
         raise ValueError('these atoms were written without a calculator of magphonon; of an ase.db take the row, '
-                         'restored(db.get(1)), of other files attach MagneticRepulsion(atoms, law, ...) again')
+                         'restored(db.get(1)), of other files attach PairCalculator(atoms, law, ...) again')
     cls = CALCULATORS[one_of('the calculator', found['calculator'], tuple(CALCULATORS))]
     atoms = atoms.copy()
     atoms.calc = cls.fromdict(found, laws)

@@ -169,7 +169,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     scan : Scan
         With places, in the frame of the cell, from any origin.
     cell : ase.Atoms
-        One particle with its MagneticRepulsion.
+        One particle with its PairCalculator.
 
     Examples
     --------
@@ -308,7 +308,7 @@ def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
     ----------
     field : Field
     cell : ase.Atoms
-        With its MagneticRepulsion.
+        With its PairCalculator.
     path : ase.dft.kpoints.BandPath
     """
     (omega, *_), powers = zip(*_collected(field, cell, path.kpts), strict=True)
@@ -328,7 +328,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     ----------
     field : Field
     cell : ase.Atoms
-        With its MagneticRepulsion; its bands tell the curvature.
+        With its PairCalculator; its bands tell the curvature.
     path : ase.dft.kpoints.BandPath
     name : str
         Of the record.

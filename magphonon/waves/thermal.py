@@ -79,13 +79,13 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        The supercell or the patch that moved, with its MagneticRepulsion; counted from its rest, wherever it is now.
+        The supercell or the patch that moved, with its PairCalculator; counted from its rest, wherever it is now.
     displacements : array_like, shape (frames, particles, dim)
         From rest, in mm, in thermal equilibrium from the first frame.
     temperature_mJ : float
         kT.
     cell : ase.Atoms
-        One cell of the lattice, with its MagneticRepulsion.
+        One cell of the lattice, with its PairCalculator.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors of the cell; of a periodic supercell those that fit into it.
     dt : float
@@ -201,7 +201,7 @@ def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: Array
     Parameters
     ----------
     cell : ase.Atoms
-        With its MagneticRepulsion.
+        With its PairCalculator.
     repeats : array_like of int, shape (3,)
         Of the cell.
     temperature_mJ : float

@@ -66,7 +66,7 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str | None = No
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its PairCalculator.
     direction : array_like, shape (3,)
         Wavevector of xi = 2 pi in fractions of the reciprocal vectors.  In the triangular lattice, along R2:
         (0, 1, 0) for plane waves from a row of sources along R1 (Gamma-M), (1/2, 1, 0) for the waves from a
@@ -238,7 +238,7 @@ def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
     row : Motion
         That of particles in equal steps of R2, away from the source.
     cell : ase.Atoms
-        With its MagneticRepulsion.
+        With its PairCalculator.
     source : {'row', 'point'}
     """
     motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
@@ -253,7 +253,7 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     scan : Scan
         With places.
     cell : ase.Atoms
-        With its MagneticRepulsion.
+        With its PairCalculator.
     source : {'row', 'point'}
         Fronts along R1, or across the measured row.
     row : Row, optional

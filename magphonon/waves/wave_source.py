@@ -189,7 +189,7 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     Parameters
     ----------
     patch : ase.Atoms
-        At rest in the reference of its MagneticRepulsion; it stays there.
+        At rest in the reference of its PairCalculator; it stays there.
     site : Site
     drive : ToneBurst
         `site.burst(...)`.

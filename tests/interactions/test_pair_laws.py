@@ -218,7 +218,7 @@ def test_the_law_in_the_documentation_works_as_written():
     """The example for users in PairLaw: a law, and bands that follow from it."""
     example = dedent(PairLaw.__doc__.split('own::')[1].split('Requirements on')[0]).strip()
     atoms = triangular(10.0, 0.5)
-    names = {'np': np, 'dataclass': dataclass, 'MagneticRepulsion': MagneticRepulsion, 'atoms': atoms}
+    names = {'np': np, 'dataclass': dataclass, 'PairCalculator': MagneticRepulsion, 'atoms': atoms}
     exec(example, names)
     law = atoms.calc.laws
     assert isinstance(law, PairLaw)

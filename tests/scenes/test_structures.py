@@ -273,7 +273,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
                               'lattice': {'kind': 'square', 'spacing_m': 0.01, 'mass_kg': 1e-3}})
     with pytest.raises(ValueError, match=r'a scene is a file NAME\.toml, not mine\.json'):
         write_scene(atoms, tmp_path / 'mine.json')
-    with pytest.raises(ValueError, match='made of atoms with MagneticRepulsion or AllNeighbours, not with None'):
+    with pytest.raises(ValueError, match='made of atoms with PairCalculator or AllNeighbours, not with None'):
         write_scene(bare, tmp_path / 'other.toml')
     cell = lattices.triangular(10.0, 0.7)
     cell.calc = MagneticRepulsion(cell, Gaussian())

@@ -267,7 +267,7 @@ def test_parts_that_diverge_are_refused():
 
 
 def test_functions_of_bonds_refuse_all_neighbours():
-    with pytest.raises(ValueError, match='MagneticRepulsion'):
+    with pytest.raises(ValueError, match='PairCalculator'):
         group_velocities(with_all(lattices.square(1.0, 1.0), DIPOLES), [[0.1, 0, 0]])
 
 

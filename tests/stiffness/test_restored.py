@@ -126,9 +126,9 @@ def test_a_law_of_ones_own_is_given_again():
 def test_what_is_no_calculator_is_refused(tmp_path):
     cell = lattices.triangular(10.0, 0.7)
     calc = MagneticRepulsion(cell, OWN['yukawa'])
-    with pytest.raises(ValueError, match=r'must be a dictionary from MagneticRepulsion.todict\(\), not 3'):
+    with pytest.raises(ValueError, match=r'must be a dictionary from PairCalculator.todict\(\), not 3'):
         MagneticRepulsion.fromdict(3)
-    with pytest.raises(ValueError, match='are parameters of MagneticRepulsion, not of AllNeighbours'):
+    with pytest.raises(ValueError, match='are parameters of PairCalculator, not of AllNeighbours'):
         AllNeighbours.fromdict(calc.todict())
     with pytest.raises(ValueError, match='lacks anchors'):
         MagneticRepulsion.fromdict({key: value for key, value in calc.todict().items() if key != 'anchors'})
