@@ -54,7 +54,7 @@ from .scenes import read_scene as read_scene, ready_scene as ready_scene, write_
 from .stability import foundation_needed as foundation_needed, verdict as verdict
 from .stiffness import (
     AllNeighbours as AllNeighbours,
-    PairCalculator as PairCalculator,
+    MagneticRepulsion as MagneticRepulsion,
     OnSite as OnSite,
     PairCalculator as PairCalculator,
     Travelling as Travelling,

@@ -1,6 +1,6 @@
 from .all_neighbours import AllNeighbours as AllNeighbours, reach as reach
 from .bond import bond_stiffness as bond_stiffness, model_stiffness as model_stiffness
-from .calculator import PairCalculator as PairCalculator, PairCalculator as PairCalculator
+from .calculator import MagneticRepulsion as MagneticRepulsion, PairCalculator as PairCalculator
 from .defects import (
     Scatter as Scatter,
     scattered as scattered,

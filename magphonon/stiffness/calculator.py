@@ -355,7 +355,7 @@ class PairCalculator(Repulsion):
         return sparse.csr_array(to_space @ H @ to_space.T)
 
 
-PairCalculator = PairCalculator
+MagneticRepulsion = PairCalculator
 """The same calculator by the name of what the paper describes, magnets that repel each other."""
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from ..interactions.bond_laws import Laws
 
-CALCULATORS = {'PairCalculator': PairCalculator, 'PairCalculator': PairCalculator, 'AllNeighbours': AllNeighbours}
+CALCULATORS = {'PairCalculator': PairCalculator, 'MagneticRepulsion': PairCalculator, 'AllNeighbours': AllNeighbours}
 
 
 def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, laws: Laws | None = None) -> Atoms:
