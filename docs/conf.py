@@ -4,13 +4,14 @@
 """
 
 import sys
+import tomllib
 from pathlib import Path
 
 import magphonon
 
 sys.path.insert(0, str(Path(__file__).parent))  # generate, which writes pages from the code
 import generate
-from generate import mathml
+from generate import mathml, scraper
 
 project = 'magphonon'
 author = copyright = 'the magphonon developers'
@@ -18,7 +19,7 @@ version = release = magphonon.__version__
 
 extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.intersphinx',
               'sphinx.ext.viewcode', 'sphinx_gallery.gen_gallery', 'matplotlib.sphinxext.plot_directive']
-exclude_patterns = ['_build', 'tutorials/*.rst', 'gallery/*.rst', 'generate']
+exclude_patterns = ['_build', 'tutorials/*.rst', 'gallery/**.rst', 'generate']
 suppress_warnings = ['config.cache']  # functions in the settings of sphinx-gallery
 
 myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist', 'colon_fence']
@@ -60,6 +61,7 @@ sphinx_gallery_conf = {
     'abort_on_example_error': True,
     'download_all_examples': False,
     'first_notebook_cell': NOTEBOOK,
+    'thumbnail_size': (400, 280),
     'capture_repr': (),   # what a block prints and draws, not the repr of its last line
     'show_signature': False,
     'write_computation_times': False,
@@ -79,11 +81,25 @@ html_math_renderer = 'mathml'
 html_title = f'magphonon {release}'
 html_static_path = ['_static']
 html_css_files = ['gallery.css']
-html_extra_path = ['generated/explorers']
+html_logo = '_static/logo.svg'
+html_baseurl = tomllib.loads((Path(__file__).parents[1] / '.ci/owner.toml').read_text(encoding='utf-8'))['documentation']
+html_extra_path = ['generated/explorers', 'waves.png']
+
+
+DESCRIPTION = 'Bands, waves, responses and stability of lattices of particles that repel each other, on ASE and phonopy'
+
+
+def describe(app, page, template, context, doctree):
+    """What a link to a page shows elsewhere: a description and, where the address of the site is known, a picture."""
+    picture = f'<meta property="og:image" content="{html_baseurl.rstrip("/")}/waves.png">' * bool(html_baseurl)
+    context['metatags'] = (context.get('metatags') or '') + (
+        f'<meta name="description" content="{DESCRIPTION}"><meta property="og:title" content="magphonon">'
+        f'<meta property="og:description" content="{DESCRIPTION}">{picture}')
 
 
 def setup(app):
     """Write the generated pages before Sphinx looks for sources, mend docstrings for its markup, draw formulas offline."""
     app.add_html_math_renderer('mathml', (mathml.inline, None), (mathml.displayed, None))
+    app.connect('html-page-context', describe)
     app.connect('autodoc-process-docstring', generate.api.escape_docstring)
     app.connect('config-inited', lambda app, config: generate.write_all(Path(app.srcdir) / 'generated', app.tags.has('all')))

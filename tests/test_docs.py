@@ -48,7 +48,7 @@ def test_links_to_names_lead_to_their_pages(generate):
 
 def test_every_key_stands_in_a_table_of_five_cells(generate, tmp_path):
     generate.keys.write(tmp_path)
-    rows = [line for line in (tmp_path / 'keys.md').read_text(encoding='utf-8').splitlines() if line.startswith('| `')]
+    rows = [line for page in tmp_path.glob('keys_*.md') for line in page.read_text(encoding='utf-8').splitlines() if line.startswith('| `')]
     assert len(rows) == len(generate.keys.scene_keys())
     assert {len(re.findall(r'(?<!\\)\|', row)) for row in rows} == {6}
     assert all('<br>`dipoles`: Point dipoles' in row for row in rows if 'Point dipoles' in row)  # kinds one below the other
@@ -76,7 +76,7 @@ def test_pages_show_lines_of_the_code_that_are_there():
 
 
 def test_examples_of_the_gallery_are_short_and_import_what_is_public():
-    scripts = sorted((ROOT / 'docs/gallery').glob('plot_*.py'))
+    scripts = sorted((ROOT / 'docs/gallery').rglob('plot_*.py'))
     assert len(scripts) == 20
     for file in scripts:
         text = file.read_text(encoding='utf-8')

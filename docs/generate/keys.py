@@ -8,9 +8,10 @@ from magphonon.scenes import scene_keys
 HEAD = """# Keys of a scene
 
 A scene is a TOML file: one title and tables, all numbers in SI with the unit in the name of the key. Unknown and missing keys are
-refused with the name that was probably meant, and all faults of a scene at once. `magphonon scene --keys` prints this list,
+refused with the name that was probably meant, and all errors of a scene at once. `magphonon scene --keys` prints this list,
 `magphonon scene --keys law` one table of it and `magphonon scene --keys spacing_m` one key; `magphonon scene prototype` prints a
-scene to start from. Examples are taken from the ready scenes.
+scene to start from. Examples are taken from the ready scenes. Each table has a page of its own:
+
 """
 ROW = '| {} | {} | {} | {} | {} |\n'
 CHOICE = re.compile(r'(?:^|; (?:or )?)(\w+(?: or \w+)*): ')
@@ -18,13 +19,22 @@ CHOICE = re.compile(r'(?:^|; (?:or )?)(\w+(?: or \w+)*): ')
 
 
 def write(folder):
-    """One page, with a table for each table of a scene."""
-    parts = [HEAD]
+    """A page for each table of a scene, and one that leads to them."""
+    pages = {}
     for table, keys in groupby(scene_keys(), lambda key: key.table):
-        parts.append(f'\n## {f"[{table}]" if table else "The scene itself"}\n\n')
-        parts += [':::{container} keys\n\n', ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'),
-                  ROW.format(*5 * ['---']), *map(row, keys), ':::\n']
-    (folder / 'keys.md').write_text(''.join(parts), encoding='utf-8')
+        keys = list(keys)
+        pages[table] = ', '.join(f'`{key.name}`' for key in keys)
+        text = [f'# {f"[{table}]" if table else "The scene itself"}\n\n:::{{container}} keys\n\n',
+                ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'), ROW.format(*5 * ['---']), *map(row, keys), ':::\n']
+        (folder / f'{name(table)}.md').write_text(''.join(text), encoding='utf-8')
+    tour = '\n'.join(['', '```{toctree}', ':hidden:', '', *map(name, pages), '```', ''])
+    (folder / 'keys.md').write_text(HEAD + ''.join(f'- [{f"`[{table}]`" if table else "the scene itself"}]({name(table)}.md): {keys}\n'
+                                                   for table, keys in pages.items()) + tour, encoding='utf-8')
+
+
+def name(table):
+    """The page of a table."""
+    return f'keys_{table.replace(".", "_") or "scene"}'
 
 
 def row(key):

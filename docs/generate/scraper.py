@@ -5,6 +5,8 @@ from weakref import WeakSet
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image, ImageOps
+from sphinx_gallery import gen_rst
 from sphinx_gallery.scrapers import figure_rst
 
 SEEN = WeakSet()
@@ -23,3 +25,11 @@ def figures(block, block_vars, gallery_conf):
             paths.append(path)
     plt.close('all')
     return figure_rst(paths, gallery_conf['src_dir'])
+
+
+def thumbnail(picture, out, width, height):
+    """The first panel of a picture, as large as its frame; sphinx-gallery itself would set all of it into white."""
+    ImageOps.fit(Image.open(picture).convert('RGB'), (width, height), centering=(0, 0)).save(out)
+
+
+gen_rst.scale_image = thumbnail
