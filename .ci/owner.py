@@ -1,4 +1,4 @@
-"""Write what only the owners know, and the version, wherever others look for them: `python .ci/owner.py`, after `.ci/owner.toml`."""
+"""Write what only the owners know, and the version, wherever others look: `python .ci/owner.py`, after `.ci/owner.toml`."""
 
 import ast
 import json
@@ -21,11 +21,13 @@ def changed(name, *changes):
 
 
 def full(author):
+    """Name of an author."""
     return author.get('name') or f'{author["given-names"]} {author["family-names"]}'
 
 
 def quoted(text):
-    return json.dumps(text, ensure_ascii=False)  # as TOML and YAML quote
+    """As TOML and YAML quote."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def entries(authors, keys):
@@ -40,11 +42,13 @@ def marked(name, text):
 
 
 def main():
+    """Write all of them."""
     owner = tomllib.loads((ROOT / '.ci/owner.toml').read_text(encoding='utf-8'))
     authors, where, contact = owner['authors'], owner['repository'], owner['contact']
     version = next(ast.literal_eval(line.split('=')[1].strip()) for line in
                    (ROOT / 'magphonon/__init__.py').read_text(encoding='utf-8').splitlines() if line.startswith('__version__'))
     urls = {'Repository': where, 'Issues': where and f'{where}/issues', 'Documentation': owner['documentation']}
+    links = ''.join(f'{key} = {quoted(url)}\n' for key, url in urls.items() if url)
 
     def json_file(name, **fields):
         file = ROOT / name
@@ -68,12 +72,11 @@ def main():
             (r'^about:\n(  repository: [^\n]*\n)?', 'about:\n' + (f'  repository: {where}\n' if where else '')))
     changed('pyproject.toml',
             (r'^authors = \[.*?\]$', 'authors = [' + ', '.join(f'{{ name = {quoted(full(one))} }}' for one in authors) + ']'),
-            (r'(\[project\.urls\]\n.*?\n)?(?=\[project\.scripts\])', ''.join(
-                ['[project.urls]\n', *(f'{key} = {quoted(url)}\n' for key, url in urls.items() if url), '\n'] if any(urls.values()) else [])))
+            (r'(\[project\.urls\]\n.*?\n)?(?=\[project\.scripts\])', f'[project.urls]\n{links}\n' if links else ''))
     if all('name' not in one for one in authors):
         changed('paper/paper.md', (r'^authors:\n.*?(?=^date)', 'authors:\n' + ''.join(
-            f'  - name: {full(one)}\n' + (f'    orcid: {one["orcid"]}\n' if 'orcid' in one else '') + f'    affiliation: {one["affiliation"]}\n'
-            for one in authors) + 'affiliations:\n' + ''.join(
+            f'  - name: {full(one)}\n' + (f'    orcid: {one["orcid"]}\n' if 'orcid' in one else '')
+            + f'    affiliation: {one["affiliation"]}\n' for one in authors) + 'affiliations:\n' + ''.join(
             f'  - name: {quoted(name)}\n    index: {k}\n' for k, name in enumerate(owner['affiliations'], 1))))
     changed('README.md', marked('sources', f'Clone [its sources]({where})' if where else 'Unpack or clone its sources'))
     changed('CONTRIBUTING.md', marked('tracker', f'[the tracker of issues]({where}/issues)' if where else

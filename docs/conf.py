@@ -11,7 +11,7 @@ import magphonon
 
 sys.path.insert(0, str(Path(__file__).parent))  # generate, which writes pages from the code
 import generate
-from generate import mathml, scraper
+from generate import mathml
 
 project = 'magphonon'
 author = copyright = 'the magphonon developers'

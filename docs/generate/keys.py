@@ -25,11 +25,12 @@ def write(folder):
         keys = list(keys)
         pages[table] = ', '.join(f'`{key.name}`' for key in keys)
         text = [f'# {f"[{table}]" if table else "The scene itself"}\n\n:::{{container}} keys\n\n',
-                ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'), ROW.format(*5 * ['---']), *map(row, keys), ':::\n']
+                ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'), ROW.format(*5 * ['---']),
+                *map(row, keys), ':::\n']
         (folder / f'{name(table)}.md').write_text(''.join(text), encoding='utf-8')
     tour = '\n'.join(['', '```{toctree}', ':hidden:', '', *map(name, pages), '```', ''])
-    (folder / 'keys.md').write_text(HEAD + ''.join(f'- [{f"`[{table}]`" if table else "the scene itself"}]({name(table)}.md): {keys}\n'
-                                                   for table, keys in pages.items()) + tour, encoding='utf-8')
+    rows = (f'- [{f"`[{table}]`" if table else "the scene itself"}]({name(table)}.md): {keys}\n' for table, keys in pages.items())
+    (folder / 'keys.md').write_text(HEAD + ''.join(rows) + tour, encoding='utf-8')
 
 
 def name(table):

@@ -103,7 +103,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     priors : dict, optional
         What is known of parameters from elsewhere: the factor and its relative standard uncertainty.
     near : DispersionFit, optional
-        A fit of the same ridges from which this one goes on: no branches far from its own are tried, which takes most of the time.
+        A fit of the same ridges from which this one goes on: no branches far from its own are tried, which takes most time.
 
     Examples
     --------
