@@ -123,7 +123,7 @@ def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) 
                'supercell_matrix': phonon.supercell_matrix.tolist()}
     with whole_file(file) as partial:
         bands.write_yaml(comment, partial.name)
-        text = Path(partial.name).read_text()
+        text = Path(partial.name).read_text(encoding='utf-8')
         partial.truncate(0)
         partial.write(_with_all_digits(text, {'mass': phonon.primitive.masses, 'lattice': phonon.primitive.cell}))
 

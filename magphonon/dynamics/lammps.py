@@ -438,7 +438,7 @@ def _run(directory, ranks):
                           capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
     if done.returncode or not (directory / 'complete').exists():
         log = directory / 'log.lammps'
-        lines = (log.read_text() if log.exists() else done.stderr + done.stdout).splitlines()
+        lines = (log.read_text(encoding='utf-8') if log.exists() else done.stderr + done.stdout).splitlines()
         why = next((line for line in lines if 'ERROR' in line), lines[-1] if lines else f'exit status {done.returncode}')
         raise ValueError(f'LAMMPS stopped: {why.strip()}; its files are in {directory}; lower the drives or the time step')
 
@@ -482,7 +482,7 @@ def read_lammps_displacements(directory: str | PathLike[str], atoms: Atoms) -> N
 def _frames(file, particles):
     """Places of the particles in every whole frame of a dump, by its step; of one written twice, about a restart, the later."""
     frames = {}
-    for frame in file.read_text().split(FRAME)[1:]:
+    for frame in file.read_text(encoding='utf-8').split(FRAME)[1:]:
         lines = frame.split('\n')
         if len(lines) > HEADER + len(particles):  # or cut off
             rows = np.array(' '.join(lines[HEADER:HEADER + len(particles)]).split(), dtype=float).reshape(len(particles), -1)
