@@ -129,7 +129,8 @@ def cell_and_reach(rng):
         shells = int(rng.integers(1, 4))
         return name, lattice(name, L0), REACHES[name][shells - 1] * L0, shells
     angle, side = np.deg2rad(rng.uniform(62, 88)), rng.uniform(0.85, 1.3)
-    cell = Atoms('Nd', cell=L0 * np.array([[1, 0, 0], [side * np.cos(angle), side * np.sin(angle), 0], [0, 0, 2]]), pbc=(1, 1, 0))
+    vectors = L0 * np.array([[1, 0, 0], [side * np.cos(angle), side * np.sin(angle), 0], [0, 0, 2]])
+    cell = Atoms('Nd', cell=vectors[[1, 0, 2] if angle > 1.3 else [0, 1, 2]], pbc=(1, 1, 0))  # some are left-handed
     images = np.array(list(product(range(-4, 5), repeat=2))) @ cell.cell.array[:2]
     distances = np.sort(np.linalg.norm(images, axis=1))
     distances = distances[(distances > L0 * max(1, side) * 1.001) & (distances < 2.4 * L0)]

@@ -156,13 +156,13 @@ def carried(drawn, oracle):
 
 
 def stiffness(drawn, oracle):
+    """Every entry, within what each takes for free."""
     atoms, _ = moved(drawn)
-    P = free_basis(oracle.atoms, drawn.dim)
+    P, own = (basis @ basis.T for basis in (free_basis(oracle.atoms, drawn.dim), free_basis(drawn.atoms, drawn.dim)))
     keep = np.flatnonzero(np.tile(np.arange(3) < drawn.dim, len(atoms)))
     H = atoms.calc.get_hessian(atoms).toarray()[np.ix_(keep, keep)]
-    own = free_basis(drawn.atoms, drawn.dim)
     exact = oracle.pairs('complete').hessian(atoms.positions) + np.diag(oracle.k.ravel())
-    return np.linalg.eigvalsh(own.T @ H @ own), np.linalg.eigvalsh(P.T @ exact @ P)
+    return own @ H @ own, P @ exact @ P
 
 
 def bands(drawn, oracle, model='complete'):

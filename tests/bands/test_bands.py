@@ -1,4 +1,4 @@
-"""Bands: closed forms, group velocities and sound speeds against differences, labels."""
+"""Bands: modes in batches, polarisations, group velocities and sound speeds against differences, labels."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,10 @@ from ase.dft.kpoints import BandPath
 from cells import LAW, cell_of
 from numpy.testing import assert_allclose
 from oracles import LATTICES, lattice
-from scipy.special import zeta
 
 from magphonon import (
     Bands,
-    InversePower,
     MagneticRepulsion,
-    Yukawa,
     analytic_bands,
     finite_displacements,
     group_velocities,
@@ -24,7 +21,6 @@ from magphonon import (
 from magphonon.bands import band_path
 from magphonon.bands.bands import path_of, points_on
 from magphonon.bands.bloch import bloch_modes
-from magphonon.interactions.pair_laws import repulsion
 
 MODELS = ('complete', 'conventional')
 
@@ -33,67 +29,7 @@ def random_q(atoms, n=20, seed=0):
     return np.random.default_rng(seed).uniform(-0.5, 0.5, (n, 3)) * atoms.pbc
 
 
-# Closed forms
-
-
-def test_chain():
-    # longitudinally D* does nothing: M omega^2 = 4 phi'' sin^2(kL/2); transversally it is all there is: 4 (phi'/r) sin^2
-    atoms = cell_of('chain')
-    x = np.linspace(0, 0.5, 40)
-    q = np.outer(x, [1, 0, 0])
-    s2 = 4 * np.sin(np.pi * x) ** 2 / 0.7
-    expected = {'complete': np.stack([s2 * LAW.dphi(10.0) / 10, s2 * LAW.d2phi(10.0)], axis=1),
-                'conventional': np.stack([0 * s2, s2 * LAW.d2phi(10.0)], axis=1)}
-    for model, squares in expected.items():
-        omega = bloch_modes(atoms, q, model)[0]
-        np.testing.assert_allclose(omega * abs(omega), squares, rtol=0, atol=1e-15 * s2.max() * LAW.d2phi(10.0))
-    assert bloch_modes(atoms, q[-1:])[0][0, 0] < 0  # a free chain of repelling particles buckles
-
-
-def test_all_neighbours_of_a_dipole_chain():
-    # Each neighbour n adds phi''(nL) n^2 ~ n^-3 to c^2: zeta(3), of which 60 shells leave 1/(2 60.5^2) = 1.4e-4
-    atoms = cell_of('chain', InversePower(b=1.0, a=4.0), shells=60)
-    nearest = cell_of('chain', InversePower(b=1.0, a=4.0))
-    ratio = sound_speeds(atoms, (1, 0))[1] ** 2 / sound_speeds(nearest, (1, 0))[1] ** 2
-    assert ratio == pytest.approx(np.sum(1 / np.arange(1, 61.0) ** 3), rel=1e-12)
-    assert ratio == pytest.approx(zeta(3), rel=1.2e-4)
-
-
-@pytest.mark.parametrize('shells', [1, 2, 5])
-def test_ratio_of_the_sound_speeds_of_a_dipole_crystal(shells):
-    # c_L^2/c_T^2 = (3a - 1)/(a - 3) = 11 for each shell of the triangular lattice and so for all of them (Golden and Kalman)
-    slow, fast = sound_speeds(cell_of('triangular', InversePower(b=1.0, a=4.0), shells=shells), (0.6, 0.8))
-    assert fast / slow == pytest.approx(np.sqrt(11), rel=1e-12)
-
-
-def test_screened_crystals_shear_at_the_golden_ratio():
-    # c_T^2 ~ phi'' + 3 phi'/r ~ kappa^2 - kappa - 1 (in spacings): nearest neighbours alone hold the lattice only above
-    golden = (1 + np.sqrt(5)) / 2
-    below, at, above = (sound_speeds(cell_of('triangular', Yukawa(c=1.0, kappa=x * golden / 10))) for x in (0.99, 1.0, 1.01))
-    assert below[0] < 0 < above[0]
-    assert abs(at[0]) < 1e-7 * at[1]  # the root of round-off in c^2
-
-
 # Modes
-
-
-@pytest.mark.parametrize('model', MODELS)
-@pytest.mark.parametrize('name', LATTICES)
-def test_modes_solve_the_eigenvalue_problem(name, model):
-    from magphonon.stiffness.bond import model_stiffness
-    from magphonon.stiffness.matrices import bloch_matrix, mass_weighted
-
-    atoms = cell_of(name, foundation=0.05)
-    calc, q = atoms.calc, random_q(atoms)
-    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
-    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], LAW, model)
-    D = mass_weighted(bloch_matrix(calc.bonds, K, q, 0.05), atoms.get_masses())
-    v = vectors.reshape(*omega.shape, -1)
-    scale = abs(D).max()
-    assert abs(np.einsum('qab,qmb->qma', D, v) - (omega * abs(omega))[..., None] * v).max() < 1e-14 * scale
-    assert abs(np.einsum('qma,qna->qmn', v.conj(), v) - np.eye(v.shape[1])).max() < 1e-14
-    assert (np.diff(omega, axis=1) >= 0).all()
-    np.testing.assert_allclose(bloch_modes(atoms, q, model)[0], omega, rtol=0, atol=1e-12 * omega.max())
 
 
 def test_large_zones_are_diagonalised_in_batches(monkeypatch):
@@ -230,15 +166,6 @@ def test_sound_does_not_depend_on_the_cell(name, model):
 
 def test_sound_ignores_the_foundation():
     np.testing.assert_array_equal(sound_speeds(cell_of('honeycomb', foundation=1.0)), sound_speeds(cell_of('honeycomb')))
-
-
-def test_square_lattice_has_no_shear_stiffness_but_dstar():
-    # along a row: c_L^2 = phi'' L^2/M; c_T^2 = (phi'/r) L^2/M < 0, and zero in the conventional model
-    atoms = cell_of('square')
-    shear, longitudinal = sound_speeds(atoms, (1, 0))
-    assert longitudinal == pytest.approx(np.sqrt(LAW.d2phi(10.0) / 0.7) * 10, rel=1e-14)
-    assert shear == pytest.approx(-np.sqrt(repulsion(LAW, 10.0) / 10 / 0.7) * 10, rel=1e-14)
-    assert abs(sound_speeds(atoms, (1, 0), 'conventional')[0]) < 1e-7 * longitudinal
 
 
 # Paths

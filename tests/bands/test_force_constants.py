@@ -35,13 +35,6 @@ FORCE = 0.236895178822
 """f(L0) of the prototype's bond in N."""
 
 
-def ideal(**kwargs):
-    """The lattice of Fig. 4: f = gamma r^-4 with gamma = 1e4 N m^4, L0 = 1 m, M = 1 kg."""
-    cell = lattices.triangular(spacing=1 * u.m, mass=1 * u.kg)
-    cell.calc = MagneticRepulsion(cell, InversePower(b=1e4 * u.N * u.m**4, a=4), **kwargs)
-    return cell
-
-
 def fcc():
     cell = bulk('Nd', 'fcc', a=10 * np.sqrt(2))
     cell.set_masses([0.707])
@@ -82,16 +75,6 @@ def analytic_hessian(phonon, atoms, part='all'):
 # --- bands ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('lattice', PATHS)
-def test_phonopy_bands_are_the_analytic_bands(lattice):
-    cell = prototype(lattice)
-    path = path_through(cell, PATHS[lattice])
-    numerical = phonopy_bands(finite_displacements(cell), path)
-    assert numerical.omega.shape == (40, 2 * len(cell))
-    assert discrepancy(numerical, analytic_bands(cell, path)) < PROMISE
-    assert discrepancy(numerical, analytic_bands(cell, path, model='conventional')) > 0.2  # the control
-
-
 def test_phonopy_itself_returns_hertz():
     cell = prototype()
     path = path_through(cell, 'GMKG')
@@ -110,49 +93,6 @@ def test_several_shells_another_law_and_a_given_supercell():
     assert len(given.supercell) == 2 * 4 * 3
     assert discrepancy(phonopy_bands(default, path), exact) < PROMISE
     assert discrepancy(phonopy_bands(given, path), exact) < PROMISE
-
-
-def test_in_space():
-    cell = fcc()
-    path = path_through(cell, 'GXWKG')
-    numerical = phonopy_bands(finite_displacements(cell), path)
-    assert numerical.omega.shape == (40, 3)
-    assert discrepancy(numerical, analytic_bands(cell, path)) < PROMISE
-
-
-def test_frozen_directions_leave_the_conventional_bands():
-    cell = prototype(model='conventional')
-    path = path_through(cell, 'GMKG')
-    numerical = phonopy_bands(finite_displacements(cell), path)
-    assert discrepancy(numerical, analytic_bands(cell, path, model='conventional')) < PROMISE
-    assert discrepancy(numerical, analytic_bands(cell, path, model='complete')) > 0.2
-
-
-@pytest.mark.parametrize(('point', 'model', 'frequencies_Hz'), [
-    # supplement of the paper, recomputed in 50-digit arithmetic
-    ('G', 'complete', [26.550686524, 26.550686524]),
-    ('M', 'complete', [58.2326897819, 149.476338113]),
-    ('K', 'complete', [119.947415151, 119.947415151]),
-    ('M', 'conventional', [92.1059950118, 155.050524158]),
-    ('K', 'conventional', [134.932329410, 134.932329410]),
-])
-def test_prototype_of_the_paper(point, model, frequencies_Hz):
-    cell = prototype(model=model)
-    bands = phonopy_bands(finite_displacements(cell, supercell=(3, 3, 1)), at(cell, point))
-    assert_allclose(bands.frequencies_Hz[0], frequencies_Hz, rtol=PROMISE)
-
-
-@pytest.mark.parametrize(('point', 'model', 'omega'), [
-    # Fig. 4 of the paper, sqrt((2a-6) f/(L M)) and its like in 50-digit arithmetic, rad/s
-    ('M', 'complete', [141.421356237310, 469.041575982343]),
-    ('K', 'complete', [367.423461417477, 367.423461417477]),
-    ('M', 'conventional', [282.842712474619, 489.897948556636]),
-    ('K', 'conventional', [424.264068711929, 424.264068711929]),
-])
-def test_ideal_lattice_of_the_paper(point, model, omega):
-    cell = ideal(model=model)
-    bands = phonopy_bands(finite_displacements(cell), at(cell, point))
-    assert_allclose(bands.omega[0] / (u.rad / u.s), omega, rtol=PROMISE)
 
 
 # --- modes ---------------------------------------------------------------------------------------------------------

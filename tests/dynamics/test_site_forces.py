@@ -1,11 +1,13 @@
 """Time steps on a foundation that changes: every engine against an integrator of the test's own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from scipy.integrate import solve_ivp
 
-from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Travelling, floquet_bands, lattices
+from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, OnSite, Travelling, floquet_bands, lattices
 from magphonon.bands.bloch import bloch_modes
 
 DT, STEPS = 0.02, 150
@@ -27,10 +29,15 @@ def drawn(seed, slack=False):
     return patch, [Harmonic(int(free[-1]), (1, 0.3), 0.5, 3.0)], rng.uniform(0, 0.3, n)
 
 
-def integrated(atoms, drives, damping, t):
+def pumped(law):
+    """What a modulation adds to the slope of the mean springs, at displacements from the anchors and a time."""
+    return lambda d, time, anchors: law.eps * np.cos(law.W * time - anchors[:, :2] @ law.kap[:2])[:, None] * law.k * d
+
+
+def integrated(atoms, drives, damping, t, more=None):
     """Positions after the time t, by the equation of motion: forces of the mean springs, and the rest by hand."""
     law, calc = atoms.calc.parameters.foundation, atoms.calc
-    mean = calc.about(calc.reference, foundation=law.k)
+    mean, more = calc.about(calc.reference, foundation=law.k), more or pumped(law)
     m, n = atoms.get_masses()[:, None], len(atoms)
     at = atoms.copy()
     at.calc = mean
@@ -39,8 +46,7 @@ def integrated(atoms, drives, damping, t):
         x, v = y.reshape(2, n, 2)
         at.set_positions(np.column_stack([x, atoms.positions[:, 2]]), apply_constraint=False)
         f = mean.get_forces(at)
-        pumped = law.eps * np.cos(law.W * time - calc.anchors[:, :2] @ law.kap[:2])
-        f[:, :2] -= pumped[:, None] * law.k * (x - calc.anchors[:, :2])
+        f[:, :2] -= more(x - calc.anchors[:, :2], time, calc.anchors)
         f[drives[0].particles] += drives[0](time)
         for constraint in atoms.constraints:
             constraint.adjust_forces(at, f)
@@ -72,6 +78,40 @@ def test_every_engine_moves_with_the_modulation(seed, slack):
     still = _again(atoms, law.k)
     DrivenVerlet(still, DT, drives, damping).run(STEPS)
     assert abs(still.positions[:, :2] - true).max() > 10 * errors[0]
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_wells_of_each_site_follow_their_current(seed):
+    """g(t) V(d), times a share of each site, from anchors away from rest; the control: all shares are one, or there is no g."""
+    atoms, drives, damping = drawn(seed, slack=True)
+    rng, n = np.random.default_rng(seed), len(atoms)
+    along, share, (a, b, c) = rng.normal(size=2), rng.uniform(0.3, 3, n), rng.uniform(1, 3, 3) * [1, 20, 400]
+    along /= np.linalg.norm(along)
+
+    def wells(share, g):
+        return OnSite.along(along, lambda u: a * u**2 / 2 + b * u**3 + c * u**4, lambda u: a * u + 3 * b * u**2 + 4 * c * u**3,
+                            lambda u: a + 6 * b * u + 12 * c * u**2, rng.uniform(6, 9), g).of(n, 2).times(share)
+
+    def slopes(d, time, anchors):
+        u = d @ along
+        return (share * (1 + 0.8 * np.cos(3 * time)) * (a * u + 3 * b * u**2 + 4 * c * u**3))[:, None] * along
+
+    def end(engine, fine, law):
+        moved = _again(atoms, law)
+        DrivenVerlet(moved, DT / fine, drives, damping, engine=engine).run(fine * STEPS)
+        return moved.positions[:, :2]
+
+    law = wells(share, lambda t: 1 + 0.8 * np.cos(3 * t))
+    true = integrated(_again(atoms, law), drives, damping, DT * STEPS, slopes)
+    coarse, fine, ases = (end(*how, law) for how in (('numpy', 1), ('numpy', 2), ('ase', 1)))
+    errors = [abs(x - true).max() for x in (coarse, fine)]
+    assert abs(ases - coarse).max() < 1e-11
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.15)
+    assert errors[0] < 2e-3
+    for wrong in replace(law, share=np.ones(n)), replace(law, g=None):
+        assert abs(end('numpy', 1, wrong) - true).max() > 4 * errors[0]
+    with pytest.raises(ValueError, match=r"engine='compiled'.*OnSite"):
+        DrivenVerlet(_again(atoms, law), DT, engine='compiled')
 
 
 def _again(atoms, foundation=None):

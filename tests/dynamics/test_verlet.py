@@ -98,17 +98,6 @@ def test_shells_at_which_a_law_underflows_say_nothing(kappa):
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-250)  # forces of 1e-300 N change nothing
 
 
-@pytest.mark.parametrize('held', [True, False])
-@pytest.mark.parametrize('model', ['complete', 'conventional'])
-def test_blocks_follow_ases_loop(model, held):
-    # ASE's positions of 50 mm carry 1e-14 mm of round-off, which forces and FixAtoms' momenta amplify over 500 steps;
-    # 0.1 mm of displacement leave 1e-11 or so, and 1e-9 with its margin.
-    runs = {engine: states_of(patch(model=model, speed=0.05, held=held), 500, 10, engine=engine) for engine in ('ase', 'numpy')}
-    assert apart(runs['numpy'], runs['ase']) < 1e-9
-    other = 'conventional' if model == 'complete' else 'complete'
-    assert apart(runs['numpy'], states_of(patch(model=other, speed=0.05, held=held), 500, 10, engine='ase')) > 1e-4
-
-
 @pytest.mark.parametrize('engine', ['numpy', 'compiled'])
 def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes(engine):
     if engine == 'compiled':
@@ -144,41 +133,6 @@ def test_small_amplitudes_keep_their_digits_in_blocks_and_lose_them_in_ases_loop
 # --- order, frequency, decay ----------------------------------------------------------------------------------------
 
 
-class NaiveDamping(VelocityVerlet):
-    """The control: -c v inside the force."""
-
-    def __init__(self, *args, gamma, drive, **kwargs):
-        super().__init__(*args, **kwargs)
-        self.gamma, self.drive = gamma, drive
-
-    def step(self):
-        atoms, momenta = self.atoms, self.atoms.get_momenta()
-        forces = atoms.get_forces() - self.gamma * momenta
-        forces[self.drive.particles] += self.drive(self.get_time())
-        momenta += self.dt / 2 * forces
-        atoms.set_positions(atoms.get_positions() + self.dt * momenta / self.masses)
-        forces = atoms.get_forces() - self.gamma * momenta
-        forces[self.drive.particles] += self.drive(self.get_time() + self.dt)
-        atoms.set_momenta(momenta + self.dt / 2 * forces)
-
-
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
-def test_second_order_in_the_step_with_drive_and_damping(engine):
-    drive, gamma = Harmonic([12], (1, 0), 0.02, 0.3), 0.4
-
-    def end(dt, make):
-        atoms = patch(5, speed=0.05)
-        make(atoms, dt).run(round(12.8 / dt))
-        return atoms.calc.displacements(atoms)
-
-    def order(make):
-        coarse, middle, fine = (end(dt, make) for dt in (0.2, 0.1, 0.05))
-        return np.log2(abs(coarse - middle).max() / abs(middle - fine).max())
-
-    assert order(lambda atoms, dt: DrivenVerlet(atoms, dt, [drive], gamma, engine)) == pytest.approx(2, abs=0.1)
-    assert order(lambda atoms, dt: NaiveDamping(atoms, dt, gamma=gamma, drive=drive)) < 1.4
-
-
 @pytest.mark.parametrize('engine', ['numpy', 'compiled'])
 @pytest.mark.parametrize(('omega_dt', 'gamma'), [(0.1, 0.0), (1.0, 0.0), (1.9, 0.0), (0.3, 0.02), (1.9, 0.1)])
 def test_discrete_frequency_and_decay_are_exact(engine, omega_dt, gamma, paper):
@@ -199,19 +153,6 @@ def test_discrete_frequency_and_decay_are_exact(engine, omega_dt, gamma, paper):
     assert trace == pytest.approx((1 + np.exp(-gamma * dt)) * (1 - omega_dt**2 / 2), abs=1e-9)
     if not gamma:
         assert 2 * np.arcsin(omega_dt / 2) == pytest.approx(np.arccos(trace / 2), rel=1e-9)
-
-
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
-def test_time_reversal(engine):
-    atoms = patch(speed=0.1)
-    start = atoms.get_positions()
-    dyn = DrivenVerlet(atoms, DT, engine=engine)
-    dyn.run(500)
-    away = abs(atoms.positions - start).max()
-    atoms.set_momenta(-atoms.get_momenta())
-    dyn.run(500)
-    assert away > 0.02 * L0
-    assert abs(atoms.positions - start).max() < 1e-9 * away  # the round-off of test_blocks_follow_ases_loop
 
 
 @pytest.mark.slow
@@ -247,61 +188,6 @@ def test_a_free_edge_is_pushed_outwards_by_the_static_forces():
     outwards = np.einsum('ix,ix->i', u_end, corner)
     assert (outwards[patch().get_tags() == lattices.RIM] > 0).all()
     assert not states_of(patch(held=False, model='conventional'), 1, engine='numpy')[0].any()
-
-
-class Exponential:
-    """The repulsion of the Toda lattice, phi = f exp(-s (r - L0))/s."""
-
-    force, s = 0.2, 0.4  # N, 1/mm
-
-    def phi(self, r):
-        return self.force / self.s * np.exp(-self.s * (r - L0))
-
-    def dphi(self, r):
-        return -self.s * self.phi(r)
-
-    def d2phi(self, r):
-        return self.s**2 * self.phi(r)
-
-
-def toda(time, kappa=1.0, magnets=80, start=20.0):
-    """Toda's soliton, exact: u_n = log[cosh(kappa (n-1) - beta t)/cosh(kappa n - beta t)]/s + const, and its velocities.
-
-    With m u_n'' = f (exp(-s (u_n - u_(n-1))) - exp(-s (u_(n+1) - u_n))), and 1 + exp(-2 y) written as exp(-y) 2 cosh(y), it
-    moves at beta/kappa with beta = sinh(kappa) sqrt(f s/m); ahead of it nothing has moved.
-    """
-    n, beta = np.arange(magnets), np.sinh(kappa) * np.sqrt(Exponential.force * Exponential.s / MASS)
-    y = kappa * (n - start) - beta * time
-    tau, behind = np.logaddexp(0, -2 * y), np.logaddexp(0, -2 * (y - kappa))
-    u = (behind - tau) / Exponential.s
-    share, share_behind = 1 / (1 + np.exp(2 * y)), 1 / (1 + np.exp(2 * (y - kappa)))
-    return u, 2 * beta * (share_behind - share) / Exponential.s
-
-
-@pytest.mark.parametrize('engine', ['numpy', pytest.param('compiled', marks=pytest.mark.slow)])
-def test_a_toda_soliton_of_large_strain_is_followed_to_second_order(engine):
-    if engine == 'compiled':
-        pytest.importorskip('numba')
-
-    def error(dt, time=40.0):
-        atoms = lattices.chain(L0, MASS).repeat((80, 1, 1))
-        atoms.pbc = False
-        atoms.set_constraint(FixAtoms([0, 79]))
-        atoms.calc = MagneticRepulsion(atoms, Exponential())
-        u, v = toda(0.0)
-        atoms.positions[:, 0] += u
-        atoms.set_momenta(MASS * np.outer(v, (1, 0, 0)))
-        dyn = DrivenVerlet(atoms, dt, engine=engine)
-        dyn.run(round(time / dt))
-        assert dyn.engine == engine
-        return abs(dyn.displacements[:, 0] - toda(time)[0]).max() / u.max()
-
-    u = toda(0.0)[0]
-    assert np.diff(u).min() < -0.2 * L0  # compressed by a fifth: no small strain
-    coarse, middle, fine = (error(dt) for dt in (0.2, 0.1, 0.05))
-    assert np.log2(coarse / middle) == pytest.approx(2, abs=0.1)
-    assert np.log2(middle / fine) == pytest.approx(2, abs=0.1)
-    assert fine < 2e-3
 
 
 def test_bytes_of_a_magnet_at_the_peak():

@@ -196,6 +196,14 @@ def test_measured_positions_that_scatter_are_refused(scatter, shells):
     assert as_set(find_bonds(moved, cutoff=advised)) == as_set(find_bonds(patch))
 
 
+@pytest.mark.parametrize(('inside', 'clear'), [(5e-5, True), (7e-5, False)])
+def test_a_gap_to_the_next_shell_is_four_times_those_inside_the_shells_that_count(inside, clear):
+    """Of distances 1, 1.004 and one that differs by `inside`, 2.5e-4 to the next; what lies beyond does not matter."""
+    distances = np.cumprod([1, 1.004, 1 + inside, 1 + 2.5e-4, 1 + 9e-5, 1.004])
+    atoms = Atoms('Nd2', positions=[[0, 0, 0], [np.pi, np.e, 0]])
+    assert of_bonds.clear_shells(atoms, distances, [2]) == [2] * clear
+
+
 @pytest.mark.parametrize('scatter', [1e-9, 1e-6, 1e-4])
 def test_positions_good_to_a_hundred_thousandth_keep_their_bonds(scatter):
     patch, moved = scattered(scatter)

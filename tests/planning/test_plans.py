@@ -129,6 +129,21 @@ def test_what_dstar_does_to_a_peak_is_known_to_half_its_width():
     assert short >= 2  # of 240 such patches 22
 
 
+def test_the_step_of_a_peak_is_half_the_limit_or_what_the_tolerance_asks_for():
+    """Verlet is (w dt)^2/24 off in frequency, of which a run may take 0.6 of the tolerance; no step exceeds 1/omega_max."""
+    rng = np.random.default_rng(3)
+    atoms = lattices.chain(1.0, 1.0).repeat((6, 1, 1))
+    atoms.pbc = False
+    atoms.set_masses(rng.uniform(0.5, 2, 6))
+    atoms.set_constraint(FixedLine(range(6), (1, 0, 0)))
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=1.0).balanced(range(6))
+    K = np.eye(6) + 4 * (2 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1) - np.diag([1, 0, 0, 0, 0, 1]))
+    omega, place = np.sqrt(eigh(K, np.diag(atoms.get_masses()), eigvals_only=True)), Place(2, np.array([1.0, 0, 0]))
+    for tolerance, dt in ((0.5, 1 / omega[-1]), (1e-3, np.sqrt(24 * 0.6 * 1e-3) / omega[0])):
+        plan = plan_peak(atoms, place, place, np.linspace(0.9, 1.1, 200) * omega[0], 0.05, tolerance, 1e-5)
+        assert plan.methods[-1].settings.dt == pytest.approx(dt, rel=1e-3)  # the peak is that of a grid of frequencies
+
+
 def test_a_peak_that_leaves_the_range_without_dstar_is_unbounded():
     atoms = lattices.parallelogram(lattices.triangular(1.0, 1.0), 5, 5)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 3.0), foundation=3.0)

@@ -1,4 +1,4 @@
-"""The exact linear transient: oscillators and chains in closed form, matrix exponentials, Verlet's convergence towards it."""
+"""The exact linear transient: oscillators and chains in closed form, matrix exponentials."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from motion import apart, oscillator, patch
 from scipy.linalg import expm
 
-from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
+from magphonon import Constant, Harmonic, InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
 from magphonon.response import propagation
 from magphonon.response.chebyshev import Interval, Outside
 from magphonon.response.propagation import _resolved, propagate
@@ -137,21 +137,6 @@ def test_a_drive_that_is_no_function_of_the_time_is_refused():
         propagate(atoms, [20.0], [lambda t: np.array([[0.0] * 3] * 3 + [[0, rng.normal(), 0]])])
 
 
-@pytest.mark.parametrize('k', [1, 2, 7])
-def test_chain_starts_in_a_normal_mode_and_stays_in_it(k):
-    count = 7
-    atoms = chain(count)
-    shape = np.sin(np.pi * k * np.arange(count + 2) / (count + 1))
-    shape[[0, -1]] = 0  # sin(pi k) is not quite zero
-    atoms.positions[:, 0] += 1e-3 * shape
-    spring = 3 * 5e3 * 10.0**-4  # a b L^-(a+1)
-    omega = 2 * np.sqrt(spring / 2.0) * np.sin(np.pi * k / 2 / (count + 1))
-    found = propagate(atoms, TIMES)
-    # positions keep 1e-16 of 80 mm, 1e-11 of the displacements
-    np.testing.assert_allclose(found.displacements[:, :, 0], 1e-3 * np.cos(omega * TIMES)[:, None] * shape, atol=1e-13)
-    np.testing.assert_allclose(found.velocities[:, :, 0], -1e-3 * omega * np.sin(omega * TIMES)[:, None] * shape, atol=1e-13)
-
-
 @pytest.mark.parametrize('gamma', [0.0, 0.02, 0.6, 5.0])
 @pytest.mark.parametrize('case', ['patch', 'unstable chain', 'fcc'])
 def test_free_motion_is_the_matrix_exponential(case, gamma):
@@ -208,41 +193,6 @@ def test_a_coarser_tolerance_costs_fewer_products():
     coarse, fine = (propagate(atoms, [100.0], tolerance=tolerance) for tolerance in (1e-2, 1e-12))
     assert coarse.products < fine.products
     assert 1e-9 < apart(coarse.displacements, fine.displacements) < 1e-2
-
-
-def test_verlet_converges_to_it_with_second_order():
-    drives = [ToneBurst([24, 25], (1, 0), 1e-7, 2 * np.pi * 0.06), Harmonic([16], (0, 1), [1e-7], [0.3], 0.4)]
-    errors = []
-    exact = propagate(patch(), [50.0], drives, damping=0.02, tolerance=1e-13).displacements[0]
-    for dt in (0.2, 0.1, 0.05):
-        dyn = DrivenVerlet(patch(), dt, drives=drives, damping=0.02, engine='numpy')
-        dyn.run(round(50 / dt))
-        errors.append(apart(dyn.displacements, exact))
-    # the fourth-order term is (0.2 omega_max)^2/20 = 0.002 of the second; nonlinearity, 1e-6 of u, enters last
-    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.05)
-    other = propagate(patch(model='conventional'), [50.0], drives, damping=0.02).displacements[0]
-    assert apart(other, exact) > 0.05
-
-
-def test_energy_is_kept_without_damping_and_drive():
-    atoms = released(patch(8))
-    found = propagate(atoms, np.linspace(0, 500, 6), tolerance=1e-12)
-    H = atoms.calc.get_hessian(atoms.calc.reference)
-    wide = np.zeros((6, len(atoms), 3))
-    wide[..., :2] = found.displacements
-    potential = np.array([x.ravel() @ (H @ x.ravel()) / 2 for x in wide])
-    kinetic = 0.707 * (found.velocities**2).sum(axis=(1, 2)) / 2
-    np.testing.assert_allclose(potential + kinetic, potential[0] + kinetic[0], rtol=1e-11)
-    assert np.ptp(kinetic) > 0.01 * kinetic[0]
-
-
-def test_a_guided_particle_stays_on_its_line():
-    atoms = oscillator(np.pi / 4)
-    atoms.set_constraint([*atoms.constraints, FixedLine(3, (3, 4, 0))])
-    found = propagate(atoms, TIMES, [Constant(3, (1, 0), 1.0)]).displacements[:, 3]
-    k = np.array([0.6, 0.8]) ** 2 @ (20000, 70000) * u.N / u.m  # of theta0 = pi/4, along the line
-    along = 0.6 / k * (1 - np.cos(np.sqrt(k / MASS) * TIMES))
-    np.testing.assert_allclose(found, along[:, None] * [0.6, 0.8], atol=1e-9 * along.max())
 
 
 def test_a_particle_in_another_image_of_its_cell_is_at_rest_on_its_guide():

@@ -125,7 +125,8 @@ def test_a_table_of_positions_in_metres_is_a_lattice(tmp_path):
 
 
 def test_columns_of_a_table(tmp_path):
-    text = 'x_m,y_m,kind,held,strength,stiffness_N_per_m\n0,0,0,1,1,0\n0.01,0,2,0,0.5,30\n0.02,0,0,1,1,0\n'
+    text = ('x_m,y_m,kind,held,strength,stiffness_N_per_m,relative_damping\n'
+            '0,0,0,1,1,0,1\n0.01,0,2,0,0.5,30,0.3\n0.02,0,0,1,1,0,0\n')
     scene = csv(tmp_path, text, mass_kg=0.0007)
     atoms = scene.cell()
     assert scene.finite
@@ -133,6 +134,7 @@ def test_columns_of_a_table(tmp_path):
     assert atoms.constraints[0].index.tolist() == [0, 2]
     assert_allclose(atoms.arrays['strength'], [1, 0.5, 1])
     assert_allclose(atoms.arrays['stiffness'], [0, 0.03, 0])
+    assert_allclose(atoms.arrays['relative_damping'], [1, 0.3, 0])
     assert_allclose(atoms.get_masses(), 0.7)
     assert_allclose(atoms.positions[:, 0], [0, 10, 20])
     calc = scene.atoms().calc

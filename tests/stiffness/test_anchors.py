@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from oracles import LAWS, Energy, displaced, gradient, small_cluster
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, find_bonds, lattices
+from magphonon import InversePower, MagneticRepulsion, find_bonds, lattices
 
 LAW = LAWS['magnets']
 K = 0.03
@@ -94,27 +94,6 @@ def test_bonds_of_another_place_are_taken_anew_or_refused():
     assert MagneticRepulsion(atoms, LAW, bonds=bonds).bonds is bonds
     with pytest.raises(ValueError, match='belongs to another structure'):
         MagneticRepulsion(atoms[::-1], LAW, bonds=bonds)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
-def test_engines_feel_anchors_and_load(engine):
-    rest = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
-    rng, n = np.random.default_rng(2), len(rest)
-    slack, load = np.zeros((2, n, 3))
-    slack[:, :2], load[:, :2] = rng.uniform(-0.3, 0.3, (n, 2)), rng.uniform(-0.02, 0.02, (n, 2))
-    given = {'ours': {'anchors': rest.positions - slack, 'load': load}, 'control': {}}
-    ends = {}
-    for name, engine_ in (('ours', 'ase'), ('ours', engine), ('control', engine)):
-        atoms = rest.copy()
-        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=K, **given[name])
-        dyn = DrivenVerlet(atoms, 0.3, engine=engine_)
-        dyn.run(200)
-        ends[name, engine_] = dyn.displacements
-    size = abs(ends['ours', 'ase']).max()
-    assert abs(ends['ours', engine] - ends['ours', 'ase']).max() < 1e-9 * size
-    assert size > 0.1
-    assert abs(ends['control', engine]).max() < 1e-9 * size
 
 
 @pytest.mark.parametrize(('given', 'words'), [

@@ -1,11 +1,9 @@
 """The calculator as physics: forces are the slope of an energy."""
 
-from itertools import product
 
 import numpy as np
 import pytest
 from ase import Atoms
-from ase.build import make_supercell
 from cells import LAW, triangular_patch
 from oracles import LATTICES, LAWS, Energy, displaced, gradient, lattice
 
@@ -91,20 +89,6 @@ def test_the_plane_may_lie_at_any_height(z):
 # Anchors
 
 
-@pytest.mark.parametrize('name', LATTICES)
-def test_wrapping_changes_nothing(name):
-    rest, atoms, _ = displaced(name)
-    atoms.calc = MagneticRepulsion(rest, LAW, foundation=0.02)
-    energy, forces = atoms.get_potential_energy(), atoms.get_forces()
-    before = atoms.positions.copy()
-    atoms.wrap()
-    assert abs(atoms.positions - before).max() > 9  # some did jump
-    atoms.positions[-1] += 3 * atoms.pbc @ atoms.cell.array  # and one went further
-    # positions of tens of mm are rounded at 1e-14 mm: times the stiffness
-    np.testing.assert_allclose(atoms.get_forces(), forces, rtol=0, atol=1e-13 * LAW.d2phi(10.0) * 10)
-    assert atoms.get_potential_energy() == pytest.approx(energy, rel=1e-11)
-
-
 def test_minimum_image_in_skewed_cells():
     # a basis vector of 3.6 spacings at 14 degrees to the other: rounding fractions would take (0.2, 0.2) for (1.2, 0.2)
     atoms = lattice('triangular', spacing=1.0)
@@ -123,42 +107,6 @@ def test_anchors_stay_where_they_were():
     rest.positions += 1.0  # after the calculator was made
     assert abs(planar_forces(atoms, calc)).max() < 1e-14
     assert abs(planar_forces(rest, calc) + 0.5).max() < 1e-14  # a translation stretches the springs alone
-
-
-def test_on_a_supercell():
-    rest = lattice('honeycomb')
-    calc = MagneticRepulsion(rest, LAW, foundation=0.02, model='conventional', shells=2)
-    supercell = make_supercell(rest, [[2, 1, 0], [0, 3, 0], [0, 0, 1]])
-    there = calc.on(supercell)
-    direct = MagneticRepulsion(supercell, LAW, foundation=0.02, model='conventional', shells=2)
-    assert there.parameters == calc.parameters
-    atoms = supercell.copy()
-    atoms.positions[:, :2] += np.random.default_rng(0).uniform(-0.3, 0.3, (12, 2))
-    np.testing.assert_allclose(planar_forces(atoms, there), planar_forces(atoms, direct), rtol=0, atol=1e-13)
-
-
-# Work round a loop
-
-
-def work_round_a_circle(calc, rest, radius, points=64):
-    """Work of the force on particle 1 round a circle through its rest position, tangent to the bond, anticlockwise.
-
-    The integrand is periodic and smooth, so that the sum over equal steps converges to round-off.
-    """
-    atoms = rest.copy()
-    atoms.calc = calc
-    work = 0.0
-    for angle in 2 * np.pi * np.arange(points) / points:
-        atoms.positions[1] = rest.positions[1] + radius * np.array([np.cos(angle), 1 + np.sin(angle), 0])
-        work += atoms.get_forces()[1] @ [-np.sin(angle), np.cos(angle), 0] * radius * 2 * np.pi / points
-    return work
-
-
-def test_both_models_do_no_work_round_a_loop():
-    rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
-    for model, A in product(('complete', 'conventional'), (0.2, 0.1)):
-        work = work_round_a_circle(MagneticRepulsion(rest, LAW, model=model), rest, A)
-        assert abs(work) < 1e-15 * repulsion(LAW, 10.0) * 2 * np.pi * A
 
 
 # Contact

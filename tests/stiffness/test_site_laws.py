@@ -108,39 +108,6 @@ def test_bands_of_tensors():
     assert np.isfinite(w.xi).any()
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_energy_stays_and_engines_agree(seed):
-    ends = []
-    for engine in ('ase', 'numpy'):
-        patch, rng = drawn(seed)
-        free = np.delete(np.arange(len(patch)), patch.constraints[0].index)
-        patch.positions[free, :2] += rng.uniform(-0.1, 0.1, (len(free), 2))
-        before = patch.get_potential_energy()
-        DrivenVerlet(patch, 1e-2, engine=engine, order=4).run(100)
-        assert patch.get_total_energy() == pytest.approx(before, abs=1e-8 * abs(before))
-        ends.append(patch.positions)
-    assert np.ptp(ends, axis=0).max() < 1e-10
-    with pytest.raises(ValueError, match=r"engine='compiled'.*OnSite"):
-        DrivenVerlet(patch, 2e-3, engine='compiled')
-
-
-def test_electromagnets_follow_their_current():
-    """One particle on V(d) g(t) is Mathieu's; a control without g stays where it was put."""
-    ends = {}
-    for engine in ('ase', 'numpy'):
-        for g in (None, lambda t: 1 + 0.5 * np.cos(2 * t)):
-            cell = lattices.chain(1.0, 1.0).repeat((2, 1, 1))
-            cell.pbc = False
-            cell.set_constraint(FixAtoms([1]))
-            cell.calc = MagneticRepulsion(cell, InversePower(1e-9, 4.0), foundation=OnSite.tensor(np.eye(2), g))
-            cell.positions[0, 0] += 0.01
-            DrivenVerlet(cell, 0.04, engine=engine).run(375)
-            ends[engine, g is None] = cell.get_total_energy()
-    assert ends['ase', True] == pytest.approx(5e-5, rel=1e-3)
-    assert ends['ase', False] > 10 * ends['ase', True]
-    assert ends['ase', False] == pytest.approx(ends['numpy', False], rel=1e-10)
-
-
 def test_who_does_not_know_it_says_so():
     patch, _ = drawn(0)
     with pytest.raises(ValueError, match=r'OnSite.*bands, modes, responses'):

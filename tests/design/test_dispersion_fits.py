@@ -1,0 +1,42 @@
+"""Residuals of fitted branches against generalised least squares written out here."""
+
+import numpy as np
+import pytest
+from scipy.linalg import inv, sqrtm
+
+from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon.design import Change, fit_dispersion
+from magphonon.design.dispersion_fits import residuals_of
+from magphonon.waves import RidgePoints
+
+
+def test_residuals_are_whitened_by_the_covariance():
+    """Toward M shear has omega^2 m = k + A (1 - cos xi): C = diag(sigma^2) + (tau d)(tau d)^T with d = A sin xi/(2 m omega)."""
+    rng, m, k, n = np.random.default_rng(2), 0.7, 0.05, 8
+    start = lattices.triangular(10.0, m)
+    start.calc = MagneticRepulsion(start, InversePower(0.25 * 10**4.2, 4.2), foundation=k)
+    A = 0.025 * (4.2 - 3)
+
+    def build(factors):
+        atoms = start.copy()
+        atoms.calc = start.calc.about(start, foundation=k * factors['foundation'])
+        return atoms, {'foundation': Change(foundation=k * factors['foundation'])}
+
+    def points_of(xi, off):
+        omega = np.sqrt((k + A * (1 - np.cos(xi))) / m)
+        d = A * np.sin(xi) / (2 * m * omega)
+        sigma = 1e-3 * omega
+        points = RidgePoints(('1',), ('transverse',), 0 * np.arange(n), np.outer(xi / (2 * np.pi), [0, 1, 0]), xi, 0 * xi,
+                             omega + off * sigma, sigma, 1 + 0 * xi, 0 * xi, ('row',), 0.2 + 0 * xi)
+        tilt = points.shift * d / sigma
+        return points, sqrtm(inv(np.eye(n) + np.outer(tilt, tilt))) @ off
+
+    xi = np.linspace(0.6, 2.6, n)
+    points, _ = points_of(xi, 0 * xi)
+    fit = fit_dispersion(build, ('foundation',), points, priors={'foundation': (1.0, 1e-9)})
+    assert fit.factors == pytest.approx([1.0], rel=1e-8)
+    others, expected = points_of(rng.uniform(0.6, 2.6, n), 0.5 + rng.normal(size=n))
+    found = np.array(residuals_of(build, fit, others))
+    assert abs(found - expected).max() < 1e-5  # the slope is one of differences
+    plain = (others.omega - points_of(others.xi, 0 * xi)[0].omega) / others.sigma_omega
+    assert abs(plain - expected).max() > 0.3  # the control: as if the points shared nothing
