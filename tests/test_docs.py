@@ -67,6 +67,13 @@ def test_drawings_and_tutorials_are_those_of_the_pages():
     assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 8
 
 
+def test_pages_name_files_that_exist():
+    named = {(page, name) for page in (ROOT / 'docs').rglob('*.md') if 'generated' not in page.parts
+             for name in re.findall(r'`((?:\w+/)+\w+\.py)`', page.read_text(encoding='utf-8'))}
+    assert len(named) > 50
+    assert {(page, name) for page, name in named if not any((root / name).is_file() for root in (ROOT, ROOT / 'magphonon'))} == set()
+
+
 def test_pages_show_lines_of_the_code_that_are_there():
     shown = [(page, *found) for page in (ROOT / 'docs').glob('[rt]*/*.md') for found in re.findall(
         r'```\{literalinclude\} (\S+)\n(?:(?!```)[^\n]*\n)*?:start-at: (.*)\n:end-at: (.*)\n', page.read_text(encoding='utf-8'))]
