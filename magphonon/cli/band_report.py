@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from math import isinf, isnan
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +17,7 @@ from ..bands.density import band_gaps
 from ..bands.force_constants import foundation_recovered
 from ..bands.topology import chern_numbers
 from ..bands.zone import PLANAR
+from ..findings import Finding, Findings
 from ..interactions.pair_laws import repulsion
 from ..scenes.laws import ALL
 from ..stability.buckling import common_spring, common_support, foundation_needed, on_the_verge
@@ -21,19 +26,42 @@ from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
 from .neighbours import neighbours
 
+if TYPE_CHECKING:
+    from ase.dft.kpoints import BandPath
+    from numpy.typing import NDArray
+    from phonopy import Phonopy
+
+    from ..bands.bands import Bands
+    from ..bands.floquet import FloquetBands
+    from ..scenes.scene import Scene
+    from ..waves.thermal import ThermalBands
+
 ZERO_FRACTION = 1e-5
 """Fraction of the highest frequency below which a number is shown as zero: it is the square root of a rounded eigenvalue."""
 LEAST_WRITTEN_N_per_mm = 1e-6
 """Smallest force constant that phonopy's files keep with enough digits: they have 15 decimals, too few for electrons."""
 
 
-def report(scene, atoms, bands, phonon, lossy, hot) -> str:
-    """All of it; `phonon` is None for particles that gyrate, `lossy` and `hot` are None where they are not asked for."""
-    return '\n'.join([*_frequencies(scene, atoms, bands), *_decays(lossy), *_thermal(hot, bands['complete'].path), '',
-                      *(_topology(atoms) if phonon is None else _stability(scene, atoms, bands, phonon))])
+@dataclass(frozen=True)
+class Case:
+    """A scene with its bands, and what several findings ask of them."""
+
+    scene: Scene
+    atoms: Any
+    bands: dict[str, Bands]
+    phonon: Phonopy | None = None  # None for particles that gyrate, which forces alone do not show
+    lossy: Bands | None = None
+    hot: ThermalBands | None = None
+
+    @property
+    def path(self) -> BandPath:
+        return self.bands['complete'].path
 
 
-def floquet_report(bands, x) -> str:
+REPORT = Findings()
+
+
+def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> list[str]:
     """Which waves grow, of Floquet bands over the distances `x` along a path, in rad/mm."""
     lines = [f'Floquet bands, of waves along the path and back, with {bands["complete"].harmonics} harmonics on either side.']
     for model, found in bands.items():
@@ -41,8 +69,8 @@ def floquet_report(bands, x) -> str:
         grows = found.growth.max() > 1e-9 * abs(found.omega).max()
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
-    lines.append(f'Of these {len(x)} wavevectors alone: ranges of growth are narrow; "magphonon check" follows them everywhere.')
-    return '\n'.join(lines)
+    return [*lines, f'Of these {len(x)} wavevectors alone: ranges of growth are narrow; "magphonon check" follows them '
+            'everywhere.']
 
 
 def _in_words(value):
@@ -52,140 +80,165 @@ def _in_words(value):
     return f'{value:.7g}' if not isinf(value) else 'unbounded' if value > 0 else '-unbounded'
 
 
-def _frequencies(scene, atoms, bands):
-    def rows(label, columns, highest):
-        table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
-        return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
-                for branch, row in enumerate(table)]
+def _rows(label, columns, highest):
+    """A line for each branch with a number for each model."""
+    table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
+    return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
+            for branch, row in enumerate(table)]
 
-    path, cutoff = bands['complete'].path, cut_off(atoms)
-    highest = max(result.frequencies_Hz.max() for result in bands.values())
-    lines = [scene.title, _lattice(scene, atoms), '',
-             f'{"frequency (Hz)":18}' + ''.join(f'{name:>14}' for name in bands)]
-    if scene.defects or scene.disorder:
-        lines.insert(2, 'bands of the perfect lattice; [defects] and [disorder] belong to its patch, see "magphonon modes"')
-    for name, point in points_on(path).items():
-        at = abs(path.kpts - point).max(axis=1).argmin()
-        lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
-    if cutoff is not None:
-        lowest = bands['complete'].frequencies_Hz.min()
+
+@REPORT.remark
+def lattice(case: Case) -> Iterator[str]:
+    """What the bands are of."""
+    given, atoms = case.scene.lattice, case.atoms
+    yield case.scene.title
+    if given.kind == 'file':
+        held = len(atoms) - int(freedom(atoms)[0].sum())
+        yield f'{len(atoms)} particles from {given.file}, {held} of them held, the nearest {given.spacing_m:g} m apart'
+    else:
+        force = repulsion(atoms.calc.law, given.spacing_m * units.m)
+        yield f'{given.kind} lattice, L0 = {given.spacing_m:g} m, M = {given.mass_kg:g} kg, f(L0) = {force:.6g} N'
+    if case.scene.defects or case.scene.disorder:
+        yield 'bands of the perfect lattice; [defects] and [disorder] belong to its patch, see "magphonon modes"'
+
+
+@REPORT.remark
+def frequencies(case: Case) -> Iterator[str]:
+    """The frequencies at the special points, and the lowest one."""
+    yield f'\n{"frequency (Hz)":18}' + ''.join(f'{name:>14}' for name in case.bands)
+    highest = max(result.frequencies_Hz.max() for result in case.bands.values())
+    for name, point in points_on(case.path).items():
+        at = abs(case.path.kpts - point).max(axis=1).argmin()
+        yield from _rows(f'{name}, ', [result.frequencies_Hz[at] for result in case.bands.values()], highest)
+    if (cutoff := cut_off(case.atoms)) is not None:
+        lowest = case.bands['complete'].frequencies_Hz.min()
         but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
-        lines.append(f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}')
-    if not (atoms.constraints or np.any(atoms.calc.gyration)):
-        lines += _speeds([sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models], rows) + _moduli(atoms)
-    if 'conventional' not in bands:
-        lines += ['', 'no conventional model: the sums of D0 and D* diverge separately and converge only together']
-    return lines
+        yield f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}'
 
 
-def _topology(atoms):
-    """Chern numbers of bands, gaps, and the waves that run one way along an edge in each."""
-    judged = verdict(atoms)
-    lines = [judged.finding('buckling').words, judged.finding('gyration').words]
-    if tuple(atoms.pbc) != PLANAR:
-        return lines
-    for model in atoms.calc.bloch_models:
-        try:
-            numbers = chern_numbers(atoms, model)
-        except ValueError as error:
-            lines.append(f'{model}: {error}')
-            continue
-        lines.append(f'{model}: the Chern numbers of the bands are {", ".join(map(str, numbers))}')
-        at = bloch_modes(atoms, np.zeros((1, 3)), model)[0][0]
-        for low, high in band_gaps(atoms, model=model):
-            net = int(numbers[at <= (low + high) / 2].sum())  # of the bands below
-            side = f'{abs(net)} more along an edge with the rim on {"the right" if net > 0 else "the left"} than back'
-            lines.append(f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz; waves: '
-                         f'{side if net else "none that runs one way along an edge"}')
-    return lines
+@REPORT.remark
+def long_waves(case: Case) -> Iterator[str]:
+    """Speeds of sound and moduli, with the foundation removed."""
+    if 'conventional' not in case.bands:
+        yield '\nno conventional model: the sums of D0 and D* diverge separately and converge only together'
+    if case.atoms.constraints or np.any(case.atoms.calc.gyration):
+        return
+    speeds = [sound_speeds(case.atoms, model=model) for model in case.atoms.calc.bloch_models]
+    yield 'long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)'
+    yield from _rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds), initial=0))
+    if np.isnan(speeds).any():
+        yield '  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch'
+    with suppress(ValueError):  # such as of a law that needs a neutralising background
+        yield f'with the foundation removed: {elastic_moduli(case.atoms)}'
 
 
-def _decays(lossy):
+@REPORT.remark
+def decays(case: Case) -> Iterator[str]:
     """The bands with damping at their special points: frequency, decay, and what of a mode is lost in a period."""
-    if lossy is None:
-        return []
-    lines = ['', f'{"with the damping":18}{"frequency (Hz)":>16}{"decay (1/s)":>14}{"damping ratio":>16}']
+    if (lossy := case.lossy) is None:
+        return
+    yield f'\n{"with the damping":18}{"frequency (Hz)":>16}{"decay (1/s)":>14}{"damping ratio":>16}'
     for name, point in points_on(lossy.path).items():
         at = abs(lossy.path.kpts - point).max(axis=1).argmin()
         for branch, (w, decay) in enumerate(zip(lossy.omega[at], lossy.decay[at], strict=True)):
-            ratio = decay / np.hypot(w, decay) if w > 0 else np.nan
-            said = f'{ratio:16.4g}' if w > 0 else f'{"overdamped" if decay >= 0 else "grows":>16}'
-            lines.append(f'{f"  {name}, branch {branch + 1}":18}{units.hertz(max(w, 0.0)):16.7g}{decay * units.s:14.6g}{said}')
-    return lines
+            said = (f'{decay / np.hypot(w, decay):16.4g}' if w > 0 else f'{"overdamped" if decay >= 0 else "grows":>16}')
+            yield f'{f"  {name}, branch {branch + 1}":18}{units.hertz(max(w, 0.0)):16.7g}{decay * units.s:14.6g}{said}'
 
 
-def _thermal(hot, path):
+@REPORT.remark
+def thermal_motion(case: Case) -> Iterator[str]:
     """Frequencies in thermal motion at the special points, beside the linear ones."""
-    if hot is None:
-        return []
-    lines = ['', f'{"in thermal motion":18}{"frequency (Hz)":>16}{"+-":>10}{"linear (Hz)":>16}{"change of stiffness":>22}']
+    if (hot := case.hot) is None:
+        return
+    yield f'\n{"in thermal motion":18}{"frequency (Hz)":>16}{"+-":>10}{"linear (Hz)":>16}{"change of stiffness":>22}'
     for q, *rows in zip(hot.q, hot.omega, hot.error, hot.linear, strict=True):
-        name = next(name for name, point in path.special_points.items() if np.allclose(point, q))
+        name = next(name for name, point in case.path.special_points.items() if np.allclose(point, q))
         for branch, (w, error, linear) in enumerate(zip(*rows, strict=True)):
             change = f'{100 * ((w / linear) ** 2 - 1):+.2g} %' if linear > 0 else ''
-            lines.append(f'{f"  {name}, branch {branch + 1}":18}{units.hertz(w):16.6g}{units.hertz(error):10.2g}'
-                         f'{units.hertz(linear):16.6g}{change:>22}')
-    return lines
+            yield (f'{f"  {name}, branch {branch + 1}":18}{units.hertz(w):16.6g}{units.hertz(error):10.2g}'
+                   f'{units.hertz(linear):16.6g}{change:>22}')
 
 
-def _lattice(scene, atoms):
-    lattice = scene.lattice
-    if lattice.kind == 'file':
-        held = len(atoms) - int(freedom(atoms)[0].sum())
-        return f'{len(atoms)} particles from {lattice.file}, {held} of them held, the nearest {lattice.spacing_m:g} m apart'
-    force = repulsion(atoms.calc.law, lattice.spacing_m * units.m)
-    return f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N'
+@REPORT.remark
+def topology(case: Case) -> Iterator[str]:
+    """Of particles that gyrate: Chern numbers of bands, gaps, and the waves that run one way along an edge in each."""
+    if case.phonon is not None:
+        return
+    judged = verdict(case.atoms)
+    yield '\n' + judged.finding('buckling').words
+    yield judged.finding('gyration').words
+    for model in case.atoms.calc.bloch_models if tuple(case.atoms.pbc) == PLANAR else ():
+        try:
+            numbers = chern_numbers(case.atoms, model)
+        except ValueError as error:
+            yield f'{model}: {error}'
+            continue
+        yield f'{model}: the Chern numbers of the bands are {", ".join(map(str, numbers))}'
+        at = bloch_modes(case.atoms, np.zeros((1, 3)), model)[0][0]
+        for low, high in band_gaps(case.atoms, model=model):
+            net = int(numbers[at <= (low + high) / 2].sum())  # of the bands below
+            side = f'{abs(net)} more along an edge with the rim on {"the right" if net > 0 else "the left"} than back'
+            yield (f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz; waves: '
+                   f'{side if net else "none that runs one way along an edge"}')
 
 
-def _speeds(speeds, rows):
-    lines = ['long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)',
-             *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds), initial=0))]
-    if np.isnan(speeds).any():
-        lines.append('  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch')
-    return lines
-
-
-def _moduli(atoms):
-    try:
-        return [f'with the foundation removed: {elastic_moduli(atoms)}']
-    except ValueError:  # such as a law that needs a neutralising background
-        return []
-
-
-def _stability(scene, atoms, bands, phonon):
-    needed, softest = foundation_needed(atoms, 'complete')
-    flat = atoms.copy()
-    flat.calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
-    sums = np.einsum('ixx->x', foundation_recovered(phonon)) / len(phonon.unitcell)
-    recovered = sums[: flat.calc.dim].mean()
-    given, recovered, needed = (k / (units.N / units.m) for k in (common_spring(flat), recovered, needed))
-    squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
-    difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
-    lines = [f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
-             f'phonopy differs from complete by at most {difference.max():.1e} of the highest squared frequency']
-    if atoms.constraints:
-        lines[0] += ', which contain the bonds to the held particles'
-    if atoms.calc.layer:
-        lines[0] += f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2] / (units.N / units.m):.6g} N/m'
-    if scene.law.shells == ALL:
-        waves = bands['complete'].path.kpts * scene.supercell()
+@REPORT.remark
+def by_phonopy(case: Case) -> Iterator[str]:
+    """The foundation in the sums of phonopy's force constants, and how far its bands are from the exact ones."""
+    if case.phonon is None:
+        return
+    atoms, k = case.atoms, np.asarray(case.phonon.force_constants)
+    sums = np.einsum('ixx->x', foundation_recovered(case.phonon)) / len(case.phonon.unitcell) / (units.N / units.m)
+    along_z = f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
+    held = ', which contain the bonds to the held particles' if atoms.constraints else ''
+    yield (f'\nfoundation: {_spring_in_plane(atoms):.6g} N/m in the scene, {sums[: 2 if along_z else atoms.calc.dim].mean():.6g} '
+           f"N/m in the sums of phonopy's force constants{held}{along_z}")
+    squares = [np.sign(case.bands[name].omega) * case.bands[name].omega ** 2 for name in ('complete', 'phonopy')]
+    off = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
+    line = f'phonopy differs from complete by at most {off.max():.1e} of the highest squared frequency'
+    if case.scene.law.shells == ALL:
+        waves = case.path.kpts * case.scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
-        lines[-1] += f', and by {difference[fits].max(initial=0):.1e}'
-        lines.append('  at wavevectors commensurate with the supercell; it interpolates between them, because no finite '
-                     'supercell holds all neighbours')
-    if abs(phonon.force_constants).max() <= LEAST_WRITTEN_N_per_mm:
-        lines.append('phonopy_params.yaml is not written: its 15 decimals are too few for force constants of '
-                     f'{abs(phonon.force_constants).max():.0e} N/mm')
-    lines += neighbours(scene, speeds=True)
-    if atoms.calc.layer:
-        lines.append(verdict(atoms).finding('out_of_plane').words)
-    place = ' in the plane' if flat.calc.dim == 2 else ''
+        line += (f', and by {off[fits].max(initial=0):.1e}\n  at wavevectors commensurate with the supercell; it interpolates '
+                 'between them, because no finite supercell holds all neighbours')
+    yield line
+    if abs(k).max() <= LEAST_WRITTEN_N_per_mm:
+        yield f'phonopy_params.yaml is not written: its 15 decimals are too few for force constants of {abs(k).max():.0e} N/mm'
+
+
+@REPORT.remark
+def others(case: Case) -> list[str]:
+    """What neighbours that are omitted would change."""
+    return [] if case.phonon is None else neighbours(case.scene, brief=True, speeds=True)
+
+
+@REPORT.remark
+def out_of_plane(case: Case) -> str | None:
+    """Whether a layer stands out of its plane."""
+    return verdict(case.atoms).finding('out_of_plane').words if case.phonon is not None and case.atoms.calc.layer else None
+
+
+@REPORT.check
+def buckling(case: Case) -> Finding | None:
+    """Whether the foundation holds the lattice."""
+    if case.phonon is None:
+        return None
+    needed, softest = foundation_needed(case.atoms, 'complete')
+    given, needed = _spring_in_plane(case.atoms), needed / (units.N / units.m)
+    place = ' in the plane' if case.atoms.calc.layer or case.atoms.calc.dim == 2 else ''
     if on_the_verge(given, needed):
-        return [*lines, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what it needs.']
+        return Finding(needed, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what it needs.')
     if given >= needed:
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'
-        return [*lines, f'Stable{place}{why}.']
+        return Finding(needed, f'Stable{place}{why}.')
     where = ', '.join(f'{x:.3g}' for x in softest)
-    return [*lines, '', f'UNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).',
-            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',
-            'negative frequencies. The conventional model does not show this.']
+    return Finding(needed, f'\nUNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).\n'
+                   f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as\n'
+                   'negative frequencies. The conventional model does not show this.', fault=True)
+
+
+def _spring_in_plane(atoms):
+    """The stiffness in N/m that all particles have in the plane."""
+    flat = atoms.copy()
+    flat.calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
+    return common_spring(flat) / (units.N / units.m)

@@ -26,38 +26,41 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..bands.bands import analytic_bands
-    from ..bands.force_constants import finite_displacements, phonopy_bands
     from ..scenes.scene import read_scene
-    from .band_report import report
+    from .band_report import REPORT, Case
     from .costs import bands_cost, refuse_cost
     from .results import results
 
     scene = read_scene(options.scene)
     refuse_cost(scene, bands_cost(scene))
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        atoms, path = scene.perfect_cell(), scene.band_path()
+        atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         if scene.foundation is not None and scene.foundation.modulation is not None:
-            print(_floquet(folder, save, atoms, path, scene.wanted('bands'), options.fmax))
-            return
-        gyrating = bool(np.any(atoms.calc.gyration))  # forces alone do not show it
-        try:
-            phonon = None if gyrating else finite_displacements(atoms, scene.supercell())
-        except ValueError as error:
-            given = scene.wanted('bands').supercell or scene.supercell()
-            raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
-        bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
-        if phonon is not None:
-            bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
-        plan = scene.wanted('bands')
-        lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
-        _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
-        hot = _thermal_run(plan, scene, atoms, path) if plan.temperature_J is not None else None
-        if hot is not None:
-            hot.save(folder / 'bands_thermal.npz')
-        _draw(save, scene, bands, options.fmax, hot)
-        told = report(scene, atoms, bands, phonon, lossy, hot)
-    print(told)
-    print(f'pictures and data are in {options.output}')
+            lines = _floquet(folder, save, atoms, path, plan, options.fmax)
+        else:
+            bands, phonon = _bands(scene, atoms, path)
+            lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
+            _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
+            hot = _thermal_run(folder, plan, scene, atoms, path) if plan.temperature_J is not None else None
+            _draw(save, scene, bands, options.fmax, hot)
+            lines = REPORT.lines(Case(scene, atoms, bands, phonon, lossy, hot))
+    print(*lines, f'pictures and data are in {options.output}', sep='\n')
+
+
+def _bands(scene, atoms, path):
+    """The bands of both models and of phonopy, and phonopy's object, which is None for particles that gyrate."""
+    from ..bands.bands import analytic_bands
+    from ..bands.force_constants import finite_displacements, phonopy_bands
+
+    bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
+    if np.any(atoms.calc.gyration):  # forces alone do not show it
+        return bands, None
+    try:
+        phonon = finite_displacements(atoms, scene.supercell())
+    except ValueError as error:
+        given = scene.wanted('bands').supercell or scene.supercell()
+        raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
+    return bands | {'phonopy': phonopy_bands(phonon, path, vectors=True)}, phonon
 
 
 def _floquet(folder, save, atoms, path, plan, highest_Hz):
@@ -124,7 +127,7 @@ def _draw(save, scene, bands, highest_Hz, hot=None):
         save(plot_zone(bands['complete'].path).figure, 'zone')
 
 
-def _thermal_run(plan, scene, atoms, path):
+def _thermal_run(folder, plan, scene, atoms, path):
     """Thermal bands at the special points that fit into the supercell."""
     from ..bands.bands import points_on
     from ..bands.bloch import bloch_modes
@@ -137,8 +140,10 @@ def _thermal_run(plan, scene, atoms, path):
     linear = bloch_modes(atoms, q)[0]
     q = q[fits(q, np.diag(repeats)) & (linear.min(axis=1) > ZERO_FRACTION * linear.max())]  # not Gamma without a foundation
     try:
-        return thermal_run(atoms, repeats, plan.temperature_J * units.J, q)
+        hot = thermal_run(atoms, repeats, plan.temperature_J * units.J, q)
     except Diverged as error:
         raise PhysicsError(f'bands.temperature_J = {plan.temperature_J:g} tears the lattice apart: after '
                            f'{error.time / units.s:.4g} s particle {error.particle} had left its neighbours; lower it, or give '
                            'more foundation where "magphonon check" says that the lattice buckles') from None
+    hot.save(folder / 'bands_thermal.npz')
+    return hot

@@ -1,6 +1,7 @@
 """What the neighbours that a scene omits would change, in words, per branch at the points asked.
 
-In full where one looks for it (`check`, `bands`, fits, designs, tolerances); the other commands name the largest shift only.
+In full where one looks for it (`check`, fits, designs, tolerances); the other commands say only that some shift matters, in a
+line that names the largest one.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
                limit: str = 'its 95 % interval', brief: bool = False) -> list[str]:
     """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
 
-    In `brief` it names the largest shift only.  `points` are the wavevectors asked, in fractions of the reciprocal vectors: one
-    for each name, or several for a name of them all, of which the largest shift is named; by default the special points of the
-    bands.  `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch from 1: shifts that
-    exceed them are named, and `limit` says what these widths are.  With `speeds`, a second line names the shift of long waves
-    along x: they need many more neighbours.
+    In `brief` it names the largest shift only, if any matters.  `points` are the wavevectors asked, in fractions of the
+    reciprocal vectors: one for each name, or several for a name of them all, of which the largest shift is named; by default the
+    special points of the bands.  `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and
+    branch from 1: shifts that exceed them are named, and `limit` says what these widths are.  With `speeds`, a second line names
+    the shift of long waves along x: they need many more neighbours.
     """
-    if scene.single or scene.law.kind == 'saved':
+    if scene.single or scene.law.kind == 'saved' or (brief and scene.finite):
         return []
     told = _counted(scene)
     if scene.finite:
@@ -43,13 +44,13 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
         return [f'{told}.' + ('' if chosen else ' Leave law.shells and lattice.cutoff_m out to count all pairs.')]
     atoms = scene.with_lean(False).perfect_cell() if atoms is None else atoms
     if not atoms.calc.pairwise:
-        return ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']
+        return [] if brief else ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']
     if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:
         return [f'{told}; what the others would change is not computed for so large a cell.']
     if points is None:
         points = special_points(scene)
-    told = [_shifts(scene, told, atoms, points, within or {}, limit, brief)]
-    return told + (_speeds(atoms) if speeds and not atoms.constraints else [])
+    told = _shifts(scene, told, atoms, points, within or {}, limit, brief)
+    return [*filter(None, [told]), *(_speeds(atoms) if speeds and not atoms.constraints else [])]
 
 
 def special_points(scene: Scene) -> dict[str, NDArray[np.float64]]:
@@ -77,7 +78,8 @@ def _shifts(scene, told, atoms, points, within, limit, brief):
     end = '' if found.known else ', if the forces go on falling as at the end of their table'
     largest = abs(found.relative).max()
     if largest <= TOLERANCE:
-        return f'{told}: all others would shift no frequency at {", ".join(q)} by more than {100 * TOLERANCE:g} %{end}.'
+        where = '' if brief else ", ".join(q)
+        return where and f'{told}: all others would shift no frequency at {where} by more than {100 * TOLERANCE:g} %{end}.'
     branch, shifts, first = 'branch in the plane' if atoms.calc.layer else 'branch', [], 0
     for name, several in q.items():
         here = slice(first, first + len(several))
