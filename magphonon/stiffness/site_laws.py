@@ -35,7 +35,7 @@ class Springs:
     """Constant springs, and the base of all laws of the sites: the energy V of a particle by its displacement d from its anchor.
 
     Displacements d and u are in mm, shape (particles, dim).  A law that depends on time overrides `beyond`, and says that it
-    `changes`; one that is not linear, `energies` and `stiffness` too.
+    `changes`; one that is not linear, `gain`, `pull` and `stiffness` too.
 
     Parameters
     ----------
@@ -51,10 +51,6 @@ class Springs:
 
     def __init__(self, k: Any) -> None:
         self.k = k
-
-    def energies(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
-        """V in mJ, shape (particles,)."""
-        return (self.k * d**2).sum(axis=1) / 2
 
     def stiffness(self, d: NDArray[np.float64]) -> Any:
         """V'' in N/mm: one number, shape (particles, dim), or (particles, dim, dim)."""

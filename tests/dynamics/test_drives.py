@@ -31,7 +31,9 @@ def test_drives_are_what_they_say():
     force = np.array([1.0, 2.0]) * np.sin(np.outer(t, omega) + phase)
     assert abs(drive(t) - force[..., None] * (0.6, 0.8, 0)).max() < 1e-14
     assert np.array_equal(drive(7.0), drive(np.array([7.0]))[0])
-    assert np.array_equal(Constant(0, (0, 0, 1), 2.0)(5.0), [[0, 0, 2.0]])
+    constant = Constant(0, (0, 0, 1), 2.0)
+    assert np.array_equal(constant(5.0), [[0, 0, 2.0]])
+    assert np.array_equal(constant(t), np.tile([0, 0, 2.0], (len(t), 1, 1)))
 
 
 def test_many_replicas_in_one_run_are_as_many_runs():

@@ -259,6 +259,14 @@ def test_a_shell_split_by_coarse_rounding_is_refused_with_both_distances(height)
     assert len(find_bonds(typed, cutoff=advised)) == 3
 
 
+@pytest.mark.parametrize('decimals', range(2, 9))
+def test_the_last_decimal_of_positions_is_found(decimals):
+    places = np.random.default_rng(decimals).uniform(-30, 30, (9, 3))
+    written = Atoms('Nd9', positions=places.round(decimals))
+    assert of_bonds._last_decimal(written) == pytest.approx(10.0**-decimals if decimals < 8 else 0.0, rel=1e-12)
+    assert of_bonds._last_decimal(Atoms('Nd9', positions=places)) == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'shells'), [('chain', 300), ('square', 290), ('triangular', 250), ('honeycomb', 250),
                                               ('kagome', 250), ('fcc', 250), ('bcc', 290)])

@@ -401,7 +401,8 @@ def test_answers_over_decades_are_drawn_on_a_logarithmic_scale(largest, scale):
 
 def test_pictures_are_labelled_in_words_and_small_units():
     over = {'lattice.spacing_m': [0.01, 0.012], 'foundation.pillar.height_m': [0.2], 'law.a': [4, 5], 'law.force_N': [0.25]}
-    found = sweep(read_scene('prototype'), over, ['bands.M.1', 'linear.amplitude'])
+    found = sweep(read_scene('prototype'), over, ['bands.M.1', 'linear.amplitude', 'verdict.faults'])
+    assert plot_sweep(found.isel({'law.a': 0}), 'verdict.faults').get_ylabel() == 'faults'  # without a unit
     ax = plot_sweep(found, 'bands.M.1')
     assert (ax.get_xlabel(), ax.get_ylabel()) == ('exponent a', 'lattice spacing (mm)')
     assert ax.get_title() == 'pillar height = 0.2 m, force between neighbours = 0.25 N'
