@@ -18,7 +18,6 @@ from magphonon import (
 )
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.scene import read_scene, ready_scene, ready_scenes, reference
-from magphonon.stability.buckling import foundation_needed
 from magphonon.stiffness.rest import freedom
 
 # A law of each kind, with forces of some tenths of a newton at 10 mm
@@ -58,15 +57,6 @@ def test_ideal_is_the_papers():
     for model, end in {'complete': '', 'conventional': '_conventional'}.items():
         speeds = sound_speeds(atoms, model=model) / (u.m / u.s)
         assert_allclose(speeds, [numbers['c_T' + end], numbers['c_L' + end]], rtol=1e-9)
-
-
-def test_chain_holds_only_because_of_its_foundation():
-    atoms = read_scene(ready_scene('chain')).atoms()
-    f = 1e4 * u.N
-    needed, softest = foundation_needed(atoms)
-    assert_allclose(needed, 4 * f / u.m, rtol=1e-12)  # alternate particles step aside, each against two bonds: 4 f/L0
-    assert_allclose(softest, [0.5, 0, 0])
-    assert atoms.calc.parameters.foundation > needed
 
 
 def test_every_ready_scene_reads_and_says_where_its_numbers_come_from():
@@ -145,19 +135,6 @@ def test_law_from_a_file_beside_the_scene(scene_file, tmp_path):
     assert beside.law.forces_N == inside.law.forces_N
 
 
-def test_a_measured_law_gives_the_bands_of_the_true_one(scene_file):
-    """A table of 9 points of the prototype's law: a straight line in log-log, so the spline is exact to round-off."""
-    r = [0.006 + 0.001 * k for k in range(9)]
-    true = read_scene(ready_scene('prototype'))
-    table = {'kind': 'table', 'distances_m': r, 'forces_N': [1.6209e-10 * x**-4.5824 for x in r], 'shells': 1}
-    measured = read_scene(scene_file({'law': table}))
-    expected = analytic_bands(true.atoms(), true.band_path()).omega
-    assert_allclose(analytic_bands(measured.atoms(), measured.band_path()).omega, expected, rtol=1e-10)
-    table['forces_N'][4] *= 1.01  # the control: one point at 10 mm off by 1 % shows
-    wrong = read_scene(scene_file({'law': table}))
-    assert abs(analytic_bands(wrong.atoms(), wrong.band_path()).omega / expected - 1).max() > 1e-3
-
-
 @pytest.mark.parametrize('name', ['neighbours', 'wigner', 'dust'])
 def test_scenes_of_all_neighbours(name):
     """`shells = "all"` is what many shells tend to, and phonopy agrees where the wave fits its supercell."""
@@ -177,33 +154,6 @@ def with_bonds(scene, shells):
     k = scene.foundation.stiffness if scene.foundation else 0.0
     atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), shells=shells, foundation=k)
     return atoms
-
-
-@pytest.mark.parametrize('name', ['fcc', 'steel'])
-def test_other_matter_by_both_methods(name):
-    scene = read_scene(ready_scene(name))
-    numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path()).omega
-    exact = analytic_bands(scene.atoms(), scene.band_path()).omega
-    top = exact.max() ** 2
-    # of squares, as zero frequencies are roots of round-off; in space phonopy has all three branches
-    assert_allclose(np.sign(numerical) * numerical**2, np.sign(exact) * exact**2, rtol=0, atol=1e-8 * top)
-    conventional = analytic_bands(scene.atoms(), scene.band_path(), model='conventional').omega
-    assert abs(conventional**2 - exact**2).max() > 5e-5 * top  # the control; in steel D* is but 1e-4 of D0
-
-
-def test_masses_by_turns_part_the_branches_at_K():
-    """Two sublattices that do not couple at K: with equal masses two branches meet there."""
-    scene = read_scene(ready_scene('honeycomb'))
-    atoms = scene.atoms()
-    assert_allclose(atoms.get_masses(), [0.707, 1.0605])
-    gaps = []
-    for masses in (atoms.get_masses(), [0.707, 0.707]):
-        atoms.set_masses(masses)
-        path = atoms.cell.bandpath('K', npoints=1, pbc=atoms.pbc)
-        f = analytic_bands(atoms, path).frequencies_Hz[0]
-        gaps.append(f[2] - f[1])
-    assert gaps[0] > 10
-    assert abs(gaps[1]) < 1e-9
 
 
 def test_pillars_with_mass(scene_file):
@@ -231,14 +181,6 @@ def test_in_a_patch_of_several_shells_each_free_particle_has_all_its_neighbours(
     bare = small.copy()  # the control: a rim of one row is too thin
     bare.calc = MagneticRepulsion(bare, calc.laws, cutoff=1.001 * reach)
     assert abs(bare.get_forces(apply_constraint=False)[freedom(bare)[0]]).max() > 1e-4
-
-
-def test_scene_feeds_phonopy():
-    scene = read_scene(ready_scene('chain'))
-    numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path())
-    exact = analytic_bands(scene.atoms(), scene.band_path())
-    # the curvature of the law leaves some (d/L0)^2 = 1e-10 at the default displacement
-    assert_allclose(numerical.omega, exact.omega, atol=1e-8 * exact.omega.max())
 
 
 def test_a_scene_does_not_change():
