@@ -46,13 +46,6 @@ def test_chain_is_its_closed_form(model):
     assert abs(counted(found) - other).max() > 0.2
 
 
-def test_chain_without_foundation_has_the_known_density():
-    """2/(pi sqrt(top^2 - omega^2)) of the longitudinal branch; the other one does not move in the conventional model."""
-    top = 2 * np.sqrt(STIFF)
-    found = lattice_density(cell('chain', 0.0), np.linspace(0.05, 0.95, 91) * top, model='conventional')
-    assert_allclose(found.density, 2 / np.pi / np.sqrt(top**2 - found.omega**2), rtol=2e-3)  # curved within a bin of a hundredth
-
-
 def test_square_lattice_is_its_elliptic_integral():
     """Both branches are `omega^2 = c + a cos x - b cos y`: a density of two steps and two logarithmic peaks, at c -+ (a - b)."""
     a, b = 2 * STIFF, 2 * PUSH
