@@ -81,7 +81,7 @@ def test_the_dipole_sum_of_the_triangular_lattice():
 @pytest.mark.parametrize(('s', 'bernoulli'), [(2, lambda q: np.pi**2 * (q**2 - q + 1 / 6)),
                                               (4, lambda q: -(np.pi**4) / 3 * (q**4 - 2 * q**3 + q**2 - 1 / 30))])
 def test_waves_along_a_chain_are_bernoulli_polynomials(s, bernoulli, q):
-    assert_allclose(lattice_sum(CHAIN, s, q=[q]), 2 * bernoulli(q % 1), rtol=0, atol=ROUND_OFF)
+    assert_allclose(lattice_sum(CHAIN, s, q=[q]), 2 * bernoulli(q % 1), rtol=0, atol=4 * ROUND_OFF)  # of sums of up to 4
 
 
 @pytest.mark.parametrize('x', [0.03, 0.25, 0.5])
@@ -172,8 +172,8 @@ def test_the_splitting_does_not_matter(lattice, s, split):
     d, dim = lattice.shape
     for offset in (None, 0.3 * np.arange(1, dim + 1)):
         for q in (None, [0.2, 0.4, 0.1][:d]):
-            # at s = 12 and split = 1.4 the two sums are some hundred times larger than what they leave
-            assert_allclose(lattice_sum(lattice, s, offset, q, split), lattice_sum(lattice, s, offset, q), rtol=1e-12)
+            # at s = 12 and split = 1.4 the two sums are some hundred times larger than what they leave, of some hundred terms
+            assert_allclose(lattice_sum(lattice, s, offset, q, split), lattice_sum(lattice, s, offset, q), rtol=4e-12)
 
 
 def test_each_half_alone_depends_on_the_splitting():
