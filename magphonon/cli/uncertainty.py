@@ -20,9 +20,9 @@ SIGNIFICANT_DIFFERENCE = 5 / (2 * SAMPLES) ** 0.5
 SECOND_ORDER_RATIO = 0.5
 """Ratio of the second-order to the first-order standard deviation on a peak above which the ribbon is too narrow, by 12 % at this
 ratio."""
-OWN_SCATTER = ('The independent scatter of each magnet leaves the bands of an infinite lattice where they are, to first order, '
+OWN_SCATTER = ('The independent scatter of each particle leaves the bands of an infinite lattice where they are, to first order, '
                'and broadens them. The response of a finite structure is uncertain because of it.')
-"""Sentence printed below the bands of a lattice whose magnets differ."""
+"""Sentence printed below the bands of a lattice whose particles differ."""
 LINEAR_RANGE = 0.3  # relative standard deviation of an amplitude above which the flank of a peak is not a straight line
 
 

@@ -502,8 +502,8 @@ def bonds_of(atoms: Atoms, bonds: Bonds | Iterable[Any] | None, shells: int, cut
                              'find them in this structure, or use repeat_bonds')
         bonds = bonds.fitted(atoms)
     if not len(bonds):
-        raise ValueError(f'no two of the {len(atoms)} particles are bonded, so nothing repels; keep at least one pair of '
-                         'neighbours')
+        raise ValueError(f'no two of the {len(atoms)} particles are bonded, so no force acts between them; keep at least '
+                         'one pair of neighbours')
     return bonds
 
 

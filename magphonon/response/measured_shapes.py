@@ -24,9 +24,9 @@ from .normal_modes import Modes
 ANY = PURE | LENGTH | SPEED  # of amplitudes, whose unit does not matter
 COLUMNS = {'mode': TEXT, 'frequency': FREQUENCY, 'x': LENGTH, 'y': LENGTH} | {
     f'{name}{part}': ANY for name in ('u_x', 'u_y') for part in ('', '_im')}
-LAYOUT = ('a table of measured shapes has the columns mode,x_m,y_m and u_x or u_y or both, a row for each mode and magnet, and '
+LAYOUT = ('a table of measured shapes has the columns mode,x_m,y_m and u_x or u_y or both, a row for each mode and particle, and '
           'where known frequency_Hz and the imaginary parts u_x_im, u_y_im, of motion Re u e^{-i omega t}')
-NEAR = 0.25  # of the spacing: the farthest that a measured point may be from its magnet
+NEAR = 0.25  # of the spacing: the farthest that a measured point may be from its particle
 ALIKE = 0.5
 """MAC above which no other of the computed shapes can be as much like a measured one, if all of it was measured."""
 CHANCE = 0.01
@@ -61,7 +61,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     Parameters
     ----------
     path : path-like
-        A row for each mode and measured magnet, with its place at rest; amplitudes in any unit.
+        A row for each mode and measured particle, with its place at rest; amplitudes in any unit.
     atoms : ase.Atoms
         The structure, in the frame of the measured places.
     found : Modes
@@ -70,7 +70,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     Raises
     ------
     ValueError
-        For a place farther than a quarter of the spacing from every magnet, or one that a mode has twice.
+        For a place farther than a quarter of the spacing from every particle, or one that a mode has twice.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     away = np.linalg.norm(atoms.positions[:, None, :2] - np.stack([table['x'], table['y']], axis=1), axis=2)
     particle, spacing = away.argmin(axis=0), atoms.calc.bonds.lengths.min()  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
     for row in np.flatnonzero(away.min(axis=0) > NEAR * spacing)[:1]:
-        raise ValueError(f'line {table.lines[row]} of {path}: the nearest magnet is {away[:, row].min() / u.mm:.3g} mm away from '
+        raise ValueError(f'line {table.lines[row]} of {path}: the nearest particle is {away[:, row].min() / u.mm:.3g} mm from '
                          f'{table.header["x"]}, {table.header["y"]}; places are those of the scene, at rest')
     shape = np.stack([table[name] + 1j * table.get(f'{name}_im', 0.0) for name in ('u_x', 'u_y') if name in table], axis=1)
     names = tuple(dict.fromkeys(map(str, table['mode'])))
@@ -103,7 +103,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
         rows = np.flatnonzero(table['mode'] == name)
         at, a = particle[rows], shape[rows].ravel()
         if len(np.unique(at)) < len(at):
-            raise ValueError(f'{path}: the mode {name} has one magnet twice; give each magnet one row')
+            raise ValueError(f'{path}: the mode {name} has one particle twice; give each particle one row')
         if not a.any():
             raise ValueError(f'{path}: nothing moves in the mode {name}; leave it out')
         b = found.shapes[:, at][..., axes].reshape(len(found.omega), -1)

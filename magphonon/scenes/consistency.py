@@ -232,8 +232,8 @@ def _imperfect(scene: Scene) -> None:
         raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
                          'cells_1 and cells_2')
     if scene.uncertainty is not None and (scene.disorder is not None or scene.uncertainty.tolerances(scene).changes):
-        raise ValueError(f'{name} and uncertainty: tolerances of all magnets alike are those of the perfect lattice; keep those '
-                         'of each site (each_strength_percent and so on) beside [defects], or take one of the tables out')
+        raise ValueError(f'{name} and uncertainty: tolerances of all particles alike are those of the perfect lattice; keep '
+                         'those of each site (each_strength_percent and so on) beside [defects], or take one of the tables out')
 
 
 def _kinds(scene: Scene) -> None:
@@ -306,7 +306,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
     if not calc.law.dphi(calc.bonds.lengths).any():
         mend = '' if scene.law.kind != 'hertz' else (
             f' than law.diameter_m = {scene.law.diameter_m!r}; spheres repel where they touch')
-        raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; take a smaller one{mend}')
+        raise ValueError(f'{scene.lattice.spacing_given} is so large that no force acts; take a smaller one{mend}')
     density = _mass_kg(scene) / scene.lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
@@ -318,7 +318,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
                          f'check their units and exponents ({_numbers(scene)})')
     if not LEAST_SHARE * k <= repulsion:
         given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
-        raise ValueError(f'{scene.lattice.spacing_given}: the repulsion then has a stiffness of '
+        raise ValueError(f'{scene.lattice.spacing_given}: the bonds then have a stiffness of '
                          f'{lost:.1g} N/m, which is lost in the round-off of the foundation, {given:.3g} N/m'
                          f'{_millimetres(scene, scene.law.potential(), k)}; check their units and exponents')
 

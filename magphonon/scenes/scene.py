@@ -248,13 +248,13 @@ class Scene(Table):
         try:
             shells: Any = self.law.shells  # "auto" is a number by now
             atoms.calc = PairCalculator(atoms, self._law(atoms), shells=shells, cutoff=self.lattice.cutoff,
-                                           bonds=bonds, **self._sites(atoms))
+                                        bonds=bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
                 sphere = f', law.diameter_m = {self.law.diameter_m!r}' if self.law.kind == 'hertz' else ''
                 raise type(error)(f'{self.lattice.spacing_given}{sphere}, law.shells = {self.law.shells!r}: {error}') from None
-            raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; of positions without clear shells the distance '
-                             'within which they repel is cutoff_m') from None
+            raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; of positions without clear shells give cutoff_m, '
+                             'the distance within which particles interact') from None
         if self.single:  # a constant force balances the repulsion of the three magnets
             atoms.calc = atoms.calc.balanced([Oscillator.free])
         return atoms

@@ -107,7 +107,7 @@ class FileLattice(Table):
                                   'is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
     planar: Flag = Field(False, description='whether the third vector of an ASE file is no period, as of a layer in a .cif',
                          examples=[True])
-    cutoff_m: Length | None = Field(None, description='the distance within which particles repel, in place of the shells of '
+    cutoff_m: Length | None = Field(None, description='the distance within which particles interact, in place of the shells of '
                                     'the law, which scattered positions do not have', examples=[0.012])
     positions: Annotated[Literal['anchors', 'rest'], BeforeValidator(partial(one_of, '', choices=('anchors', 'rest')))] | None = (
         Field(None, description='what the positions are: "anchors", the feet of the pillars, from which the particles move to '
@@ -210,7 +210,7 @@ class FileLattice(Table):
         except ValueError as error:
             raise ValueError(f'.file: {error}') from None
         if len(atoms) == 1 and not atoms.pbc.any():
-            raise ValueError('.file holds one particle without periodic images, and nothing repels it; give cell_m, or more '
+            raise ValueError('.file holds one particle without periodic images, and nothing acts on it; give cell_m, or more '
                              'particles')
         least, most = NEAREST_m
         if not least <= self.spacing_m <= most:

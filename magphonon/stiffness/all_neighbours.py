@@ -104,7 +104,7 @@ class AllNeighbours(Repulsion):
         self._sites = Sites(strengths, foundation=foundation).checked(self.reference, self.dim)
         for k in np.flatnonzero(self.strengths < 0)[:1]:
             raise ValueError(f'strengths[{k}] = {self.strengths[k]:g}: the sum over all neighbours is one of repulsion alone; '
-                             'choose a number of shells for magnets of both signs')
+                             'choose a number of shells for particles of both signs')
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
         if self.dim == 2 and z.any():
             raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '

@@ -164,8 +164,8 @@ class _Descent:
         force, stiffness = sizes(self.calc.bond_vectors, self.calc.interaction)
         self.force = max(force.max(), SLACK * self.length * stiffness.max())
         if not self.force:
-            raise ValueError('no bond repels: at the lengths of all of them the law has neither force nor stiffness; check the '
-                             'strengths of the particles and the reach of the law')
+            raise ValueError('no force acts between the particles: at the lengths of all bonds the law has neither force nor '
+                             'stiffness; check the strengths of the particles and the reach of the law')
         self.source = atoms
         self._at = None
 
@@ -234,8 +234,8 @@ class _Descent:
         self._move(y)
         for i, j, _ in sorted(_near(self.atoms, self.length) - known - _pairs(bonds)):
             raise Unstable(f'the particles {i} and {j}, between which no force acts here, are closer than the shortest bond, '
-                             f'{self.length:.4g} mm: from its first positions the structure buckles or slides; {MEND}, or let '
-                             'more neighbours repel each other (shells= or cutoff=)')
+                             f'{self.length:.4g} mm: from its first positions the structure buckles or slides; {MEND}, or bond '
+                             'more neighbours (shells= or cutoff=)')
 
     def softest(self, y):
         """Lowest and a bound of the highest squared frequency, rad^2/ms^2, and the softest mode, its largest component one."""

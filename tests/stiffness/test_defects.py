@@ -176,7 +176,7 @@ def test_what_repels_nothing_is_refused():
     cell.calc = MagneticRepulsion(cell, LAW, foundation=1.0)
     with pytest.raises(ValueError, match='no two of the 2 particles are bonded'):
         without(cell, 1)
-    with pytest.raises(ValueError, match='no bond repels'):
+    with pytest.raises(ValueError, match='no force acts between'):
         relaxed(substituted(cell, 1, strength=0.0))
     relaxed(substituted(cell, 1, strength=1e-6))
 
