@@ -38,11 +38,13 @@ from .dynamics import (
 )
 from .errors import NotAtRest as NotAtRest, PhysicsError as PhysicsError, Unstable as Unstable
 from .interactions import (
+    Cable as Cable,
     Cuboid as Cuboid,
     Hertz as Hertz,
     InversePower as InversePower,
     Ring as Ring,
     Sphere as Sphere,
+    Spring as Spring,
     Tabulated as Tabulated,
     Yukawa as Yukawa,
     magnet_law as magnet_law,

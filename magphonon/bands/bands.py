@@ -156,7 +156,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
         return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes, decay)
 
 
-def analytic_bands(atoms: Atoms, path: BandPath | str, model: str | None = None, vectors: bool = False,
+def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: str | None = None, vectors: bool = False,
                    branches: int | None = None, damping: ArrayLike | None = None) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
 
@@ -164,8 +164,9 @@ def analytic_bands(atoms: Atoms, path: BandPath | str, model: str | None = None,
     ----------
     atoms : ase.Atoms
         One cell with its PairCalculator or AllNeighbours.
-    path : ase.dft.kpoints.BandPath or str
-        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone.
+    path : ase.dft.kpoints.BandPath, str or array_like
+        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone; or
+        wavevectors, shape (wavevectors, 3), in fractions of the reciprocal vectors.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; that of the calculator if not given.
     vectors : bool
@@ -185,6 +186,8 @@ def analytic_bands(atoms: Atoms, path: BandPath | str, model: str | None = None,
     array([ 2., 22.])
     >>> (analytic_bands(cell, path, 'conventional').omega[1] ** 2).round(10)  # 2 a and 6 a
     array([ 8., 24.])
+    >>> float(analytic_bands(cell, [[0.25, 0.0, 0.0]]).omega.max().round(6))  # a longitudinal wave four rows long
+    3.464102
     >>> large = cell.repeat((15, 15, 1))
     >>> large.calc = cell.calc.on(large)
     >>> analytic_bands(large, large.cell.bandpath('GM', npoints=3, pbc=large.pbc), branches=4).omega.shape  # of 450 branches
@@ -233,8 +236,8 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
     return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
 
 
-def path_of(atoms: Atoms, path: BandPath | str) -> BandPath:
-    """The same path on the very cell of `atoms`, or by the names of its special points as `band_path`.
+def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
+    """The same path on the very cell of `atoms`, or by the names of its special points as `band_path`, or through wavevectors.
 
     ASE's `bandpath` returns it on a rotated copy of the cell, whose lengths and angles are made exactly those of the lattice that
     it recognised, and whose vectors may be in another order.  The fractions of the reciprocal vectors are what counts: they are
@@ -245,8 +248,7 @@ def path_of(atoms: Atoms, path: BandPath | str) -> BandPath:
     if isinstance(path, str):
         return band_path(atoms, path)
     if not isinstance(path, BandPath):
-        raise ValueError(f"the path must be a BandPath or names such as 'GMKG', not {type(path).__name__}; get one from "
-                         'atoms.cell.bandpath(...)')
+        return BandPath(atoms.cell, wavevectors(path))
     axes = np.flatnonzero(atoms.pbc)
     ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
     off = {order: abs(ours - theirs[np.ix_(order, order)]).max() / abs(ours).max() for order in permutations(range(len(axes)))}

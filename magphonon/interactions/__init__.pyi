@@ -8,6 +8,7 @@ from .magnet_pairs import (
     pair_force as pair_force,
 )
 from .magnets import Cuboid as Cuboid, Ring as Ring, Sphere as Sphere, grade_remanence as grade_remanence, moment as moment
+from .members import Cable as Cable, Spring as Spring
 from .pair_laws import (
     Attraction as Attraction,
     GaussianMixture as GaussianMixture,

@@ -69,13 +69,15 @@ class Parameter:
 class Kind:
     """A `law.kind` of scenes: its parameters by their names in fits and tolerances, and the law that `made` makes of them.
 
-    Kinds without `made` have a table of their own in `magphonon.scenes.laws`.
+    Kinds without `made` have a table of their own in `magphonon.scenes.laws`.  `shells` is how many shells of neighbours have the
+    law if a scene does not say: as many as matter, or 1 of members, which join nearest neighbours.
     """
 
     name: str
     words: str = ''
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     made: Callable[..., Any] | None = None
+    shells: int | str = 'auto'
 
     @property
     def strength(self) -> str:

@@ -250,7 +250,7 @@ def _of_card(kind):
     keys = {one.key: (QUANTITIES[one.quantity], Field(description=one.words, examples=list(one.examples) or None))
             for one in kind.parameters.values()}
     table = create_model(kind.name, __base__=CardLaw, __doc__=kind.words, kind=(Literal[kind.name], ...), **keys,  # pyright: ignore
-                         shells=(Shells, AUTO))
+                         shells=(Shells, kind.shells))
     table.card = kind
     return table
 

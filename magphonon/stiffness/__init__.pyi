@@ -11,6 +11,7 @@ from .defects import (
 from .elastic import Moduli as Moduli, cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
 from .ewald import lattice_sum as lattice_sum
 from .matrices import bloch_matrix as bloch_matrix
+from .nets import net as net, self_stress as self_stress
 from .other_tools import for_ase_tools as for_ase_tools
 from .pair_splitting import split as split
 from .relaxation import Relaxation as Relaxation, relaxed as relaxed

@@ -1,0 +1,89 @@
+"""Laws of members: springs and bars, which pull and push, and cables, which go slack; lengths in mm, forces in N."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .. import units
+from ..errors import not_negative, positive
+from .law_cards import Card, Kind, Parameter
+
+_KEYS = {'spring': Parameter('stiffness_N_per_m', units.N / units.m, 'the stiffness of a member in N/m', power=1,
+                             examples=(20.0,)),
+         'rest_length': Parameter('rest_length_m', units.m, 'the length of a member without load in m', quantity='length',
+                                  examples=(0.009,))}
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring or an elastic bar, `phi(r) = k (r - L0)^2/2`: it pulls where it is longer than `L0` and pushes where shorter.
+
+    Parameters
+    ----------
+    k : float
+        Stiffness in N/mm, positive.
+    L0 : float
+        Length without load in mm; 0 for a spring whose pull is proportional to its length.
+
+    Examples
+    --------
+    >>> from magphonon import Spring
+    >>> float(Spring(k=2.0, L0=10.0).dphi(10.5))  # it pulls with 1 N
+    1.0
+    """
+
+    k: float
+    L0: float
+
+    card: ClassVar[Card] = Card(kinds=(Kind('spring', 'Springs or bars between neighbours, of one length without load.', _KEYS,
+                                            lambda spring, rest_length: Spring(spring, rest_length), shells=1),))
+
+    def __post_init__(self) -> None:
+        positive('k', self.k, 'N/mm')
+        not_negative('L0', self.L0, 'mm')
+
+    def phi(self, r: Any) -> Any:
+        """Energy in mJ."""
+        return self.k * (r - self.L0) ** 2 / 2
+
+    def dphi(self, r: Any) -> Any:
+        """Slope of the energy in N, the tension."""
+        return self.k * (r - self.L0)
+
+    def d2phi(self, r: Any) -> Any:
+        """Curvature of the energy in N/mm."""
+        return self.k + 0 * r
+
+
+@dataclass(frozen=True)
+class Cable(Spring):
+    """A cable: a spring where it is longer than `L0`, slack, without force or stiffness, where it is shorter.
+
+    Examples
+    --------
+    >>> from magphonon import Cable
+    >>> cable = Cable(k=2.0, L0=10.0)
+    >>> float(cable.dphi(10.5)), float(cable.dphi(9.5)), float(cable.d2phi(9.5))
+    (1.0, 0.0, 0.0)
+    """
+
+    card: ClassVar[Card] = Card(kinds=(Kind('cable', 'Cables between neighbours, which pull and do not push.', _KEYS,
+                                            lambda spring, rest_length: Cable(spring, rest_length), shells=1),))
+
+    def phi(self, r: Any) -> Any:
+        """Energy in mJ."""
+        return self._taut(r) * super().phi(r)
+
+    def dphi(self, r: Any) -> Any:
+        """Slope of the energy in N, the tension."""
+        return self._taut(r) * super().dphi(r)
+
+    def d2phi(self, r: Any) -> Any:
+        """Curvature of the energy in N/mm."""
+        return self._taut(r) * super().d2phi(r)
+
+    def _taut(self, r):
+        return np.real(r) > self.L0

@@ -1,0 +1,172 @@
+"""Nets, ions and clusters, drawn: forces, Hessian, modes and stability beside sums written out here; words without magnets."""
+
+import re
+from itertools import combinations
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.build import bulk, molecule
+from ase.calculators.emt import EMT
+from ase.constraints import FixAtoms
+from numpy.testing import assert_allclose
+
+from magphonon import Cable, InversePower, NotAtRest, PairCalculator, Spring, Yukawa, analytic_bands, lattices, modes, verdict
+from magphonon.interactions import Attraction
+from magphonon.stiffness import net, self_stress, split
+
+OWN = {  # slope and curvature of each law, written again
+    Spring: lambda law, r: (law.k * (r - law.L0), law.k),
+    Cable: lambda law, r: (law.k * max(r - law.L0, 0.0), law.k * (r > law.L0)),
+    InversePower: lambda law, r: (-law.b * r**-law.a, law.a * law.b * r ** (-law.a - 1)),
+    Yukawa: lambda law, r: (-law.c * np.exp(-law.kappa * r) * (law.kappa / r + 1 / r**2),
+                            law.c * np.exp(-law.kappa * r) * (law.kappa**2 / r + 2 * law.kappa / r**2 + 2 / r**3)),
+    Attraction: lambda law, r: tuple(-x for x in OWN[type(law.repulsion)](law.repulsion, r)),
+}
+
+
+def oracle(atoms, members, springs, anchors, dim, static=True):
+    """Forces and Hessian of members between particles, their images and a trap: loops over pairs, blocks of three by three."""
+    n = len(atoms)
+    F, K = np.zeros((n, 3)), np.zeros((n, 3, n, 3))
+    for i, j, shift, law in members:
+        R = atoms.positions[j] + np.array(shift) @ atoms.cell.array - atoms.positions[i]
+        r = np.sqrt(R @ R)
+        slope, curvature = OWN[type(law)](law, r)
+        nn = np.outer(R, R) / r**2
+        block = curvature * nn + static * slope / r * (np.eye(3) - nn)
+        F[i] += slope * R / r
+        F[j] -= slope * R / r
+        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            K[a, :, b] += sign * block
+    F -= springs * (atoms.positions - anchors)
+    for i in range(n):
+        K[i, :, i] += np.diag(springs)
+    return F[:, :dim], K[:, :dim, :, :dim].reshape(n * dim, n * dim)
+
+
+def drawn(seed):
+    """A structure in one, two or three dimensions, finite or periodic, with laws of both signs, in a trap or on springs."""
+    rng = np.random.default_rng(seed)
+    dim, n = int(rng.choice([2, 3])), int(rng.integers(4, 8))
+    line = rng.random() < 0.25
+    scatter = [0.2, 0.0, 0.0] if line else [0.2, 1.0, dim == 3]
+    atoms = Atoms(f'H{n}', rng.uniform(0, 3, (n, 3)) * scatter + np.arange(n)[:, None] * [1.3, 0, 0],
+                  masses=rng.uniform(0.5, 2, n), cell=[14.0, 12.0, 11.0], pbc=[rng.random() < 0.5, False, False])
+    pairs = [pair for pair in combinations(range(n), 2) if rng.random() < 0.7 or pair[1] == pair[0] + 1]
+    members = []
+    for i, j in pairs:
+        r = np.linalg.norm(atoms.positions[j] - atoms.positions[i])
+        law = [Spring(rng.uniform(1, 4), r * rng.uniform(0.8, 1.2)), Cable(rng.uniform(1, 4), r * rng.uniform(0.8, 1.2)),
+               InversePower(rng.uniform(0.1, 1), rng.uniform(1.5, 5)), Yukawa(rng.uniform(0.1, 1), rng.uniform(0.3, 2)),
+               Attraction(InversePower(rng.uniform(0.1, 1), 2.0))][rng.integers(5)]
+        members.append((i, j, (0, 0, 0), law))
+    if atoms.pbc[0]:
+        members.append((0, n - 1, (-1, 0, 0), Spring(2.0, 5.0)))
+        members = [member for k, member in enumerate(members) if member[:2] != (0, n - 1) or k == len(members) - 1]
+    trapped = rng.random() < 0.5
+    springs = np.array([*rng.uniform(0.5, 3, 3)]) * ([1, 1, dim == 3])
+    anchors = np.broadcast_to(atoms.positions.mean(axis=0), (n, 3)) if trapped and not atoms.pbc[0] else atoms.positions
+    return atoms, members, springs, np.array(anchors), dim
+
+
+@pytest.mark.parametrize('seed', range(24))
+def test_forces_hessian_modes_and_stability_are_those_of_sums_over_members(seed):
+    atoms, members, springs, anchors, dim = drawn(seed)
+    F, K = oracle(atoms, members, springs, anchors, dim)
+    built = net(atoms, members, foundation=[springs[:dim]], anchors=anchors, dim=dim)
+    assert_allclose(built.get_forces()[:, :dim], F, rtol=0, atol=1e-12 * abs(K).max() * 10)
+    H = built.calc.get_hessian(built).toarray().reshape(len(atoms), 3, len(atoms), 3)[:, :dim, :, :dim].reshape(K.shape)
+    assert_allclose(H, K, rtol=0, atol=1e-12 * abs(K).max())
+    with pytest.raises(NotAtRest):
+        modes(built)
+    built.calc = built.calc.about(built, load=np.pad(-F, [(0, 0), (0, 3 - dim)]))  # what holds it
+    m = np.repeat(atoms.get_masses(), dim)
+    squares = np.linalg.eigvalsh(K / np.sqrt(np.outer(m, m)))
+    found = modes(built).omega
+    assert_allclose(found * abs(found), squares, rtol=0, atol=1e-11 * abs(squares).max())
+    blind = oracle(atoms, members, springs, anchors, dim, static=False)[1]
+    assert abs(K - blind).max() > 1e-3 * abs(K).max()  # the control: D0 alone is visibly another matrix
+    if abs(squares[0]) > 1e-6 * squares[-1] and not atoms.pbc.any():
+        assert verdict(built).stable == (squares[0] > 0)
+    if dim == 2:
+        g = 0.7
+        built.calc.set(gyration=g)
+        J = np.kron(np.eye(len(atoms)), [[0, 1], [-1, 0]])  # m u'' = -K u + m g J u'
+        zero, one = np.zeros_like(K), np.eye(len(K))
+        poles = np.linalg.eigvals(np.block([[zero, one], [-K / m[:, None], g * J]]))
+        if squares[0] > 0:
+            assert_allclose(np.sort(modes(built).omega), np.sort(poles.imag)[len(K):], rtol=0, atol=1e-8 * abs(poles).max())
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_tensions_of_a_self_stress_balance_and_their_number_is_that_of_maxwell(seed):
+    rng = np.random.default_rng(seed)
+    dim, n = int(rng.choice([2, 3])), 7
+    nodes = Atoms(f'H{n}', rng.uniform(0, 5, (n, 3)) * [1, 1, dim == 3], constraint=FixAtoms([0]) if seed % 2 else None)
+    pairs = [pair for pair in combinations(range(n), 2) if rng.random() < 0.9]
+    held = net(nodes, [(*pair, Spring(1.0, 1.0)) for pair in pairs], dim=dim)
+    states = self_stress(held)
+    for tension in states:
+        left = np.zeros((n, 3))
+        for (i, j), t in zip(pairs, tension, strict=True):
+            direction = nodes.positions[j] - nodes.positions[i]
+            left[i] += t * direction / np.linalg.norm(direction)
+            left[j] -= t * direction / np.linalg.norm(direction)
+        assert abs(left[seed % 2:]).max() < 1e-12
+    freedom = n * dim - {2: 3, 3: 6}[dim] if seed % 2 == 0 else (n - 1) * dim - {2: 1, 3: 3}[dim]  # a body, or one on a pivot
+    assert len(states) == len(pairs) - freedom  # so many members make it stiff: no mechanism
+
+
+def test_a_cable_that_is_slack_has_neither_force_nor_stiffness():
+    square = Atoms('H4', [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], constraint=FixAtoms([0, 1, 2, 3]))
+    with_slack = net(square, [(0, 2, Cable(5.0, 1.5)), (1, 3, Cable(5.0, 1.2))])
+    t = 5.0 * (np.sqrt(2) - 1.2)
+    with_slack.set_constraint()
+    assert_allclose(with_slack.get_forces()[:, :2], t / np.sqrt(2) * np.array([[0, 0], [-1, 1], [0, 0], [1, -1]]), atol=1e-12)
+
+
+def test_two_laws_between_the_same_nodes_are_refused():
+    with pytest.raises(ValueError, match='two members of different laws join the nodes 1 and 0'):
+        net(molecule('H2'), [(0, 1, Spring(1.0, 1.0)), (1, 0, Spring(2.0, 1.0))])
+
+
+def test_bands_take_wavevectors():
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = PairCalculator(cell, InversePower(1.0, 4.0))
+    bands = analytic_bands(cell, [[0.5, 0, 0], [0.1, 0.2, 0]])
+    assert_allclose(bands.omega[0] ** 2, [2, 22], rtol=1e-12)  # 2 (a - 3) and 2 (3 a - 1)
+    with pytest.raises(ValueError, match='of three fractions'):
+        analytic_bands(cell, [[0.5, 0]])
+
+
+def _bent():
+    atoms = bulk('Cu', 'fcc', a=3.6)
+    atoms.calc = EMT()
+    return atoms
+
+
+def _nets_and_ions_refused():
+    """What tools say where they refuse ions and nets, or judge them."""
+    row = Atoms('H3', np.arange(3)[:, None] * [1.0, 0, 0])
+    ions = row.copy()
+    ions.calc = PairCalculator(ions, InversePower.coulomb(1.0), bonds=[(0, 1), (1, 2), (0, 2)], dim=3)
+    taut = net(row, [(0, 1, Spring(1.0, 0.5)), (1, 2, Spring(1.0, 0.5))])
+    taut.set_constraint(FixAtoms([0, 2]))
+    yield from (lambda: modes(ions), lambda: analytic_bands(ions, 'GX'), lambda: split(_bent()), lambda: split(row),
+                lambda: analytic_bands(row, 'GX'),
+                lambda: PairCalculator(row, InversePower(1.0, 2.0), bonds=[]), lambda: modes(row),
+                lambda: net(row, [(0, 3, Spring(1.0, 1.0))]), lambda: PairCalculator(row, {(0, 1): Spring(1.0, 1.0)}),
+                lambda: PairCalculator(row, Spring(1.0, -1.0)), lambda: PairCalculator(row, Spring(1.0, 1.0), cutoff=0.1),
+                lambda: str(verdict(taut)), lambda: repr(taut.calc), lambda: repr(ions.calc), lambda: self_stress(row))
+
+
+@pytest.mark.parametrize('said', list(_nets_and_ions_refused()))
+def test_nothing_that_is_said_of_ions_and_nets_speaks_of_magnets(said):
+    try:
+        words = said()
+    except (ValueError, NotAtRest) as error:
+        words = str(error)
+    assert isinstance(words, str)
+    assert words
+    assert not re.search('(?i)magnet(?!o)', words), words
