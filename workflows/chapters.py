@@ -98,6 +98,7 @@ CHAPTERS = (
     Chapter('neighbours', 'beyond', 'zeta functions and published lattice sums (Golden and Kalman; reference.toml)'),
     Chapter('stability', 'beyond', 'borders in closed form, and runs on both sides of them'),
     Chapter('matter', 'beyond', 'printed numbers (Bonsall and Maradudin; Zahn et al.; Hamaguchi et al.) and phonopy'),
+    Chapter('papers', 'beyond', 'closed forms, printed numbers and numbers of public code, for other matter than magnets'),
     Chapter('uncertainty', 'beyond', "the paper's formulas for lattices drawn at random"),
     Chapter('nonlinearity', 'beyond', 'perturbation theory in closed form'),
     Chapter('noise', 'beyond', 'closed forms of the branches, and a Laplace integral of 36 magnets'),
