@@ -1,13 +1,18 @@
 """What the pictures of waves show, in SI."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from matplotlib.contour import ContourSet
 from numpy.testing import assert_allclose
 
-from magphonon import MagneticRepulsion, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.bands.bloch import bloch_modes
 from magphonon.dynamics.motion import Motion
 from magphonon.plotting.animation import animate
 from magphonon.plotting.axes import panels
+from magphonon.plotting.fields import plot_field_at
 from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves
 from magphonon.waves.wave_analysis import waves
 from magphonon.waves.wave_source import Passage, polarisations, site
@@ -157,3 +162,17 @@ def test_crossing_is_when_the_middle_of_the_row_moves(passage):
 def test_panels_are_always_a_table_of_axes():
     for shape in ((1, 2), (2, 2), (1, 1)):
         assert panels(*shape)[1].shape == shape
+
+
+def test_contours_of_a_field_are_where_the_branches_have_its_frequency():
+    cell = lattices.triangular(10.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, InversePower(2370.0, 4.0), foundation=0.02)
+    k, omega, rng = np.linspace(-0.45, 0.45, 61), 0.5, np.random.default_rng(0)
+    field = SimpleNamespace(sites=rng.uniform(0, 50, (5, 2)), spacing=10.0)
+    zone = plot_field_at(field, cell, omega, (k, rng.uniform(0.1, 1, (61, 61)), rng.normal(size=(5, 2)) + 0j)).axes[0]
+    contours = [part for part in zone.collections if isinstance(part, ContourSet)]
+    assert contours
+    for part in contours:
+        q = np.concatenate([path.vertices for path in part.get_paths()]) @ cell.cell.array[:2, :2].T / (2 * np.pi)
+        found = np.stack([bloch_modes(cell, np.pad(q, ((0, 0), (0, 1))), model)[0] for model in ('complete', 'conventional')])
+        assert abs(found - omega).min(axis=(0, 2)).max() < 0.01 * omega  # between the points of the mesh

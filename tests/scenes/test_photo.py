@@ -74,6 +74,7 @@ def test_a_photo_of_magnets_of_known_strength_gives_the_frequencies_of_the_latti
     np.testing.assert_allclose(modes(feet.atoms()).frequencies_Hz, truth, rtol=1e-7)  # a force of 1e-9 remains
 
 
+@pytest.mark.slow
 def test_a_noisy_photo_of_magnets_that_differ(tmp_path):
     """Strengths that nobody measured, 2.5 % apart, and a noise of 30 um leave the lowest frequencies of three within 2 %."""
     off = {'rest': [], 'anchors': []}
