@@ -51,7 +51,7 @@ class Drawn:
         atoms.set_constraint(constraints)
         self.guided, self.own = len(constraints) > 1, own
         atoms.set_tags(rng.integers(0, 2, n) if own else 0)
-        self.strengths = rng.uniform(0.7, 1.3, n) if own else np.ones(n)
+        self.strengths = rng.uniform(0.7, 1.3, n) * np.where(np.arange(n) % 4 == 2, -1, 1) if own else np.ones(n)  # some attract
         self.springs = rng.uniform(0.2, 0.6, [(n, self.dim), (n, 1), (1, self.dim)][rng.integers(3)]) if own or layer else 0.3
         if layer:
             self.springs = np.column_stack([self.springs[:, :1], self.springs[:, :1], 2 + rng.uniform(0, 1, len(self.springs))])

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles import Pairs
 
 from magphonon import (
     AllNeighbours,
-    DrivenVerlet,
     InversePower,
     MagneticRepulsion,
     foundation_needed,
@@ -52,53 +50,6 @@ def test_a_chain_of_both_signs_buckles_at_a_sixth_of_a_turn(k):
     expected = np.sort(np.stack([true, k + 0 * xi]), axis=0)  # across the chain nothing is strained
     assert_allclose((along * abs(along)).T, expected, atol=1e-12)
     assert ('OK' in str(verdict(chain))) == (k > 0.5)
-
-
-def drawn(seed):
-    """A scattered patch whose magnets point up or down, held at rest, and the energy of its pairs."""
-    rng = np.random.default_rng(seed)
-    cell = getattr(lattices, rng.choice(['square', 'triangular', 'honeycomb']))(10.0, 0.7)
-    perfect = cell.repeat((3, 3, 1))
-    perfect.pbc = (True, rng.random() < 0.5, False)
-    atoms = perfect.copy()
-    atoms.positions[:, :2] += 0.3 * rng.uniform(-1, 1, (len(atoms), 2))
-    strengths = rng.choice([-1.0, 1.0], len(atoms)) * rng.uniform(0.5, 1.2, len(atoms))
-    atoms.calc = MagneticRepulsion(perfect, LAW, foundation=0.5, strengths=strengths, cutoff=12.0).about(atoms).balanced(
-        np.arange(len(atoms)))
-    own = {frozenset([0]): LAW}, np.zeros(len(atoms), int), strengths
-    return atoms, Pairs(perfect, None, 12.0, own=own), rng
-
-
-@pytest.mark.parametrize('seed', range(4))
-def test_magnets_of_both_signs_have_the_stiffness_of_their_energy(seed):
-    atoms, pairs, rng = drawn(seed)
-    q = rng.uniform(-0.5, 0.5, (3, 3)) * atoms.pbc
-    found = bloch_modes(atoms, q)[0]
-    K = pairs.bloch(atoms.positions, q) + 0.5 * np.eye(2 * len(atoms))
-    assert_allclose(found * abs(found), np.linalg.eigvalsh(K) / 0.7, atol=1e-10)
-    repelling = atoms.copy()
-    repelling.calc = MagneticRepulsion(atoms, LAW, foundation=0.5, strengths=abs(atoms.calc.strengths),
-                                       cutoff=12.0).balanced(np.arange(len(atoms)))
-    assert abs(bloch_modes(repelling, q)[0] - found).max() > 0.05 * abs(found).max()  # the control
-
-
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
-def test_engines_move_magnets_of_both_signs_by_their_energy(engine):
-    atoms, pairs, rng = drawn(7)
-    x0, m, dt = atoms.get_positions(), 0.7, 0.05
-    v = rng.normal(size=(len(atoms), 2)) * 0.05
-    load = -pairs.forces(x0)
-    atoms.set_momenta(np.pad(m * v, ((0, 0), (0, 1))))
-    x = x0.copy()
-    f = pairs.forces(x) + load
-    for _ in range(40):
-        v = v + dt / 2 * f / m
-        x[:, :2] += dt * v
-        f = pairs.forces(x) + load - 0.5 * (x - x0)[:, :2]
-        v = v + dt / 2 * f / m
-    dyn = DrivenVerlet(atoms, dt, engine=engine)
-    dyn.run(40)
-    assert_allclose(dyn.displacements, (x - x0)[:, :2], atol=1e-9)
 
 
 def test_a_magnet_upside_down_comes_to_rest_nearer_to_its_neighbours():

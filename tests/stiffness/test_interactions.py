@@ -10,13 +10,10 @@ from magphonon import (
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
-    analytic_bands,
-    finite_displacements,
     lattices,
-    phonopy_bands,
     relaxed,
 )
-from magphonon.bands import band_path, gruneisen_parameters
+from magphonon.bands import gruneisen_parameters
 from magphonon.design import SiteScatter, mode_scatter
 from magphonon.dynamics import refusal
 from magphonon.interactions import PairInteraction, UprightMagnets, Yukawa
@@ -119,28 +116,6 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(seed):
     same = {'foundation': atoms.calc.foundation, 'strengths': atoms.calc.strengths, 'cutoff': 12.345}
     moved.calc = MagneticRepulsion(atoms, UPRIGHT, **same)
     assert abs(moved.get_forces()[:, :dim] - forces).max() > 1e-2 * abs(forces).max()
-
-
-@pytest.mark.parametrize('foundation', [1.0, [[1.0, 1.0, 3.0]]])
-def test_bands_are_the_same_by_both_roads(foundation):
-    cell = lattices.triangular(10.0, 0.7)
-    cell.calc = MagneticRepulsion(cell, TiltedDipoles(0.5), foundation=foundation)
-    path = band_path(cell, npoints=12)
-    bands, numerical = analytic_bands(cell, path), phonopy_bands(finite_displacements(cell), path)
-    assert abs(numerical.omega**2 - bands.omega**2).max() < 1e-8 * bands.omega.max() ** 2
-    D0 = analytic_bands(cell, path, 'conventional')
-    assert abs(D0.omega**2 - bands.omega**2).max() > 1e-2 * bands.omega.max() ** 2
-    cell.calc = MagneticRepulsion(cell, TiltedDipoles(0.0), foundation=foundation)  # the control: they stand upright
-    assert abs(analytic_bands(cell, path).omega**2 - bands.omega**2).max() > 1e-2 * bands.omega.max() ** 2
-
-
-def test_dipoles_without_tilt_are_upright_magnets():
-    R = np.random.default_rng(1).uniform(-1, 1, (20, 3)) * [12, 12, 0] + [15, 0, 0]
-    for dim in (2, 3):
-        ours, theirs = TiltedDipoles(0.0), interaction_of(UprightMagnets(UPRIGHT), dim)
-        for question in ('forces', 'stiffness'):
-            for found, expected in zip(getattr(ours, question)(R[:, :dim]), getattr(theirs, question)(R[:, :dim]), strict=True):
-                assert abs(found - expected).max() < 1e-14 * abs(expected).max()
 
 
 def test_what_is_no_interaction_is_a_force_along_the_bond():

@@ -79,19 +79,6 @@ def test_forces_and_hessian_are_derivatives_of_an_energy_in_space(seed):
     assert abs(wrong - H).max() > 1e-3 * scale
 
 
-def test_the_branch_out_of_the_plane_of_a_triangular_lattice_is_the_support_and_dstar():
-    law, kz = InversePower(6000.0, 4.5824), 1.5
-    for potential, factor in ((law, 1.0), (UprightMagnets(law), 3.5824)):
-        atoms = lattices.triangular(10.0, 0.7)
-        atoms.calc = MagneticRepulsion(atoms, potential, foundation=[[0.0, 0.0, kz]])
-        f = -law.dphi(10.0)
-        D = atoms.calc.bloch_matrix(np.array([[0, 0, 0], M, K]))
-        assert D[:, 2, 2].real == pytest.approx(kz - np.array([0, 8, 9]) * factor * f / 10.0, rel=1e-12)
-        assert abs(D[:, 2, :2]).max() < 1e-15
-        conventional = atoms.calc.bloch_matrix(np.array([[0, 0, 0], M, K]), 'conventional')
-        assert conventional[:, 2, 2] == pytest.approx(kz, rel=1e-12)  # nothing but the supports
-
-
 @pytest.mark.parametrize(('kappa', 'at_M', 'at_K', 'gate'),
                          [(1.0, 6.988902886, 7.418527680, 4.1517), (3.0, 1.649228234, 1.815066641, 2.5276)])
 def test_a_yukawa_crystal_with_all_neighbours_softens_as_known_and_touches_the_longitudinal_branch_at_its_gate(
@@ -153,16 +140,6 @@ def test_a_layer_keeps_its_supports_on_a_supercell_and_when_they_are_set():
     assert atoms.calc.layer
     assert atoms.calc.in_plane().dim == 2
     assert atoms.calc.in_plane().foundation == 2.0
-
-
-def test_a_layer_of_upright_magnets_comes_back_from_its_dictionary():
-    atoms = lattices.triangular(10.0, 0.7)
-    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(InversePower(6000.0, 4.0)), foundation=[[1.0, 1.0, 3.0]])
-    again = MagneticRepulsion.fromdict(atoms.calc.todict())
-    assert again.laws == atoms.calc.laws
-    assert again.layer
-    q = np.array([M, K])
-    assert (again.bloch_matrix(q) == atoms.calc.bloch_matrix(q)).all()
 
 
 def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_lattice():

@@ -175,30 +175,6 @@ def test_waves_in_space_are_modes_of_the_supercell(seed):
     assert abs(waves / modes(large).omega - 1).max() > 1e-4  # about another axis they are others
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_time_steps_turn_velocities_in_space(seed):
-    atoms, rng = cluster(seed)
-    n, m = len(atoms), atoms.get_masses()
-    g, c = rng.normal(size=(n, 3)), rng.uniform(0, 0.2, n)
-    atoms.calc = atoms.calc.about(atoms, gyration=g)
-    H, M = stiffness(atoms), np.repeat(m, 3)[:, None]
-    C = velocity_matrix(g, m) + np.diag(np.repeat(c * m, 3))
-    v = 1e-6 * rng.normal(size=(n, 3))
-    flow = np.block([[np.zeros((3 * n, 3 * n)), np.eye(3 * n)], [-H / M, -C / M]])
-    expected = (expm(2.0 * flow) @ np.append(np.zeros(3 * n), v))[: 3 * n].reshape(n, 3)
-    errors = []
-    for dt in 0.04, 0.02:
-        moved = atoms.copy()
-        moved.calc = atoms.calc
-        moved.set_velocities(v)
-        run = DrivenVerlet(moved, dt, damping=c)
-        run.run(round(2.0 / dt))
-        assert run.engine == 'ase'
-        errors.append(abs(run.displacements - expected).max() / abs(expected).max())
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
-    assert errors[1] < 1e-3
-
-
 def test_gyration_about_the_normal_of_a_layer_leaves_its_motion_out_of_the_plane_alone():
     flat = lattices.honeycomb(1.0, 1.0)
     flat.calc = MagneticRepulsion(flat, InversePower(1.0, 4.0), foundation=6.0, gyration=1.5)
