@@ -34,7 +34,7 @@ from ..interactions.bond_laws import BondLaws, laid, taken
 from ..interactions.pair_laws import PairLaw
 
 TOLERANCE = 1e-13  # largest error of a fitted slope dH/de, as a fraction of the slope at rest
-RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
+RANGES = (1 / 1024, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
 """Largest increments |e| of the fitted polynomials; beyond the last one the law itself is evaluated."""
 NEAR = 1e-3  # largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits
 ROUND_OFF = 64 * np.finfo(float).eps
@@ -152,10 +152,11 @@ class Increments:
         except ValueError:  # the potential does not reach that far
             return False
 
-    def polynomial(self, reach: float) -> tuple[NDArray[np.float64], float] | None:
+    def polynomial(self, reach: float, tolerance: float = TOLERANCE) -> tuple[NDArray[np.float64], float] | None:
         """Coefficients of `H = e (c0 + c1 e + ...)` for |e| <= reach, shape (kinds, coefficients), and their error.
 
-        Their number is even.  Where kinds are alike they are those of the first one times a factor, to the bit.
+        Their number is even, the least for which slopes are off by less than `tolerance` of the slope at rest.  Where kinds are
+        alike they are those of the first one times a factor, to the bit.
 
         Returns
         -------
@@ -164,12 +165,12 @@ class Increments:
         """
         kinds = len(self.r0)
         if kinds > 1 and self.alike(reach * chebyshev.chebpts2(13)):
-            fit = self.at(np.zeros(1, int))._fitted(reach)
+            fit = self.at(np.zeros(1, int))._fitted(reach, tolerance)
             return fit and (self.factors[:, None] * fit[0], fit[1])
         alone, shape, strength = self.shapes
         fits = []
         for part in np.array_split(np.arange(len(alone.r0)), -(-len(alone.r0) // TOGETHER) or 1):
-            fits.append(alone.at(part)._fitted(reach))
+            fits.append(alone.at(part)._fitted(reach, tolerance))
             if fits[-1] is None:
                 return None
         count = max(c.shape[1] for c, _ in fits)
@@ -182,8 +183,8 @@ class Increments:
         stiffness = self.slope(0.0, self.r0)
         return stiffness / stiffness[0]
 
-    def _fitted(self, reach):
-        """The same of some kinds, one by one."""
+    def _fitted(self, reach, tolerance):
+        """Coefficients and error of some kinds, one by one."""
         x = np.cos(np.linspace(0, np.pi, 301))[:, None]
         nodes = chebyshev.chebpts1(MOST_COEFFICIENTS)[:, None]
         try:
@@ -194,9 +195,12 @@ class Increments:
         series[0] /= 2
         for count in range(4, MOST_COEFFICIENTS + 1, 2):
             powers = POWERS[:count, :count] @ series[:count]
+            if tolerance > TOLERANCE:  # the slope at rest is kept: its error would be a drift of every phase
+                columns = np.vander(nodes[:, 0], count, increasing=True)[:, 1:]
+                powers = np.vstack([at_rest, np.linalg.lstsq(columns, sampled - at_rest)[0]])
             with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
                 error = abs((np.vander(x[:, 0], count, increasing=True) @ powers - exact) / at_rest).max()
-            if error < TOLERANCE:
+            if error < tolerance:
                 k = np.arange(count)[:, None]
                 return (powers / reach**k / (k + 1)).T, float(error)
         return None

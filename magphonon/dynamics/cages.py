@@ -20,7 +20,7 @@ from ase import Atoms
 from numpy.typing import NDArray
 
 from ..errors import PhysicsError
-from ..lattices.bonds import Bonds, bonds_within, lengths_of
+from ..lattices.bonds import Bonds, bonds_within, lengths_of, pairs_within
 from ..stiffness.rest import freedom
 
 CONTACT = 0.1  # ratio of a bond to its rest length below which its particles have collided
@@ -30,6 +30,9 @@ of magnets has fallen below a hundredth."""
 HARMLESS = 0.05
 """Displacement, as a fraction of the shortest bond, up to which no pair can come together in any structure, so that nothing is
 checked."""
+ROOM = 1.4
+"""Distance, in shortest bonds, within which all pairs are counted first, which takes a third of the time of a survey: if they are
+as many as the bonds, others are farther apart."""
 SURVEYED = 2.5
 """Distance, in shortest bonds, up to which pairs are listed; farther pairs must first approach each other by more than a bond
 length."""
@@ -94,7 +97,18 @@ class Cages:
 
     def still(self, largest: float) -> bool:
         """Whether displacements of at most `largest` (mm) need no look; False for one that is no number."""
-        return largest <= HARMLESS * self.nearest or largest <= self.clearance
+        return largest <= HARMLESS * self.nearest or largest <= self._space(largest)
+
+    def _space(self, largest):
+        """The clearance, or as much of it as is known without a survey if that is enough."""
+        room = (ROOM - 1) / 2 * self.nearest
+        return room if 'clearance' not in vars(self) and largest <= room and self.roomy else self.clearance
+
+    @cached_property
+    def roomy(self) -> bool:
+        """Whether no pair without a bond is nearer than ROOM at rest."""
+        near = ROOM * self.nearest
+        return len(pairs_within(self.calc.reference, near)[0]) == (self.calc.bonds.lengths < near).sum()
 
     def steps_between_looks(self, speed: float, largest: float, dt: float, most: int) -> int:
         """How many steps of `dt` (ms) the fastest particle may go at `speed` (mm/ms) from one look to the next.
@@ -106,8 +120,8 @@ class Cages:
         if speed * dt * most <= way:
             return most
         self._hurried += 1
-        if ('clearance' in vars(self) or self._hurried > SHORT_RUN) and largest < self.clearance:
-            way = max(way, self.clearance - largest)
+        if (vars(self).keys() & {'clearance', 'roomy'} or self._hurried > SHORT_RUN) and largest < self._space(largest):
+            way = max(way, self._space(largest) - largest)
         return max(1, min(most, int(way / (speed * dt))))
 
     def clear(self, u: NDArray[np.float64]) -> bool:

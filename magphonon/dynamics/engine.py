@@ -5,7 +5,7 @@ A step that is longer than 2/omega_max, the limit of velocity Verlet, is refused
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,15 +22,20 @@ from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS
 from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
 from ..stiffness.sites import out_of_plane, refuse_gyration
-from .bond_increments import RANGES, Increments, Pieces, pieces
+from .bond_increments import RANGES, TOLERANCE, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, constant_push, forces_and_walls
 from .kernels_numpy import Kernel, Motion, largest
-from .memory_layout import aligned_zeros, arrange
+from .memory_layout import aligned_zeros, arrange, same
 from .site_forces import site_forces
 from .splittings import SPLITTINGS, Splitting
 from .thermostat import Bath
 
+LAW_SHARE = 0.1
+"""Largest error of the slopes of the law, as a fraction of the relative error of stiffness that a run may make."""
+SINGLE = 1e-7
+"""Relative error of stiffness, for the whole of a run, from which on single precision serves: masses and stiffness are rounded to
+3e-8, which is a drift of every phase."""
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
@@ -46,17 +51,18 @@ FAST = 2.0  # speed in thermal ones at which a particle in a bath is expected at
 PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
 
 
-def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> None:
-    """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; other calculators are not checked.
+def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> float:
+    """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; returns a bound of omega_max in rad/ms.
 
-    Of modulated springs at their stiffest.
+    Of modulated springs at their stiffest.  Of other calculators nothing is known: they are not checked, and it is zero.
     """
     if not isinstance(atoms.calc, PairCalculator):
-        return
+        return 0.0
     omega = frequency_bound(atoms, dt * 2 / limit)
     if omega * dt > limit:
         raise ValueError(f'the time step of {dt:.9g} ms exceeds the stability limit {limit:g}/omega_max = {limit / omega:.9g} '
                          'ms; a tenth of the limit is accurate; allow_unstable=True runs anyway')
+    return omega
 
 
 def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitting) -> None:
@@ -300,7 +306,8 @@ class Blocks:
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._follows = (mobile | np.isin(np.arange(len(atoms)), led))[:, None]
-        self._kernel_class, self._level, self._kernel = Kernel, 0, None
+        self._kernel_class, self._level, self._kernel, self._rough = Kernel, 0, None, 0.0
+        self._dtype: Any = np.float64
         self.cages = Cages(atoms)
         self._read()
 
@@ -311,38 +318,47 @@ class Blocks:
     @property
     def displacements(self) -> NDArray[np.float64]:
         """In mm, shape (particles, 2)."""
-        return self.layout.gather(self._state[0]).T.copy()
+        return self.layout.gather(self._state[0]).T.astype(float)
 
     @property
     def velocities(self) -> NDArray[np.float64]:
         """In mm/ms, shape (particles, 2)."""
-        return self.layout.gather(self._state[1]).T.copy()
+        return self.layout.gather(self._state[1]).T.astype(float)
 
     def steps_to_next_look(self, most: int) -> int:
         """How many steps the next block may have, `most` at most; fewer where particles are fast."""
         largest, speed = self._extent
         return self.cages.steps_between_looks(speed, largest, self.dt, most)
 
-    def use(self, engine: str) -> None:
-        """Choose the kernel: 'numpy' or 'compiled'."""
+    def use(self, engine: str, rough: float = 0.0) -> None:
+        """Choose the kernel: 'numpy' or 'compiled', with stiffness that is off by at most the fraction `rough`.
+
+        The law then has no more coefficients than that needs, and compiled steps may be in single precision.
+        """
         if engine == 'compiled':
             from .kernels_numba import CompiledKernel as kernel_class
         else:
             kernel_class = Kernel
-        if kernel_class is not self._kernel_class or self._kernel is None:
-            self._kernel_class = kernel_class
+        if (kernel_class, rough) != (self._kernel_class, self._rough) or self._kernel is None:
+            self._kernel_class, self._rough = kernel_class, rough
             self._fit(self._level)
 
     def _fit(self, level):
         """Make the kernel for increments up to RANGES[level]; beyond with the law in pieces, or itself where that is left."""
-        fit = self._increments.polynomial(RANGES[level]) if level < PIECES else None
+        tolerance = max(TOLERANCE, LAW_SHARE * self._rough)
+        fit = self._increments.polynomial(RANGES[level], tolerance) if level < PIECES else None
         self._level, reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
         fitted = fit and fit[0]
         if self._level == PIECES:
             fitted = self._in_pieces()
             self._level = PIECES if fitted else PIECES + 1
         kernel_class = Kernel if fitted is None else self._kernel_class
-        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, reach, self.threads)
+        single = kernel_class is not Kernel and self._level < PIECES and self._rough >= SINGLE
+        self._dtype = np.float32 if single else np.float64
+        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, reach, self.threads, self._dtype)
+        if self._state.dtype != self._dtype:
+            self._state, self._spare = (same(x, self._dtype) for x in (self._state, self._spare))
+            self.write()  # or they would seem to have been changed
 
     def _in_pieces(self) -> list[Pieces] | None:
         """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
@@ -404,10 +420,11 @@ class Blocks:
         """
         kernel, slots = self._kernel, self.layout.slot[self._walls.particles]
         u = components(self._walls.forces(times), 2)
-        stage = np.arange(len(times) - 2) % len(kernel.carry)
+        stage = np.arange(len(times) - 2) % len(kernel.keeps)
         drifts = np.append(kernel.first, np.asarray(kernel.drifts)[stage])
         v = np.diff(u, axis=0) / drifts[:, None, None]
-        carry, push = (np.array([row[slots].real for row in rows])[stage, :, None] for rows in (kernel.carry, kernel.push))
+        carry, push = (factors[stage, None, None] * np.real(row[slots, None])
+                       for factors, row in ((kernel.keeps, kernel.carry), (kernel.kicks, kernel.push)))
         forces[1:-1, self._led] = (v[1:] - carry * v[:-1]) / push
         self._state[0][:, slots], self._state[1][:, slots], self._state[2][:, slots] = u[0].T, v[0].T, 0.0
 
@@ -416,7 +433,7 @@ class Blocks:
         beyond = self._stale and self._kernel.accelerate(self._state, forces[0], times[0])
         self._stale = False
         before, after = noise or (0.0, 0.0)
-        begin = self._state + before if noise else self._state
+        begin = (self._state + before).astype(self._dtype) if noise else self._state
         found, far, fast = self._kernel.advance(begin, forces[1:], times[1:], out=self._spare)
         if self.bath:
             self._spare += after
@@ -475,7 +492,7 @@ class Blocks:
     def _take(self, u, v, anchors):
         v = self._mobile * v
         v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
-        self._state, self._spare = (aligned_zeros((3, 2, self.layout.length)) for _ in range(2))
+        self._state, self._spare = (aligned_zeros((3, 2, self.layout.length), self._dtype) for _ in range(2))
         self._state[0][:, self.layout.slot], self._state[1][:, self.layout.slot] = u.T, v.T
         self._anchors, self._stale = anchors, True
         self._measure()
@@ -510,18 +527,6 @@ class Blocks:
             return
         self._take(old.displacements, old.velocities * (old._masses / self._masses)[:, None], old._anchors)
         self.write()
-
-    def state(self) -> dict[str, Any]:
-        """Arrays from which `restore` continues to the same bits."""
-        return dict(zip('uva', self._state, strict=True)) | {'level': self._level, 'stale': self._stale}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a `state`; the atoms have their positions and momenta already."""
-        self._fit(int(state['level']))
-        for mine, name in zip(self._state, 'uva', strict=True):
-            mine[:] = state[name]
-        self._measure()
-        self._stale = bool(state['stale'])
 
 
 def _complex(v):

@@ -5,9 +5,12 @@ slots of the run add up the forces of their bonds and move on, in place: bonds l
 displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
 together, while these are in the cache.
 
-Each thread advances its share of the runs by some steps without waiting for the others.  For that it also advances, in memory of
-its own, the neighbouring runs of other threads that its bonds reach in these steps.  Every slot goes through the same operations
-in the same order, whoever computes it, so that the bits do not depend on the number of threads.
+Threads follow each other over the slots: each takes the next few steps as soon as the thread before it is far enough ahead.
+Every slot goes through the same operations in the same order, whoever computes it, so that the bits do not depend on their
+number.
+
+A kernel computes in double precision, or in single precision where the error that was asked for allows it; no number in the loops
+may have a type of its own then (`Rx + Rx` for `2 * Rx`), as it would take the others to double precision.
 
 Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
 """
@@ -15,17 +18,18 @@ Indices are unsigned, as numba checks signed ones for -1, which keeps loops out 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 from warnings import warn
 
 import numpy as np
+from llvmlite import ir
 from numba import njit, types
+from numba.core.options import DefaultOptions
 from numba.extending import intrinsic, overload
 
-from .bond_increments import RANGES, SHIFT
+from .bond_increments import SHIFT
 from .kernels_numpy import Kernel
-from .memory_layout import LINE, aligned_zeros
+from .memory_layout import LINE, aligned_zeros, same
 
 if TYPE_CHECKING:
     from typing import Any
@@ -36,32 +40,31 @@ if TYPE_CHECKING:
 
 RUN = 2048
 """Number of slots processed at a time."""
+SPINS = 2000  # looks whether the thread before is far enough ahead, before another thread gets the core
 GAP = 32
 """Largest number of holes in a run of slots that are cheaper to fill than to skip."""
 TOGETHER = 3
 """Number of steps that go over the slots together; of a million slots they take 20 % less time than one by one."""
-SHARE = 3
-"""Runs of a thread's share for each step that it takes by itself.  More of these steps mean more border to repeat, fewer of them
-more copies: of 1e5 slots on two threads 30 % more work in all than on one, with 2 to 4; 70 % with 8."""
 SAME_SHAPE = 1e-14
 """Relative difference of coefficients up to which laws differ by a factor only."""
 PART = 512
 """Number of slots of a run whose bonds take one law together, where some need the pieces."""
 FEW = np.uint64(16)
 """Number of bonds that try a law before the others of their part do: in a hot patch they show that it does not reach."""
-NEARER = RANGES[2], RANGES[4]
+NEARER = 1 / 16, 1 / 2
 """Largest increments |e| of a part whose bonds take a polynomial although others need the pieces: for bonds that repel as magnets
 do of 12 coefficients, or of 32, which take half as long as the five that are looked up in the pieces."""
-OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True}
+COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
+"""No counts of references to arrays, which take longer than a short run of slots; an option of numba's own."""
+OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
 FORGET, MOBILITY, DECAY, CARRY, PUSH = range(5)
-"""Rows of what is known of each slot: `v <- carry v + push F`, for accelerations `v <- mobility F`; with carry and push for each
-stage of a step."""
-KICK, COPY, GO_ON = range(3)
-"""How some steps begin: with half a kick, by a copy of displacements and velocities, or where the last ones ended."""
-MAGNITUDE = 2**63 - 1
+"""Rows of what is known of each slot: `v <- keep carry v + kick push F`, with two numbers for each stage of a step; for
+accelerations `v <- mobility F`."""
+MAGNITUDE, MAGNITUDE_SINGLE = 2**63 - 1, 2**31 - 1
 """Bits of a number without its sign.  As integers they have the order of |x|, nan last, and a maximum that vector units know."""
 
-WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'forceinline': False}  # who calls them may be inlined, they may not
+WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'forceinline': False, **COUNTED}
+"""Who calls them may be inlined, they may not."""
 part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
@@ -123,7 +126,7 @@ def vectorise(typing_context):
 
 def unrolled(arguments, expression):
     """A function whose expression is written out for a number of terms that is known from a type."""
-    names = {'at': at}
+    names = {'at': at, 'times_at': times_at}
     exec(f'def unrolled({arguments}):\n    return {expression}', names)  # noqa: S102  of nothing but numbers of terms
     return names['unrolled']
 
@@ -137,6 +140,39 @@ def _at(x, kind, i):
     if isinstance(x, types.NoneType):
         return lambda x, kind, i: 1.0
     return (lambda x, kind, i: x[kind]) if x.ndim == 1 else (lambda x, kind, i: x[0, i])
+
+
+def times_at(value, x, kind, i):
+    """`at(x, kind, i)` times a value, in the precision of the value where there is no x."""
+
+
+@overload(times_at)
+def _times_at(value, x, kind, i):
+    if isinstance(x, types.NoneType):
+        return lambda value, x, kind, i: value
+    return (lambda value, x, kind, i: x[kind] * value) if x.ndim == 1 else (lambda value, x, kind, i: x[0, i] * value)
+
+
+def bits(x):
+    """The bits of |x|, as an integer of the same width."""
+
+
+@overload(bits)
+def _bits(x):
+    if x == types.float32:
+        return lambda x: np.int32(np.float32(x).view(np.int32) & np.int32(MAGNITUDE_SINGLE))
+    return lambda x: np.float64(x).view(np.int64) & MAGNITUDE
+
+
+def of_bits(n):
+    """The number of these bits."""
+
+
+@overload(of_bits)
+def _of_bits(n):
+    if n == types.int32:
+        return lambda n: np.float64(np.int32(n).view(np.float32))
+    return lambda n: np.int64(n).view(np.float64)
 
 
 # --- laws: H/e at x, which is r0^2 e where bonds of a kind share a law, or e where each bond has its own ------------------
@@ -189,7 +225,7 @@ def _quotient(law, c, kind, i, x):
     *others, value = [('c[{}]' if law.types[1].ndim == 2 else 'law.c[0, {}, i]').format(n) for n in range(len(law.types[0]))]
     for c_n in reversed(others):
         value = f'({value}) * x + {c_n}'
-    return unrolled('law, c, kind, i, x', f'at(law.factors, kind, i) * ({value})')
+    return unrolled('law, c, kind, i, x', f'times_at({value}, law.factors, kind, i)')
 
 
 def _octave_piece(law, c, kind, i, x):
@@ -265,9 +301,10 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
         X, Y, g, unit, strength = bonds.Rx, bonds.Ry, bonds.g, bonds.unit, bonds.strength
         for i in range(s, e):
             k = first + i
-            Rx, Ry, there = at(X, kind, k), at(Y, kind, k), at(strength, kind, k)  # one that is not strained pulls at nothing
-            dx, dy = there * (state[0, 0, i + offset] - state[0, 0, i]), there * (state[0, 1, i + offset] - state[0, 1, i])
-            x = at(unit, kind, k) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
+            Rx, Ry = at(X, kind, k), at(Y, kind, k)  # a bond that is not there is not strained and pulls at nothing
+            dx = times_at(state[0, 0, i + offset] - state[0, 0, i], strength, kind, k)
+            dy = times_at(state[0, 1, i + offset] - state[0, 1, i], strength, kind, k)
+            x = times_at((Rx + Rx + q * dx) * dx + (Ry + Ry + q * dy) * dy, unit, kind, k)
             H = x * quotient(law, c, kind, k, x)
             G = at(g, kind, k) + t * H
             b[0, kind, i + pad], b[1, kind, i + pad] = H * Rx + G * dx, H * Ry + G * dy
@@ -281,7 +318,7 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
         for i in range(s, e):
             j, k, Rx, Ry = near[i], far[i], X[0, i], Y[0, i]
             dx, dy = state[0, 0, k] - state[0, 0, j], state[0, 1, k] - state[0, 1, j]
-            x = at(unit, kind, i) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
+            x = times_at((Rx + Rx + q * dx) * dx + (Ry + Ry + q * dy) * dy, unit, kind, i)
             H = x * quotient(law, c, kind, i, x)
             G = at(g, kind, i) + t * H
             fx, fy = H * Rx + G * dx, H * Ry + G * dy
@@ -360,38 +397,38 @@ def modulate(now, k, waves, c, s, first, last):
             now[0, row + i] = at(k, 0, row + i) + c * waves[0, x, i] + s * waves[1, x, i]
 
 
-def springs_of(outer, now, beat, s, e):
-    """The springs of the slots s to e, in memory of the thread where they change."""
+def springs_of(outer, k, now, beat, s, e):
+    """The springs k of the slots s to e, in memory of the thread where they change."""
 
 
 @overload(springs_of)
-def _springs_of(outer, now, beat, s, e):
+def _springs_of(outer, k, now, beat, s, e):
     if isinstance(outer.types[1], types.NoneType):
-        return lambda outer, now, beat, s, e: outer.springs
+        return lambda outer, k, now, beat, s, e: k
 
-    def modulated(outer, now, beat, s, e):
-        modulate(now, outer.springs, outer.waves, beat[0], beat[1], s, e)
+    def modulated(outer, k, now, beat, s, e):
+        modulate(now, k, outer.waves, beat[0], beat[1], s, e)
         return now
 
     return modulated
 
 
-def move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+def move(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, kick, drift):
     """Kick row v of the state by all forces but external ones, and drift."""
 
 
 @overload(move, jit_options=WITHIN)
-def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
-    def straight(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, kick, drift):
+    def straight(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, kick, drift):
         vectorise()
         for x in range(2):
             first = np.uint64(x) * np.uint64(state.shape[2])
             for i in range(s, e):
                 f = at(static, 0, first + i) + total(b, x, places, pad, i) - at(k, 0, first + i) * state[0, x, i]
-                state[v, x, i] = slots[row, i] * state[v, x, i] + slots[row + 1, i] * f
+                state[v, x, i] = keep * slots[row, i] * state[v, x, i] + kick * slots[row + 1, i] * f
                 state[0, x, i] += drift * state[v, x, i]
 
-    def turning(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+    def turning(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, kick, drift):
         vectorise()
         y = np.uint64(state.shape[2])
         for i in range(s, e):
@@ -399,7 +436,7 @@ def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
             fy = at(static, 0, y + i) + total(b, 1, places, pad, i) - at(k, 0, y + i) * state[0, 1, i]
             vx, vy = times(slots, turns, row, i, state[v, 0, i], state[v, 1, i])
             ax, ay = times(slots, turns, row + 1, i, fx, fy)
-            state[v, 0, i], state[v, 1, i] = vx + ax, vy + ay
+            state[v, 0, i], state[v, 1, i] = keep * vx + kick * ax, keep * vy + kick * ay
             state[0, 0, i] += drift * state[v, 0, i]
             state[0, 1, i] += drift * state[v, 1, i]
 
@@ -407,11 +444,12 @@ def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
 
 
 @part
-def correct(state, slots, turns, outer, force, v, row, r, drift):
+def correct(state, slots, turns, outer, force, v, row, r, kick, drift):
     """Add external forces on the slots of run r, and take away what lines and planes bar."""
     for n in range(outer.from_driven[r], outer.from_driven[r + 1]):
         i = outer.driven[n]
         kx, ky = times(slots, turns, row + 1, i, force[outer.row[n], 0], force[outer.row[n], 1])
+        kx, ky = kick * kx, kick * ky
         state[v, 0, i] += kx
         state[v, 1, i] += ky
         state[0, 0, i] += drift * kx
@@ -426,35 +464,78 @@ def correct(state, slots, turns, outer, force, v, row, r, drift):
 
 
 @part
-def start(state, work, slots, turns, kicked, s, e, half, drift):
-    """Copy displacements and velocities, with half a kick by the accelerations, and a drift, if `kicked`."""
+def start(state, work, slots, turns, s, e, half, drift):
+    """Copy displacements and velocities, with half a kick by the accelerations, and a drift."""
     vectorise()
+    none = half - half
     for i in range(s, e):
-        work[2, 0, i] = work[2, 1, i] = 0.0  # zero times what was there might be no number
-        if kicked:
-            vx, vy = times(slots, turns, DECAY, i, state[1, 0, i], state[1, 1, i])
-            vx, vy = vx + half * state[2, 0, i], vy + half * state[2, 1, i]
-            work[1, 0, i], work[1, 1, i] = vx, vy
-            work[0, 0, i], work[0, 1, i] = state[0, 0, i] + drift * vx, state[0, 1, i] + drift * vy
-        else:
-            work[0, 0, i], work[0, 1, i], work[1, 0, i], work[1, 1, i] = (
-                state[0, 0, i], state[0, 1, i], state[1, 0, i], state[1, 1, i])
+        work[2, 0, i] = work[2, 1, i] = none  # zero times what was there might be no number
+        vx, vy = times(slots, turns, DECAY, i, state[1, 0, i], state[1, 1, i])
+        vx, vy = vx + half * state[2, 0, i], vy + half * state[2, 1, i]
+        work[1, 0, i], work[1, 1, i] = vx, vy
+        work[0, 0, i], work[0, 1, i] = state[0, 0, i] + drift * vx, state[0, 1, i] + drift * vy
 
 
 @part
 def finish(work, slots, turns, s, e, half, before):
     """Half a kick; the largest components of displacement and velocity then."""
     vectorise()
-    far = fast = np.int64(0)
+    far = fast = bits(half - half)
     for i in range(s, e):
         vx, vy = before * work[1, 0, i] + half * work[2, 0, i], before * work[1, 1, i] + half * work[2, 1, i]
         work[1, 0, i], work[1, 1, i] = times(slots, turns, DECAY, i, vx, vy)
     for x in range(2):
         for i in range(s, e):
-            p = np.float64(work[0, x, i]).view(np.int64) & MAGNITUDE
-            q = np.float64(work[1, x, i]).view(np.int64) & MAGNITUDE
+            p, q = bits(work[0, x, i]), bits(work[1, x, i])
             far, fast = p if p > far else far, q if q > fast else fast
-    return np.int64(far).view(np.float64), np.int64(fast).view(np.float64)
+    return of_bits(far), of_bits(fast)
+
+
+# --- threads that follow each other -----------------------------------------------------------------------------------------
+
+
+def _place(context, builder, array_type, array, index):
+    return builder.gep(context.make_array(array_type)(context, builder, value=array).data, [index])
+
+
+@intrinsic
+def read(typing_context, array, index):
+    """What another thread has written there, and all that it wrote before."""
+    def code(context, builder, signature, arguments):
+        return builder.load_atomic(_place(context, builder, array, *arguments), 'acquire', 8)
+
+    return types.int64(array, types.intp), code
+
+
+@intrinsic
+def tell(typing_context, array, index, value):
+    """Write for another thread, after all that was written before."""
+    def code(context, builder, signature, arguments):
+        builder.store_atomic(arguments[2], _place(context, builder, array, *arguments[:2]), 'release', 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.int64), code
+
+
+@intrinsic
+def leave_core(typing_context):
+    """Let another thread have the core."""
+    def code(context, builder, signature, arguments):
+        kind = ir.FunctionType(ir.IntType(32), [])
+        builder.call(builder.module.globals.get('sched_yield') or ir.Function(builder.module, kind, 'sched_yield'), [])
+        return context.get_dummy_value()
+
+    return types.void(), code
+
+
+@njit(no_cpython_wrapper=True, **OPTIONS)
+def wait(done, place, runs):
+    """Wait until so many runs are done."""
+    tries = 0
+    while read(done, place) < runs:
+        tries += 1
+        if tries > SPINS:
+            leave_core()
 
 
 # --- steps ----------------------------------------------------------------------------------------------------------------
@@ -462,10 +543,11 @@ def finish(work, slots, turns, s, e, half, before):
 
 @kept
 def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider, widest, near, far, places, pad, slots, turns,
-            outer, forces, beats, half, before, drifts, begin, low, high, last, together, first, end):
-    """Kicks `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
+            outer, forces, beats, half, before, drifts, keeps, kicks, kicked, together, done, me, threads):
+    """The kicks of a block of steps; the last makes accelerations.  Every `threads`-th sweep, of some kicks `together`, is mine.
 
-    The stages of a step take their turns, with the drift that follows each.
+    The stages of a step take their turns, with the drift that follows each.  `done` counts the runs that have gone through each
+    sweep, a cache line for each.
 
     Returns
     -------
@@ -474,30 +556,36 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
     largest, fastest : float
         Largest components of displacement and velocity after the last step.
     """
-    count, wide, largest, fastest = len(runs), False, 0.0, 0.0
-    for lowest in range(low, high + 1, together):
-        above, bottom = min(lowest + together, high + 1), lowest - (lowest == low and begin != GO_ON)
-        for m in range(max(0, first - (high - bottom + 1) * lag), count + (above - bottom) * lag):
+    count, last, wide, largest, fastest = len(runs), len(forces), False, 0.0, 0.0
+    none, one = drifts[0] - drifts[0], drifts[0] / drifts[0]  # in the precision of the others
+    for sweep in range(me, (last + together - 1) // together, threads):
+        lowest = 1 + sweep * together
+        above, bottom = min(lowest + together, last + 1), lowest - (kicked and sweep == 0)
+        behind = (above - bottom - 1) * lag
+        for m in range(count + behind):
+            if sweep > 0:
+                wait(done, LINE * (sweep - 1), min(m + lag + 1, count))
             for n in range(bottom, above):
                 r = m - (n - bottom) * lag
-                if r < max(0, first - (high - n + 1) * lag) or r >= min(count, end + (high - n) * lag):
+                if r < 0 or r >= count:
                     continue
                 s, e, ends = runs[r, 0], runs[r, 1], n == last
-                if n < low:
-                    start(state, work, slots, turns, begin == KICK, s, e, half, drifts[0])
+                if n == 0:
+                    start(state, work, slots, turns, s, e, half, drifts[0])
                     continue
                 for j in range(within[r], within[r + 1]):
                     i, k, kind = segments[j, 0], segments[j, 1], segments[j, 2]
                     wide |= pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, i, k)
-                stage = (n - 1) % (len(drifts) - 1)
-                v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY + 2 * stage, drifts[1 + stage])
-                springs = springs_of(outer, now, beats[n - 1], s, e)
-                move(work, b, places, pad, slots, turns, springs, outer.static, v, row, s, e, drift)
-                correct(work, slots, turns, outer, forces[n - 1], v, row, r, drift)
-                if ends and half > 0:
+                stage = (n - 1) % len(keeps)
+                v, row, keep, kick, drift = ((2, FORGET, one, one, none) if ends else
+                                             (1, CARRY, keeps[stage], kicks[stage], drifts[1 + stage]))
+                springs = springs_of(outer, outer.springs, now, beats[n - 1], s, e)
+                move(work, b, places, pad, slots, turns, springs, outer.static, v, row, s, e, keep, kick, drift)
+                correct(work, slots, turns, outer, forces[n - 1], v, row, r, kick, drift)
+                if ends and kicked:
                     x, y = finish(work, slots, turns, s, e, half, before)
-                    if first <= r < end:
-                        largest, fastest = max(largest, x), max(fastest, y)
+                    largest, fastest = max(largest, x), max(fastest, y)
+            tell(done, LINE * sweep, m + 1 - behind)
     return wide, largest, fastest
 
 
@@ -564,7 +652,7 @@ class CompiledKernel(Kernel):
     engine = 'compiled'
 
     def _prepare(self, fitted):
-        layout, m, law = self.layout, self.motion, self.increments
+        layout, m, law, dtype = self.layout, self.motion, self.increments, self.dtype
         part = RUN if isinstance(fitted, np.ndarray) else min(PART, RUN)
         order = (_grid if layout.offset is not None else _table)(layout, part)
         own = layout.own_laws
@@ -576,33 +664,31 @@ class CompiledKernel(Kernel):
         g, unit = (_flat(order.along(x[layout.kind])) for x in (law.g, 1 / layout.r0**2)) if own else (law.g, None)
         strength = None if layout.each or layout.strength is None else _flat(layout.strength)
         R = [_flat(x) for x in order.R] if layout.offset is None or own else order.R
-        bonds = Bonds((law.q, law.t), *R, g, unit, strength)
-        stages = [row for pair in zip(self.carry, self.push, strict=True) for row in pair]
-        slots = aligned_zeros((3 + len(stages), layout.length))
-        known, turns = np.array([self.forget, m.mobility, m.decay, *stages]), None
-        slots[:] = known.real
-        if np.iscomplexobj(known):
-            turns = aligned_zeros(slots.shape)
-            turns[:] = known.imag
-        self._flow = self.half, self.before, np.append(self.first, self.drifts)
+        bonds = Bonds((dtype(law.q), dtype(law.t)), *(x if x is None else same(x, dtype) for x in (*R, g, unit, strength)))
+        known = np.array([self.forget, m.mobility, m.decay, self.carry, self.push])
+        slots, turns = same(known.real, dtype), same(known.imag, dtype) if np.iscomplexobj(known) else None
+        self._flow = dtype(self.half), dtype(self.before), *(x.astype(dtype) for x in (np.append(self.first, self.drifts),
+                                                                                      self.keeps, self.kicks))
         springs, static = (np.atleast_1d(np.asarray(x, float)) for x in (m.foundation, 0.0 if m.static is None else m.static))
         springs, static = (x if x.ndim == 1 else _flat(x) for x in (springs, static))
-        outer = Outer(springs, m.site and m.site.waves, static, *_by_run(m.driven, order, np.arange(len(m.driven))),
-                      *_by_run(m.guided, order, m.barred))
+        waves, guided = m.site and m.site.waves, _by_run(m.guided, order, m.barred)
+        outer = Outer(same(springs, dtype), None if waves is None else same(waves, dtype), same(static, dtype),
+                      *_by_run(m.driven, order, np.arange(len(m.driven))), guided[0], guided[1].astype(dtype), guided[2])
         self._runs, self._room = order.runs, order.room
         self._lag = max(1, int((np.searchsorted(order.runs[:, 0], order.reach) - 1 - np.arange(len(order.runs))).max()))
         unsigned = (x.astype(np.uint64) for x in (order.runs, order.segments))
         self._given = (*unsigned, order.within, self._lag, bonds, *laws, *[None] * (3 - len(laws)), order.near, order.far,
                        order.places, np.uint64(order.pad), slots, turns, outer)
-        self._rooms, self._between, self._pool = [self._new_room()], None, None
+        self._rooms, self._pool = [self._new_room()], None
         self._slot = None if layout.whole else layout.slot.astype(np.uint64)
 
     def _new_room(self):
         """Memory of a thread for the forces of bonds, and for springs that change."""
-        return aligned_zeros(self._room), aligned_zeros((1, 2 * self.layout.length if self.motion.site else 1))
+        return (aligned_zeros(self._room, self.dtype),
+                aligned_zeros((1, 2 * self.layout.length if self.motion.site else 1), self.dtype))
 
     def _beats(self, times):
-        return self.motion.site.beats(times) if self.motion.site else np.zeros((len(times), 2))
+        return (self.motion.site.beats(times) if self.motion.site else np.zeros((len(times), 2))).astype(self.dtype, copy=False)
 
     def _law(self, fitted, reach, order):
         """A law as it is compiled: polynomials, or pieces; of kinds, or of each bond where these have their own."""
@@ -611,13 +697,15 @@ class CompiledKernel(Kernel):
             count = (0.0,) * fitted.shape[1]
             if not own:
                 c = fitted / layout.r0[:, None] ** (2 + 2 * np.arange(len(count)))
-                return Polynomial(count, c, reach * layout.r0**2, None)
-            limit = np.full(len(kinds), reach)
+                return Polynomial(count, c.astype(self.dtype), (reach * layout.r0**2).astype(self.dtype), None)
+            limit = np.full(len(kinds), reach, self.dtype)
             with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
                 shapes = fitted / fitted[:, :1]
             if (abs(shapes - shapes[0]) <= SAME_SHAPE * abs(shapes[0])).all():
-                return Polynomial(count, shapes[[0 for _ in kinds]], limit, _flat(order.along(fitted[layout.kind, 0])))
-            return Polynomial(count, order.along(fitted.T[:, layout.kind]).reshape(1, len(count), -1), limit, None)
+                return Polynomial(count, shapes[[0 for _ in kinds]].astype(self.dtype), limit,
+                                  same(_flat(order.along(fitted[layout.kind, 0])), self.dtype))
+            each = order.along(fitted.T[:, layout.kind]).reshape(1, len(count), -1)
+            return Polynomial(count, same(each, self.dtype), limit, None)
         r0 = np.ones(len(fitted)) if own else layout.r0
         roots = np.cumsum([0, *(len(p.child) for p in fitted)])[:-1]
         numbers = np.array([(p.per_increment / r**2, p.low, np.nextafter(p.high, 0)) for p, r in zip(fitted, r0, strict=True)]).T
@@ -635,45 +723,31 @@ class CompiledKernel(Kernel):
 
     def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], times: NDArray[np.float64],
                 out: NDArray[np.float64]) -> Found:
-        steps, count, beats = len(forces), len(self._runs), self._beats(times)
-        threads = max(1, min(self.threads, count // (2 * self._lag)))
-        if threads == 1:
-            return advance(state, out, *self._rooms[0], *self._given, forces, beats, *self._flow, KICK, 1, steps, steps, TOGETHER,
-                           0, count)
-        size = max(1, count // threads // (SHARE * self._lag))
-        while len(self._rooms) < 1 + threads:
-            self._rooms.append((*self._new_room(), aligned_zeros(state.shape)))
-        if self._between is None:
-            self._between = np.zeros_like(out)
-        shares = [*pairwise(count * n // threads for n in range(threads + 1))]
-        found = []
-        for low in range(1, steps + 1, size):
-            high = min(low + size - 1, steps)
-            target = out if (steps - high + size - 1) // size % 2 == 0 else self._between
+        beats, forces = self._beats(times), forces.astype(self.dtype, copy=False)
+        threads = max(1, min(self.threads, len(self._runs) // (2 * self._lag)))
+        together = max(1, min(TOGETHER, len(self._runs) // (threads * self._lag + 1))) if threads > 1 else TOGETHER
+        while len(self._rooms) < threads:
+            self._rooms.append(self._new_room())
+        done = np.zeros((-(-len(forces) // together), LINE), np.int64).ravel()
 
-            def share(room, first, end, state=state, target=target, low=low, high=high):
-                b, now, work = room
-                found = advance(state, work, b, now, *self._given, forces, beats, *self._flow, KICK if low == 1 else COPY, low,
-                                high, steps, TOGETHER, first, end)
-                s, e = self._runs[first, 0], self._runs[end - 1, 1]
-                target[..., s:e] = work[..., s:e]
-                return found
+        def sweeps(me):
+            return advance(state, out, *self._rooms[me], *self._given, forces, beats, *self._flow, True, together, done, me,
+                           threads)
 
-            found += self._shared(share, [(room, *part) for room, part in zip(self._rooms[1:], shares, strict=False)])
-            state = target
+        found = self._shared(sweeps, range(threads))
         return tuple(max(x) for x in zip(*found, strict=True))  # pyright: ignore[reportReturnType]  three of them
 
     def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64], time: float = 0.0) -> bool:
         state[2] = 0
-        given = *self._given, force[None], self._beats(np.array([time])), 0.0, *self._flow[1:]  # with no half kick
-        return advance(state, state, *self._rooms[0], *given, GO_ON, 1, 1, 1, 1, 0, len(self._runs))[0]
+        force, beats, done = force[None].astype(self.dtype, copy=False), self._beats(np.array([time])), np.zeros(1, np.int64)
+        return advance(state, state, *self._rooms[0], *self._given, force, beats, *self._flow, False, 1, done, 0, 1)[0]
 
     def _shared(self, function, tasks):
         """Results of the tasks, the first of which is done by this thread."""
         if len(tasks) > 1 and self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads - 1)
-        others = [self._pool.submit(function, *task) for task in tasks[1:]]
-        return [function(*tasks[0]), *(other.result() for other in others)]
+        others = [self._pool.submit(function, task) for task in tasks[1:]]
+        return [function(tasks[0]), *(other.result() for other in others)]
 
     def write(self, *arrays: NDArray[np.float64]) -> None:
         follow(self._slot, *arrays, True) if _as_ase_makes_them(*arrays) else super().write(*arrays)

@@ -94,26 +94,28 @@ class Kernel:
         Of the polynomials in the increment; pieces for `CompiledKernel` only; None to evaluate the law itself.
     reach : float
         Largest increment |e| for which the polynomials stand.
-    threads : int
-        For `CompiledKernel` only.
+    threads, dtype : int, type
+        For `CompiledKernel` only; it computes in single precision where this is np.float32.
     """
 
     engine = 'numpy'
 
     def __init__(self, layout: Layout, increments: Increments, motion: Motion,
-                 coefficients: NDArray[np.float64] | list[Pieces] | None, reach: float, threads: int = 1) -> None:
+                 coefficients: NDArray[np.float64] | list[Pieces] | None, reach: float, threads: int = 1,
+                 dtype: Any = np.float64) -> None:
+        self.dtype = dtype
         self.layout, self.increments, self.motion, self.reach, self.threads = layout, increments, motion, reach, threads
         d, b, (drifts, damped) = motion.decay, motion.splitting.kicks, motion.splitting.flow(motion.dt, motion.rate)
         self.half, self.before, self.drifts = b[0] * motion.dt, damped[-1], np.roll(drifts, -1)  # the one that follows each kick
         self.first, merged = drifts[0], (*b[1:-1], b[-1] + b[0])
-        self.carry = [factor * d**2 for factor in damped]
-        self.push = [(1 + d**2) * (kick * motion.dt / 2) * motion.mobility for kick in merged]
-        self.forget = np.zeros(len(d))
+        self.keeps, self.kicks = damped, np.array(merged) * motion.dt
+        self.carry, self.push, self.forget = d**2, (1 + d**2) / 2 * motion.mobility, np.zeros(len(d))
         self._prepare(coefficients)
 
     def _prepare(self, coefficients):
         layout = self.layout
         self.forces = (TableForces if layout.offset is None or layout.each else GridForces)(layout, self.increments, coefficients)
+        self.carries, self.pushes = [x * self.carry for x in self.keeps], [x * self.push for x in self.kicks]
         self.f = np.zeros((2, layout.length))
         self.scratch = np.empty((2, max(RUN, layout.length if self.forces.whole else 0)))
 
@@ -138,7 +140,7 @@ class Kernel:
         turn(v, d)
         v += self.half * a0
         u[:] = u0 + self.first * v
-        beyond = self._turns(u, v, forces[:-1], times, self.carry, self.push, self.drifts)
+        beyond = self._turns(u, v, forces[:-1], times, self.carries, self.pushes, self.drifts)
         beyond |= self.accelerate(out, forces[-1], times[-1])
         v *= self.before
         v += self.half * a

@@ -39,18 +39,25 @@ SKEWS = tuple(np.array(skew).reshape(2, 2) for skew in
               ((1, 0, 0, 1), (1, 1, 0, 1), (1, -1, 0, 1), (1, 0, 1, 1), (1, 0, -1, 1), (0, 1, 1, 1), (0, 1, 1, -1)))
 """Other base vectors of a lattice: in some of them a patch fills its parallelogram better."""
 MANY = 1000  # values that are sorted first
-LINE = 8  # number of floating-point numbers in a cache line
+LINE = 16  # slots to which rows are padded: a cache line of single, two of double precision
 SAME_VECTOR = 1e-10
 """Relative difference of rest vectors below which they form one group: far above the round-off of positions, and so small that
 one law serves all of them (relaxed patches differ by any amount; a limit ten times as large costs 2e-9 of a motion)."""
 
 
-def aligned_zeros(shape: tuple[int, ...]) -> NDArray[np.float64]:
+def aligned_zeros(shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
     """Zeros that start on a cache line, as vector units like it; a third faster than where NumPy happens to put them."""
     size = int(np.prod(shape))
-    memory = np.zeros(size + LINE)
+    memory = np.zeros(size + LINE, dtype)
     start = -memory.ctypes.data // memory.itemsize % LINE
     return memory[start : start + size].reshape(shape)
+
+
+def same(x: NDArray[Any], dtype: Any) -> NDArray[Any]:
+    """The array on a cache line, in a precision."""
+    copy = aligned_zeros(x.shape, dtype)
+    copy[...] = x
+    return copy
 
 
 @dataclass(frozen=True)

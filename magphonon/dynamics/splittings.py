@@ -8,6 +8,7 @@ the drift, whose flow is then exact: `u <- u + (1 - e^{-gamma a h})/gamma v`, `v
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -54,6 +55,13 @@ class Splitting:
         shape = np.sqrt(-state[1, 0] / state[0, 1]) / x - 1
         return np.maximum(abs(frequency) * 24, abs(shape) * 8) / x**2
 
+    def longest(self, phase: float, tolerance: float) -> float:
+        """The largest omega h of a wave that goes through so many radians with a relative error below a tolerance; 0 if none."""
+        x = self.limit * np.geomspace(0.01, 1, 1000)[:-1]
+        with np.errstate(invalid='ignore'):
+            good = self.beside_verlet(x) * x**2 * (phase / 24 + 1 / 8) <= tolerance
+        return float(x[good.cumprod().sum() - 1]) if good[0] else 0.0
+
     def flow(self, dt: float, gamma: float) -> tuple[np.ndarray, np.ndarray]:
         """What each drift does to velocities: the distance for each, ms, and the factor that damping leaves; shape (stages,)."""
         h = dt * np.array(self.drifts)
@@ -76,3 +84,28 @@ SPLITTINGS = {
                  3.1414, 6.0),
 }
 """By their order."""
+STEPS_SHARE = 0.25
+"""Share of a tolerance that the error of time steps may have, for the fastest wave at rest: large strains make waves faster."""
+
+
+def step_within(tolerance: float, omega: float, duration: float, frame: float,
+                orders: Sequence[int] = (2, 4, 6)) -> tuple[float, int]:
+    """The time step in ms, a whole fraction of a frame, and the order that meet a tolerance in the fewest evaluations of forces.
+
+    Parameters
+    ----------
+    tolerance : float
+        Relative error of the motion at the end.
+    omega : float
+        Highest angular frequency, rad/ms.
+    duration, frame : float
+        Of the motion, and between two of its records, ms.
+    orders : sequence of int
+        Those to choose from.
+    """
+    longest = {order: SPLITTINGS[order].longest(omega * duration, STEPS_SHARE * tolerance) for order in orders}
+    counts = {order: int(np.ceil(omega * frame / x)) for order, x in longest.items() if x}
+    if not counts:
+        raise ValueError(f'a tolerance of {tolerance:g} is below the round-off of {duration:.6g} ms of motion; take a larger one')
+    order = min(counts, key=lambda order: SPLITTINGS[order].stages * counts[order])
+    return frame / counts[order], order

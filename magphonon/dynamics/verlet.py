@@ -38,8 +38,8 @@ from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
 from .compiled import can_compile
 from .drives import forces_and_walls, refuse_held_drives
-from .engine import Blocks, half_step, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_turns
-from .splittings import SPLITTINGS
+from .engine import Blocks, half_step, highest_frequency, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_turns
+from .splittings import SPLITTINGS, STEPS_SHARE
 from .thermostat import Bath
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
@@ -79,9 +79,15 @@ class DrivenVerlet(VelocityVerlet):
         gamma in 1/ms.
     engine : {'auto', 'ase', 'numpy', 'compiled'}
         'auto' takes blocks where it can, and compiles when a run is long enough to earn that back.
-    order : {2, 4, 6}
+    order : {2, 4, 6}, optional
         Of the error in the time step.  A step of order 4 or 6 takes 6 or 11 evaluations of the forces, and fewer in all where the
-        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number, and nothing gyrate.
+        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number, and nothing gyrate.  By
+        default 2, or with a `tolerance` the lowest that meets it.
+    tolerance : float, optional
+        Error of the displacements at the end of a run that is allowed, as a fraction of the largest one of the run.  Blocks then
+        count the forces of bonds by as few coefficients as that needs, and compiled ones in single precision where that serves,
+        which takes a half to a quarter of the time.  Without an `order` that is given the error of the time steps is within the
+        tolerance too, or ValueError tells how long they may be.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional
@@ -117,11 +123,15 @@ class DrivenVerlet(VelocityVerlet):
     """
 
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
-                 order: int = 2, allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None, loginterval: int = 1,
-                 threads: int | None = None, temperature_mJ: float = 0.0, seed: int = 0, **kwargs: Any) -> None:
+                 order: int | None = None, allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None,
+                 loginterval: int = 1, threads: int | None = None, temperature_mJ: float = 0.0, seed: int = 0,
+                 tolerance: float | None = None, **kwargs: Any) -> None:
         self.threads = threads_for(len(atoms)) if threads is None else whole('threads', threads)
         self.asked_engine = one_of('engine', engine, ENGINES)
-        self.splitting = SPLITTINGS[one_of('order', order, tuple(SPLITTINGS))]
+        self.splitting = SPLITTINGS[2 if order is None else one_of('order', order, tuple(SPLITTINGS))]
+        self.asked_order, self.tolerance = order, 0.0 if tolerance is None else positive('tolerance', tolerance)
+        if tolerance and not isinstance(atoms.calc, PairCalculator):
+            raise ValueError('a tolerance needs PairCalculator, whose highest frequency is known; leave it out')
         self._drives = tuple(drives)
         self._sum_of_drives, self._walls = forces_and_walls(self._drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms), self.splitting)
@@ -132,19 +142,17 @@ class DrivenVerlet(VelocityVerlet):
         self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and (find_spec('numba') is None or not can_compile()):
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
-        if not allow_unstable:
-            refuse_long_step(atoms, positive('timestep', timestep, 'ms'), self.splitting.limit)
-            refuse_long_decay(self._damping, timestep, self.splitting)
+        self.allow_unstable = allow_unstable
+        self.temperature_mJ, self.seed = not_negative('temperature_mJ', temperature_mJ, 'mJ'), whole('seed', seed, 0)
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
+        self._omega = self._refuse_steps()
         if logfile:
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
-        self.allow_unstable = allow_unstable
         self.recorders = []
-        self.temperature_mJ, self.seed = not_negative('temperature_mJ', temperature_mJ, 'mJ'), whole('seed', seed, 0)
         self._bath = self._new_bath()
         self._start = atoms.get_positions()
         self._blocks, self._cages, self._unseen, self._good = None, None, 0.0, None
-        self._prepared = self._setting(), None
+        self._prepared = self._setting(), None, 0.0
 
     @property
     def damping(self) -> NDArray[np.float64]:
@@ -297,6 +305,34 @@ class DrivenVerlet(VelocityVerlet):
             self.call_observers()
             yield self.nsteps == self.max_steps
 
+    def _refuse_steps(self):
+        """Refuse an unstable step; what is known of the highest frequency then, rad/ms."""
+        limit = max(one.limit for one in SPLITTINGS.values()) if self._chooses else self.splitting.limit
+        omega = 0.0
+        if self.tolerance or not self.allow_unstable:
+            omega = refuse_long_step(self.atoms, self.dt, np.inf if self.allow_unstable else limit)
+        if not self.allow_unstable:
+            refuse_long_decay(self.damping, self.dt, self.splitting)
+        return max([omega, *(float(np.max(getattr(drive, 'omega', 0.0))) for drive in self._drives)])
+
+    @property
+    def _chooses(self):
+        """Whether the tolerance decides on the order."""
+        only = np.ptp(self._damping) or self.temperature_mJ or np.any(getattr(self.atoms.calc, 'rate', 0.0))
+        return bool(self.tolerance and self.asked_order is None and not only)
+
+    def _order_for(self, phase):
+        """The lowest order whose steps meet the tolerance until the fastest wave has gone through a phase."""
+        share = STEPS_SHARE * self.tolerance
+        for omega in (lambda: self._omega), (lambda: highest_frequency(self.atoms)):  # a bound first
+            orders = SPLITTINGS if self._chooses else (2,)
+            longest = {order: SPLITTINGS[order].longest(phase, share) / omega() for order in orders}
+            for order in longest:
+                if self.dt <= longest[order]:
+                    return order
+        raise ValueError(f'time steps of {self.dt:.6g} ms are too long for an error of {self.tolerance:g} after '
+                         f'{self.max_steps * self.dt:.6g} ms; take steps of at most {max(longest.values()):.3g} ms')
+
     def _one_step(self):
         """A step of ASE's loop; if the bonds do not hold after it, back to the last state in which they were seen to hold."""
         if self._good is None:
@@ -327,8 +363,11 @@ class DrivenVerlet(VelocityVerlet):
 
     def _prepare(self, long):
         """Choose the engine, for a run that repays compilation if `long`; refuse an unstable step.  Only if anything changed."""
-        now, (before, was_long) = self._setting(), self._prepared
-        if now == before and long == was_long:
+        now, (before, *was) = self._setting(), self._prepared
+        phase = self._omega * self.max_steps * self.dt
+        # a relative error e of stiffness is e/2 of a phase; a power of two, so that it seldom changes as a run gets longer
+        rough = 2.0 ** np.floor(np.log2(self.tolerance / max(phase, 1.0))) if self.tolerance and self.max_steps else 0.0
+        if now == before and [long, rough] == was:
             return
         if now != before:
             dt = before[1]
@@ -336,26 +375,27 @@ class DrivenVerlet(VelocityVerlet):
                 raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
                                  'of drives and records is the number of steps times the time step; set it back, or go on with a '
                                  'new DrivenVerlet(atoms, ...), whose time begins at zero')
-            if not self.allow_unstable:
-                refuse_long_step(self.atoms, self.dt, self.splitting.limit)
-                refuse_long_decay(self.damping, self.dt, self.splitting)
+            self._omega = self._refuse_steps()
             refuse_turns(self.atoms, self.splitting)
             self._bath = self._new_bath()
+        if rough and self.asked_order is None:
+            self.splitting = SPLITTINGS[self._order_for(phase)]
+            now = self._setting()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel
-            self._blocks.use(self.engine)
-            self.engine, self._prepared = self._blocks.engine, (now, long)
+            self._blocks.use(self.engine, rough)
+            self.engine, self._prepared = self._blocks.engine, (now, long, rough)
             return
         blocks = cages = None
         if self.engine != 'ase':
             blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads, self._bath)
-            blocks.use(self.engine)
+            blocks.use(self.engine, rough)
             if self._blocks is not None and self._blocks.current:
                 blocks.adopt(self._blocks)
             self.engine = blocks.engine
         elif isinstance(self.atoms.calc, PairCalculator):
             cages = Cages(self.atoms)
-        self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long)
+        self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long, rough)
         if self._walls:
             self._at_rest = self._start
             if isinstance(self.atoms.calc, PairCalculator):
@@ -371,7 +411,8 @@ class DrivenVerlet(VelocityVerlet):
         atoms, calc = self.atoms, self.atoms.calc
         changeable = getattr(calc, 'model', None), getattr(calc, 'sites', None)  # frozen: `set` makes others
         damping = self.damping[:1] if self.damping.strides == (0,) else self.damping  # of all, where it is one number
-        return (calc, self.dt, self._sum_of_drives, changeable, [constraint.todict() for constraint in atoms.constraints],
+        return (calc, self.dt, self.splitting, self._sum_of_drives, changeable,
+                [constraint.todict() for constraint in atoms.constraints],
                 *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, damping)))
 
     def _time_to_look(self):

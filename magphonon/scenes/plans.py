@@ -181,6 +181,9 @@ class BurstPlan(Table):
     damping_ratio: Annotated[NotNegative, within(0, 1, 'shares of critical damping')] = Field(
         description='the damping, as a share of critical at the carrier')
     duration_s: Duration = Field(description='the length of the record in s')
+    tolerance: Annotated[Positive, within(1e-9, 0.1, 'of the largest displacement')] | None = Field(
+        None, description='the error of the displacements, as a fraction of the largest one, that time steps and arithmetic may '
+                          'make together; by default steps are short, of order two and in double precision', examples=[1e-3])
 
     @model_validator(mode='after')
     def _belong_together(self):
@@ -222,7 +225,7 @@ class BurstPlan(Table):
             raise ValueError(f'the row along R2 has {len(where.row)} particles inside the rim, and a map of waves needs at least '
                              f'{FEWEST}; enlarge [patch]')
         burst = self.burst(k, where)
-        return where, send(patch, where, burst.drive, burst.damping, burst.duration, **engine)
+        return where, send(patch, where, burst.drive, burst.damping, burst.duration, tolerance=self.tolerance, **engine)
 
 
 class VibrometerPlan(Table):

@@ -20,6 +20,7 @@ from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.lammps import run_lammps
 from ..dynamics.motion import Motion
 from ..dynamics.recorder import Recorder
+from ..dynamics.splittings import SPLITTINGS, step_within
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
@@ -183,7 +184,8 @@ class Passage:
 
 
 def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto', ranks: int = 1,
-         directory: str | PathLike[str] | None = None, threads: int | None = None, film: bool = False) -> Passage:
+         directory: str | PathLike[str] | None = None, threads: int | None = None, film: bool = False,
+         tolerance: float | None = None) -> Passage:
     """Send a burst through a copy of a patch at rest and record it.
 
     Parameters
@@ -207,6 +209,8 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         Number of threads, as for DrivenVerlet.
     film : bool
         Record the whole patch 12 times a period of the carrier, as a film needs it, instead of 24 times in all.
+    tolerance : float, optional
+        Error of the displacements, as a fraction of the largest one, as for DrivenVerlet; steps are then as long as it allows.
 
     Examples
     --------
@@ -232,9 +236,12 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         raise ValueError(f'the carrier of {units.hertz(drive.omega):.6g} Hz lies above the highest frequency of the '
                          f'patch in the {model} model, {units.hertz(highest):.6g} Hz, where nothing propagates; lower it'
                          + (' (the conventional model reaches higher)' if model == 'complete' else ''))
-    dt = STEP_FRACTION * 2 / top
-    period = 2 * np.pi / drive.omega / dt
-    interval = max(1, int(period / SAMPLES))
+    frame = 2 * np.pi / drive.omega / SAMPLES
+    dt, order = STEP_FRACTION * 2 / top, 2
+    if tolerance is not None:
+        only = engine == 'lammps' or patch.calc.gyration
+        dt, order = step_within(tolerance, highest, duration, frame, (2,) if only else tuple(SPLITTINGS))
+    interval = max(1, int(frame / dt + 1e-9))
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
     steps = int(duration / dt)
@@ -244,7 +251,7 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         near, field = run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks,
                                  directory=directory)
     else:
-        dyn = DrivenVerlet(patch, dt, [drive], damping, engine, threads=threads)
+        dyn = DrivenVerlet(patch, dt, [drive], damping, engine, order, threads=threads, tolerance=tolerance)
         recorders = [Recorder(dyn, particles, every) for particles, every in wanted]
         dyn.run(steps)
         near, field = (recorder.motion for recorder in recorders)

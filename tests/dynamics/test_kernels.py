@@ -303,9 +303,8 @@ def test_threads_and_steps_that_go_together_leave_every_bit_as_it_is(name, monke
 
     monkeypatch.setattr(kernels_numba, 'RUN', 64)  # 90 runs in the large ones
 
-    def run(threads, together, share, amplitude=0.01):
+    def run(threads, together, amplitude=0.01):
         monkeypatch.setattr(kernels_numba, 'TOGETHER', together)
-        monkeypatch.setattr(kernels_numba, 'SHARE', share)
         atoms = STRUCTURES[name].copy()
         atoms.calc = MagneticRepulsion(atoms, LAW, foundation=40.0)
         drives = [Harmonic(np.arange(len(atoms))[:: len(atoms) // 9], (1, 2), amplitude, 0.5)]
@@ -316,11 +315,11 @@ def test_threads_and_steps_that_go_together_leave_every_bit_as_it_is(name, monke
         assert dyn.engine == 'compiled'
         return dyn.displacements, dyn.velocities, atoms.positions
 
-    expected = run(1, 1, 8)  # one step after the other
+    expected = run(1, 1)  # one step after the other
     assert abs(expected[0]).max() > 1e-6
-    for threads, together, share in ((1, 3, 8), (1, 40, 8), (2, 1, 8), (2, 3, 1), (3, 2, 2), (5, 3, 8)):
-        assert all(np.array_equal(x, y) for x, y in zip(run(threads, together, share), expected, strict=True))
-    assert not np.array_equal(run(2, 3, 8, 0.0100001)[0], expected[0])  # the control
+    for threads, together in ((1, 3), (1, 40), (2, 1), (2, 3), (3, 2), (5, 3)):
+        assert all(np.array_equal(x, y) for x, y in zip(run(threads, together), expected, strict=True))
+    assert not np.array_equal(run(2, 3, 0.0100001)[0], expected[0])  # the control
 
 
 def test_threads_are_a_whole_number_and_one_by_default_in_small_patches(monkeypatch):

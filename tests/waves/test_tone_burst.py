@@ -7,6 +7,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline
 
 from magphonon import MagneticRepulsion, lattices, read_scene, units as u
 from magphonon.dynamics.motion import Motion
@@ -324,3 +325,18 @@ def test_a_shaken_bench_against_its_transfer_function():
     assert abs(here - expected).max() < 0.02 * abs(here).max()
     even = send(shaken, replace(where, weights=np.ones(len(where.driven))), replace(drive, amplitude=force), damping, 300.0).row
     assert abs(even.displacements[:, 2, 1] - expected).max() > 0.1 * abs(here).max()  # the control
+
+
+def test_a_burst_with_a_tolerance_keeps_it_with_even_frames(ideal):
+    patch, found = patch_of(ideal, 16), {}
+    where = site(ideal, patch, 'row')
+    drive = where.burst(polarisations(ideal, 'row')['transverse'], 1 * u.N, CARRIER)
+    for tolerance in (1e-2, 1e-7, None):
+        found[tolerance] = send(patch, where, drive, 0.02 * CARRIER, 350 * u.ms, 'numpy', tolerance=tolerance).row
+    rough, fine, plain = found.values()
+    assert 0 < abs(rough.displacements - fine.displacements).max() < 1e-2 * abs(fine.displacements).max()
+    assert_allclose(rough.times, fine.times, rtol=1e-12)
+    assert_allclose(np.diff(rough.times), 2 * np.pi / CARRIER / 12, rtol=1e-9)
+    times = plain.times[plain.times < fine.times[-1]]
+    at = CubicSpline(fine.times, fine.displacements)(times)
+    assert abs(plain.displacements[: len(times)] - at).max() > 1e-4 * abs(at).max()  # the control: short steps of order two

@@ -1,0 +1,144 @@
+"""Runs with a tolerance against NumPy's double precision with the whole law and finer steps, on drawn patches."""
+
+from dataclasses import dataclass
+from unittest import mock
+
+import numpy as np
+import pytest
+from ase.calculators.emt import EMT
+
+from magphonon import DrivenVerlet, Harmonic, InversePower, PairCalculator, Recorder, ToneBurst, lattices
+from magphonon.dynamics import engine, memory_layout
+from magphonon.dynamics.engine import highest_frequency
+from magphonon.dynamics.splittings import SPLITTINGS
+
+pytest.importorskip('numba')
+
+LAW, L0, FINER = InversePower(b=8900.0, a=4.5), 10.0, 4
+
+
+@dataclass
+class Case:
+    """A patch that moves for `duration` ms: displaced by a strain, pushed and damped, of which a tolerance is asked."""
+
+    seed: int
+
+    def __post_init__(self):
+        rng = self.rng = np.random.default_rng(self.seed)
+        cell = lattices.triangular(L0, 0.7)
+        atoms = [lattices.parallelogram(cell, *rng.integers(7, 13, 2)), lattices.hexagon(cell, rng.uniform(40, 60)),
+                 lattices.rectangle(cell, *rng.uniform(70, 130, 2))][rng.integers(3)]
+        if rng.random() < 0.4:
+            atoms = atoms[rng.random(len(atoms)) > 0.06]
+        if rng.random() < 0.3:
+            atoms.positions[:, :2] += 0.03 * L0 * rng.uniform(-1, 1, (len(atoms), 2))
+        if rng.random() < 0.3:
+            atoms.set_constraint()
+        self.table = rng.random() < 0.2
+        if self.table:
+            atoms = atoms[rng.permutation(len(atoms))]
+        atoms.set_array('site', None)
+        if rng.random() < 0.3:
+            atoms.set_masses(0.7 * rng.uniform(0.5, 2, len(atoms)))
+        springs = rng.uniform(0.3, 2.0)
+        atoms.calc = PairCalculator(atoms, LAW, foundation=springs, cutoff=1.4 * L0)
+        atoms.calc = atoms.calc.balanced(np.arange(len(atoms)))
+        self.free = np.setdiff1d(np.arange(len(atoms)), atoms.constraints[0].index if atoms.constraints else [])
+        self.atoms, self.omega = atoms, highest_frequency(atoms)
+        self.strain = 10 ** rng.uniform(-4, -0.9)
+        self.u = np.zeros((len(atoms), 3))
+        self.u[self.free, :2] = self.strain * L0 / 2 * rng.uniform(-1, 1, (len(self.free), 2))
+        self.damping = rng.uniform(0, 0.05) * (rng.random() < 0.4)
+        pushed = rng.choice(self.free, 3, replace=False)
+        kind = rng.integers(3)
+        self.drives = [[], [Harmonic(pushed, (0.6, 0.8), 0.1 * self.strain, 0.5 * self.omega)],
+                       [ToneBurst(pushed[0], (0, 1), self.strain, 0.4 * self.omega, cycles=3)]][kind]
+        self.tolerance = 10 ** rng.uniform(-5, -2.5)
+        self.phase = 10 ** rng.uniform(0.7, 2)
+        longest = max(one.longest(self.phase, self.tolerance / 4) for one in SPLITTINGS.values()) / self.omega
+        self.steps = int(np.ceil(self.phase / self.omega / longest / rng.uniform(0.3, 0.95))) + 1
+        self.dt = self.phase / self.omega / self.steps
+
+    def run(self, finer=1, **settings):
+        atoms = self.atoms.copy()
+        atoms.calc, atoms.positions = self.atoms.calc, atoms.positions + self.u
+        dyn = DrivenVerlet(atoms, self.dt / finer, self.drives, self.damping, **settings)
+        recorder = Recorder(dyn, interval=max(1, finer * self.steps // 20))
+        with mock.patch.object(memory_layout, 'SPREAD', 0 if self.table else memory_layout.SPREAD):
+            dyn.run(finer * self.steps)
+        return dyn, abs(recorder.displacements).max()
+
+    def misfit(self, **settings):
+        """Error of a run with the tolerance as a fraction of it, and that run."""
+        dyn, _ = self.run(tolerance=self.tolerance, engine='compiled', threads=1, **settings)
+        reference, largest = self.run(FINER, engine='numpy', order=6)
+        return abs(dyn.displacements - reference.displacements).max() / largest / self.tolerance, dyn
+
+
+@pytest.mark.parametrize('seeds', [(1, 21), *(pytest.param(range(n, n + 20), marks=pytest.mark.slow) for n in range(0, 200, 20))])
+def test_the_error_is_within_the_tolerance(seeds):
+    for seed in seeds:
+        misfit, dyn = Case(seed).misfit()
+        assert misfit < 1, seed
+        assert dyn.engine == 'compiled'
+
+
+def test_a_law_cut_too_short_misses_the_tolerance():
+    case = Case(17)  # a strain of a tenth
+    with mock.patch.object(engine, 'LAW_SHARE', 1e4):
+        misfit, dyn = case.misfit()
+    assert len(dyn._blocks._kernel._given[5].count) == 4  # where twelve are due
+    assert misfit > 10
+
+
+def test_single_precision_drifts_and_long_runs_are_in_double():
+    case, found = Case(1), {}
+    case.tolerance, case.steps, case.drives, case.damping = 1e-5, 4000, [], 0.0
+    exact = case.run(engine='compiled', order=6)[0].displacements
+    for least in (0.0, engine.SINGLE):
+        with mock.patch.object(engine, 'SINGLE', least):
+            dyn, largest = case.run(tolerance=case.tolerance, engine='compiled', order=6)
+        found[dyn._blocks._dtype] = abs(dyn.displacements - exact).max() / largest / case.tolerance
+    assert found[np.float64] < 0.5
+    assert found[np.float32] > 2  # the control
+
+
+def test_a_run_that_grows_long_goes_on_in_double_precision():
+    case = Case(1)
+    case.tolerance, case.drives, case.damping = 1e-5, [], 0.0
+    dyn, _ = case.run(tolerance=case.tolerance, engine='compiled', order=6)
+    assert dyn._blocks._dtype is np.float32
+    before = dyn.displacements
+    dyn.run(1500)
+    assert dyn._blocks._dtype is np.float64
+    assert before.dtype == np.float64
+    exact = case.run(engine='compiled', order=6)[0]
+    assert abs(before - exact.displacements).max() < case.tolerance * abs(case.u).max()
+    exact.run(1500)
+    assert abs(dyn.displacements - exact.displacements).max() < case.tolerance * abs(case.u).max()
+
+
+def test_the_lowest_order_that_meets_the_tolerance_is_taken_or_the_longest_step_told():
+    case = Case(1)
+    stages = []
+    for tolerance in (0.3, 1e-3, 1e-6):
+        dyn, _ = case.run(finer=6, tolerance=tolerance)
+        stages.append(dyn.splitting.stages)
+    assert stages == sorted(stages)
+    assert stages[0] == 1
+    assert stages[-1] == 11
+    with pytest.raises(ValueError, match='take steps of at most') as refused:
+        case.run(tolerance=1e-9)
+    case.dt = float(str(refused.value).split('at most ')[1].split(' ')[0])
+    case.run(tolerance=1e-9)
+    assert case.run(finer=3)[0].splitting.stages == 1  # without a tolerance
+
+
+def test_a_tolerance_is_a_positive_number_for_magnets():
+    case = Case(1)
+    with pytest.raises(ValueError, match='tolerance must be a positive number'):
+        case.run(tolerance=-1.0)
+    atoms = case.atoms.copy()
+    atoms.calc = EMT()
+    with pytest.raises(ValueError, match='a tolerance needs PairCalculator'):
+        DrivenVerlet(atoms, 0.1, tolerance=1e-3)
