@@ -51,7 +51,8 @@ def test_a_finite_structure(g):
     end = solve_ivp(motion, (0, T), np.eye(2 * n).ravel(), 'DOP853', rtol=1e-9, atol=1e-9).y[:, -1].reshape(2 * n, 2 * n)
     rate = np.log(abs(np.linalg.eigvals(end)).max()) / T
     assert rate > 0.1
-    assert pumped_growth(patch).rate == pytest.approx(rate, abs=1e-5)
+    found = pumped_growth(patch)
+    assert (found.rate, found.q.tolist()) == (pytest.approx(rate, abs=1e-5), [0, 0, 0])
     patch.positions[0, 0] += 0.01  # a verdict is one about rest
     assert verdict(patch).pumping.rate == pytest.approx(rate, abs=1e-5)
     judged, highest = verdict(patch), np.linalg.eigvalsh(K)[-1]
