@@ -26,7 +26,6 @@ from magphonon import (
     group_velocities,
     lattices,
     modes,
-    propagate,
     read_scene,
     ready_scene,
     relaxed,
@@ -52,6 +51,7 @@ from magphonon.response import (
 )
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness import LinearSystem, elastic_moduli, for_ase_tools
+from magphonon.stiffness.matrices import gyrating_modes
 from magphonon.waves import send, site
 
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -171,18 +171,6 @@ def test_orders_above_two_are_refused_when_anything_turns():
         dyn.run(1)
 
 
-def test_the_matrix_of_velocities_is_that_of_the_definition():
-    rng = np.random.default_rng(4)
-    for guided in False, True:
-        patch = drawn(rng, guided=guided)
-        damping = rng.uniform(0, 1, len(patch))
-        M, C, _, P = oracle(patch, damping)
-        system, root = LinearSystem.of(patch, gyrating=True), np.sqrt(np.linalg.inv(P.T @ M @ P))
-        ours = system.shapes.toarray() @ system.B(damping).toarray() @ system.shapes.toarray().T  # in any order of directions
-        assert abs(ours - P @ root @ (root @ P.T @ C @ P @ root) @ root @ P.T).max() < 1e-14
-    assert system.turning == abs(np.asarray(patch.calc.gyration)).max()
-
-
 def test_gyration_is_shown_checked_and_set():
     cell = lattices.honeycomb(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=[1.0, 2.0])
@@ -196,7 +184,6 @@ def test_gyration_is_shown_checked_and_set():
             cell.calc.set(gyration=bad)
 
 
-UP = np.array([0.0, 1.0, 0.0])
 Q = np.array([[0.1, 0.2, 0.0]])
 REFUSED = {
     'system': LinearSystem.of,
@@ -556,6 +543,10 @@ def test_gyration_does_not_hold_a_saddle():
             K = cell.calc.bloch_matrix(np.array([[0, 0.5, 0]]))[0].real
             rates = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-K, g * J]])).real
             assert abs(judged.buckling.growth - rates.max()) < 1e-9
+            omega, found = gyrating_modes(-g * J, K)
+            s = np.where(omega < 0, -omega, -1j * omega)  # what grows, and what turns as e^{-iwt}
+            assert abs(s**2 * found - g * J @ (s * found) + K @ found).max() < 1e-11
+            assert np.allclose(np.linalg.norm(found, axis=0), 1, rtol=1e-12)
 
 
 def test_remarks_say_what_forces_do_not_show():
@@ -623,20 +614,6 @@ def test_a_scene_says_what_gyration_turns_on_a_shaken_bench(tmp_path, capsys):
             assert ends == 0
             peaks.append(np.genfromtxt(tmp_path / f'{n}' / 'frf.csv', delimiter=',', names=True)['complete_amplitude'])
     assert abs(peaks[0] / peaks[1] - 1).max() > 0.02
-
-
-def test_transients_of_drawn_patches_are_the_matrix_exponential():
-    rng = np.random.default_rng(11)
-    patch = drawn(rng)
-    A = flow(*oracle(patch, 0.1))
-    P = oracle(patch)[3]
-    z = 1e-6 * rng.normal(size=(2, P.shape[1]))
-    patch.positions[:, :2] += (P @ z[0]).reshape(-1, 2)
-    patch.set_momenta(np.pad((P @ z[1]).reshape(-1, 2), ((0, 0), (0, 1))) * patch.get_masses()[:, None])
-    found = propagate(patch, [1.0, 7.0], damping=0.1)
-    for t, u in zip(found.times, found.displacements, strict=True):
-        exact = P @ (expm(t * A) @ z.ravel())[: P.shape[1]]
-        assert abs(u.ravel() - exact).max() < 1e-9 * abs(exact).max()
 
 
 @pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])

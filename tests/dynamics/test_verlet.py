@@ -182,14 +182,6 @@ def test_balanced_static_forces_leave_nothing(theta0):
     assert pushed[1] > 0.01  # the control: three magnets push it up
 
 
-def test_a_free_edge_is_pushed_outwards_by_the_static_forces():
-    u_end = states_of(patch(held=False), 30, engine='numpy')[-1]
-    corner = patch().positions[:, :2]
-    outwards = np.einsum('ix,ix->i', u_end, corner)
-    assert (outwards[patch().get_tags() == lattices.RIM] > 0).all()
-    assert not states_of(patch(held=False, model='conventional'), 1, engine='numpy')[0].any()
-
-
 def test_bytes_of_a_magnet_at_the_peak():
     """Of a patch with its calculator, forces and a run in blocks: 720 and 750 were measured, 1350 with lists of 64 bits."""
     def peak(n):

@@ -13,7 +13,6 @@ from magphonon import (
     analytic_bands,
     finite_displacements,
     phonopy_bands,
-    sound_speeds,
     units as u,
 )
 from magphonon.interactions.pair_laws import repulsion
@@ -49,14 +48,6 @@ def test_prototype_is_the_papers(tmp_path):
         assert_allclose(bands[at['G']], [numbers['gamma_Hz']] * 2, rtol=1e-9)
         assert_allclose(bands[at['M']], numbers[f'M_{model}_Hz'], rtol=1e-9)
         assert_allclose(bands[at['K']], [numbers[f'K_{model}_Hz']] * 2, rtol=1e-9)
-
-
-def test_ideal_is_the_papers():
-    numbers = reference()['triangular']
-    atoms = read_scene(ready_scene('ideal')).atoms()
-    for model, end in {'complete': '', 'conventional': '_conventional'}.items():
-        speeds = sound_speeds(atoms, model=model) / (u.m / u.s)
-        assert_allclose(speeds, [numbers['c_T' + end], numbers['c_L' + end]], rtol=1e-9)
 
 
 def test_every_ready_scene_reads_and_says_where_its_numbers_come_from():
