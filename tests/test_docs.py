@@ -71,7 +71,8 @@ def test_pages_name_files_that_exist():
     named = {(page, name) for page in (ROOT / 'docs').rglob('*.md') if 'generated' not in page.parts
              for name in re.findall(r'`((?:\w+/)+\w+\.py)`', page.read_text(encoding='utf-8'))}
     assert len(named) > 50
-    assert {(page, name) for page, name in named if not any((root / name).is_file() for root in (ROOT, ROOT / 'magphonon'))} == set()
+    roots = ROOT, ROOT / 'magphonon'
+    assert {(page, name) for page, name in named if not any((root / name).is_file() for root in roots)} == set()
 
 
 def test_pages_show_lines_of_the_code_that_are_there():

@@ -126,7 +126,8 @@ def test_cards_say_what_scenes_fits_and_tolerances_know():
     assert {name: (kind.strength, kind.shape) for name, kind in kinds.items()} == {
         'inverse_power': ('b', 'a'), 'dipoles': ('moment', ''), 'coulomb': ('charge', ''),
         'yukawa': ('strength', 'screening_length'),
-        'hertz': ('', ''), 'spring': ('spring', ''), 'cable': ('spring', ''), 'table': ('forces', ''), 'magnets': ('remanence', '')}
+        'hertz': ('', ''), 'spring': ('spring', ''), 'cable': ('spring', ''), 'table': ('forces', ''),
+        'magnets': ('remanence', '')}
     table = Tabulated([8.0, 9.0, 10.0, 12.0], [0.66, 0.38, 0.24, 0.10])
     assert [card_of(law).magnets for law in (table, Attraction(table), Attraction(Exponential(1, 1)), Exponential(1, 1))] == [
         True, True, False, False]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ase.constraints import FixedLine
 from oracles import Pairs
 from scipy.linalg import eigh
 
