@@ -50,9 +50,9 @@ def test_at_room_temperature_magnets_are_classical(cell, phonon):
     expected = 2 * len(cell) * k * N_A  # two directions: what does not move along z holds no heat
     # e^x - 1 at x = 4e-12 keeps five digits of round-off, which is how phonopy may compute it
     assert thermal_properties(phonon, 300, MESH).heat_capacity[0] == pytest.approx(expected, rel=1e-3)
-    # control: Hz taken for THz
+    # control: Hz taken for THz; modes along z are half of what is left, or nothing where round-off makes their squares negative
     phonon.run_mesh(MESH)
-    assert phonon.run_thermal_properties(temperatures=[300]).heat_capacity[0] < 0.6 * expected
+    assert abs(phonon.run_thermal_properties(temperatures=[300]).heat_capacity[0] / expected - 1) > 0.2
 
 
 def test_an_unstable_lattice_has_no_thermal_properties():
