@@ -75,7 +75,7 @@ def test_a_phonon_that_was_loaded_has_the_same_thermal_properties_and_is_written
     write_phonopy_params(phonon, tmp_path / 'first.yaml')
     loaded = phonopy.load(tmp_path / 'first.yaml')
     first, second = (thermal_properties(one, TEMPERATURES, MESH).heat_capacity for one in (phonon, loaded))
-    np.testing.assert_allclose(second, first, rtol=1e-9)
+    np.testing.assert_allclose(second, first, rtol=4e-9)  # of the digits of the file, which x = h f/k T, up to 40, multiplies
     write_phonopy_params(loaded, tmp_path / 'second.yaml')
     again = phonopy.load(tmp_path / 'second.yaml')
     np.testing.assert_allclose(squares(again, Q), squares(phonon, Q), rtol=0, atol=1e-12 * squares(phonon, Q).max())
