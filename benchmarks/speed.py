@@ -634,7 +634,7 @@ def factors(particles):
                  apart(K @ found['own'], b), 1.5)
 
 
-def modes_below():
+def count_modes_below():
     """The number of modes below a frequency by the density of states, against all squared frequencies; Sylvester's law counts."""
     atoms = kicked(1000)
 
@@ -697,7 +697,7 @@ ROWS = {
     'linear tools 1e5': lambda: linear_tools(1e5),
     'linear goals': lambda: linear_goals(1e5),
     'factors': lambda: [*factors(1e4), *factors(1e5)],
-    'modes': modes_below,
+    'modes': count_modes_below,
     'sweeps': sweeps,
 }
 

@@ -20,6 +20,8 @@ from pathlib import Path
 
 import lazy_loader
 
+from .renamed import with_old
+
 __version__ = '0.2.0'
 
 if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workflows stand beside the package
@@ -33,7 +35,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
 ], {
     'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements',
               'floquet_bands', 'group_velocities', 'phonopy_bands', 'sound_speeds'],
-    'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst', 'Wall'],
+    'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst', 'PrescribedMotion'],
     'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],
     'interactions': ['Cable', 'Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Spring', 'Tabulated', 'Yukawa',
                      'magnet_law'],
@@ -41,8 +43,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'plotting': ['plot_bands', 'plot_mode', 'plot_wave'],
     'response': ['frequency_response', 'modes', 'propagate'],
     'scenes': ['read_scene', 'ready_scene', 'write_scene'],
-    'stability': ['foundation_needed', 'verdict'],
+    'stability': ['critical_foundation', 'verdict'],
     'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'OnSite', 'PairCalculator', 'Travelling', 'for_ase_tools',
                   'relaxed', 'restored'],
     'sweeps': ['sweep'],
 })
+__getattr__ = with_old(__name__, __all__, __getattr__)

@@ -32,9 +32,9 @@ from .dynamics import (
     Diverged as Diverged,
     DrivenVerlet as DrivenVerlet,
     Harmonic as Harmonic,
+    PrescribedMotion as PrescribedMotion,
     Recorder as Recorder,
     ToneBurst as ToneBurst,
-    Wall as Wall,
 )
 from .errors import NotAtRest as NotAtRest, PhysicsError as PhysicsError, Unstable as Unstable
 from .interactions import (
@@ -53,7 +53,7 @@ from .lattices import explicit_bonds as explicit_bonds, find_bonds as find_bonds
 from .plotting import plot_bands as plot_bands, plot_mode as plot_mode, plot_wave as plot_wave
 from .response import frequency_response as frequency_response, modes as modes, propagate as propagate
 from .scenes import read_scene as read_scene, ready_scene as ready_scene, write_scene as write_scene
-from .stability import foundation_needed as foundation_needed, verdict as verdict
+from .stability import critical_foundation as critical_foundation, verdict as verdict
 from .stiffness import (
     AllNeighbours as AllNeighbours,
     MagneticRepulsion as MagneticRepulsion,

@@ -46,13 +46,13 @@ class Unstable(PhysicsError):
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, Unstable, lattices
-    >>> from magphonon.response import Place, receptance
+    >>> from magphonon.response import Dof, receptance
     >>> cell = lattices.square(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)  # it needs 4 f/L
     >>> patch = cell.repeat((4, 4, 1))
     >>> patch.calc = cell.calc.on(patch)
     >>> try:
-    ...     receptance(patch, Place(5, (0, 1, 0)), Place(5, (0, 1, 0)), [1.0], damping=0.1)
+    ...     receptance(patch, Dof(5, (0, 1, 0)), Dof(5, (0, 1, 0)), [1.0], damping=0.1)
     ... except Unstable:
     ...     print('it needs a stiffer foundation')
     it needs a stiffer foundation

@@ -10,7 +10,7 @@ from ase import Atoms
 
 from magphonon import InversePower, MagneticRepulsion, finite_displacements, for_ase_tools, lattices, relaxed, units as u
 from magphonon.bands import bloch_modes, write_band_yaml, write_phonopy_params
-from magphonon.stiffness import without
+from magphonon.stiffness import with_vacancies
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 Q = np.array([[0.0, 0, 0], [0.5, 0, 0], [1 / 3, 1 / 3, 0], [0.13, 0.31, 0], [-0.2, 0.4, 0]])
@@ -34,7 +34,7 @@ def vacancy():
     cell.calc = MagneticRepulsion(cell, LAW, foundation=120 * u.N / u.m)
     nine = cell.repeat((3, 3, 1))
     nine.calc = cell.calc.on(nine)
-    return relaxed(without(nine, [4])).atoms
+    return relaxed(with_vacancies(nine, [4])).atoms
 
 
 STRUCTURES = {'prototype': (prototype, (5, 5, 1)), 'honeycomb': (honeycomb, (3, 3, 1)), 'vacancy': (vacancy, (3, 3, 1))}

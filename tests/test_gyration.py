@@ -38,13 +38,13 @@ from magphonon.bands import band_gaps, bloch_modes, edge_weights, gruneisen_para
 from magphonon.cli.main import main
 from magphonon.design import foundation_for
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency, write_lammps_input
-from magphonon.plotting import period, plot_shape
+from magphonon.plotting import mode_frames, plot_shape
 from magphonon.response import (
-    Place,
+    Dof,
     compared,
+    count_modes_below,
     density_of_states,
     local_modes,
-    modes_below,
     natural_frequencies,
     receptance,
     series_response,
@@ -52,7 +52,7 @@ from magphonon.response import (
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness import LinearSystem, elastic_moduli, for_ase_tools
 from magphonon.stiffness.matrices import gyrating_modes
-from magphonon.waves import send, site
+from magphonon.waves import burst_setup, run_burst
 
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
@@ -195,15 +195,15 @@ REFUSED = {
     'moduli': elastic_moduli,
     'Grueneisen': lambda atoms: gruneisen_parameters(atoms, Q),
     'softest': softest_of,
-    'needed': stability.foundation_needed,
-    'support': stability.support_needed,
+    'needed': stability.critical_foundation,
+    'support': stability.critical_support,
     'amplitude': stability.frequency_shifts,
     'cut-off': lambda atoms: foundation_for(atoms, 2.0),
     'supercell': lambda cell: _displaced(cell),
 }
 REFUSED_PATCH = {
     'LAMMPS': lambda atoms: write_lammps_input('unwritten', atoms, 0.01, 1),
-    'counted': lambda atoms: modes_below(atoms, 3.0),
+    'counted': lambda atoms: count_modes_below(atoms, 3.0),
     'local': lambda atoms: local_modes(atoms, [3.0, 4.0]),
     'density': density_of_states,
     'series': lambda atoms: series_response(LinearSystem.of(atoms, gyrating=True), np.ones(2), np.ones(1), 0.1, [0], 1e-9),
@@ -422,7 +422,7 @@ def test_modes_of_drawn_patches_are_the_roots_and_none_of_them_works_on_another(
     assert np.allclose(natural_frequencies(patch), found.omega, rtol=1e-12)
     assert np.allclose(modes(patch, 3).omega, found.omega[:3])
     with pytest.raises(ValueError, match='know no gyration'):
-        modes_below(patch, 3.0)
+        count_modes_below(patch, 3.0)
 
 
 def hill(g):
@@ -569,11 +569,11 @@ def test_responses_of_drawn_patches_solve_the_equations_and_are_not_reciprocal()
             without = P @ np.linalg.solve(P.T @ (K - w**2 * M + 1j * w * oracle(patch, damping, False)[1]) @ P, P.T @ force)
             assert abs(without - exact).max() > 0.05 * abs(exact).max()
     up, across = np.eye(3)[:2]
-    there, back = (receptance(patch, Place(*a), Place(*b), omega, 0.2).response
+    there, back = (receptance(patch, Dof(*a), Dof(*b), omega, 0.2).response
                    for a, b in (((1, up), (4, across)), ((4, across), (1, up))))
     assert abs(there - back).max() > 0.01 * abs(there).max()
     patch.calc.set(gyration=-patch.calc.gyration)  # Onsager: there as back if all turn the other way
-    assert np.allclose(receptance(patch, Place(1, up), Place(4, across), omega, 0.2).response, back)
+    assert np.allclose(receptance(patch, Dof(1, up), Dof(4, across), omega, 0.2).response, back)
 
 
 def test_a_shaken_bench_takes_gyration_along_or_not():
@@ -583,7 +583,7 @@ def test_a_shaken_bench_takes_gyration_along_or_not():
     damping = rng.uniform(0.1, 0.3, len(patch))
     M, C, K, P = oracle(patch, damping)
     lossy = oracle(patch, damping, False)[1]
-    ub, answer = np.tile(d[:2], len(patch)), Place(4, np.array([0.0, 1.0, 0.0]))
+    ub, answer = np.tile(d[:2], len(patch)), Dof(4, np.array([0.0, 1.0, 0.0]))
     found = {frame: receptance(patch, d, answer, omega, damping, frame).response for frame in ('bench', 'floor')}
     for k, w in enumerate(omega):
         dynamic = K - w**2 * M + 1j * w * C  # of what is relative to the bench
@@ -651,7 +651,7 @@ def test_shapes_are_filmed_drawn_and_compared_with_their_phases(tmp_path):
     patch = drawn(rng, guided=False)
     found = modes(patch)
     shape, largest = found.shapes[5], np.linalg.norm(found.shapes[5], axis=1).max()
-    film = period(shape, 1e-3, frames=40)
+    film = mode_frames(shape, 1e-3, frames=40)
     M, C, K, P = oracle(patch)
     start = 1e-3 / largest * np.concatenate([P.T @ shape.real.ravel(), P.T @ (-1j * found.omega[5] * shape).real.ravel()])
     moved = P @ (expm(2 * np.pi * 7 / 40 / found.omega[5] * flow(M, C, K, P)) @ start)[: P.shape[1]]
@@ -708,12 +708,12 @@ def test_bursts_reach_the_branches_above_all_stiffness():
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=3.0)
     patch = lattices.half_hexagon(cell, 8.0)
     patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0, gyration=3.0)
-    place, stiffest = site(cell, patch, 'point'), highest_frequency(patch)
+    place, stiffest = burst_setup(cell, patch, 'point'), highest_frequency(patch)
     top = modes(patch).omega[-1]
     assert top > 1.1 * stiffest
-    send(patch, place, place.burst((0, 1), 1e-6, 0.99 * top, 3), 0.0, 10.0)
+    run_burst(patch, place, place.burst((0, 1), 1e-6, 0.99 * top, 3), 0.0, 10.0)
     with pytest.raises(ValueError, match='above the highest frequency'):
-        send(patch, place, place.burst((0, 1), 1e-6, 1.2 * top, 3), 0.0, 10.0)
+        run_burst(patch, place, place.burst((0, 1), 1e-6, 1.2 * top, 3), 0.0, 10.0)
 
 
 @pytest.mark.slow

@@ -22,8 +22,8 @@ from structures import structure, weighted
 
 from magphonon import (
     Harmonic,
+    critical_foundation,
     finite_displacements,
-    foundation_needed,
     frequency_response,
     modes,
     phonopy_bands,
@@ -147,7 +147,7 @@ def propagation_against_modes(case, truth):
 
 def support_against_lowest_eigenvalue(case, truth):
     """The foundation needed: of a finite structure that of its matrix; of a lattice as much at one wave, and no less at any."""
-    needed, q = foundation_needed(case.atoms, case.truth.model)
+    needed, q = critical_foundation(case.atoms, case.truth.model)
     _, _, B = case.reduced(truth)
     waves = np.concatenate([[q], np.where(case.atoms.pbc, case.rng.uniform(-1, 1, (8, 3)), 0)])
     lowest = np.linalg.eigvalsh(B.T @ truth.waves(waves) @ B)[:, 0] - truth.common
@@ -161,7 +161,7 @@ def verdict_against_sign(case, truth):
     _, _, B = case.reduced(truth)
     # one of several equally soft waves is named, and where a fault spares that one, it softens or stiffens another
     halves = np.array(list(product((0.0, 0.5), repeat=3))) * case.atoms.pbc
-    spectra = np.linalg.eigvalsh(B.T @ truth.waves(np.concatenate([foundation_needed(case.atoms)[1][None], halves])) @ B)
+    spectra = np.linalg.eigvalsh(B.T @ truth.waves(np.concatenate([critical_foundation(case.atoms)[1][None], halves])) @ B)
     lowest, highest = spectra.min() - truth.common, spectra.max() - truth.common
     shares = (0.999, 1.001) if lowest < -EXACT * highest else (1.0,)
     said = [verdict(case.on_foundation(-share * min(lowest, 0.0)).atoms).stable for share in shares]

@@ -10,9 +10,9 @@ from magphonon import (
     MagneticRepulsion,
     Travelling,
     complex_bands,
+    critical_foundation,
     edge_flow,
     floquet_bands,
-    foundation_needed,
     lattices,
     verdict,
 )
@@ -27,13 +27,13 @@ from magphonon.bands import (
     zone_map,
 )
 from magphonon.bands.bloch import bloch_modes, damped_modes
-from magphonon.design import Change, Tolerances, frequency_sensitivities, frequency_spread
-from magphonon.stability import pumped_growth, spacing_held
+from magphonon.design import StiffnessDerivative, Tolerances, frequency_sensitivities, frequency_spread
+from magphonon.stability import critical_spacing, parametric_growth
 from magphonon.stiffness import LinearSystem
 
 Q = np.random.default_rng(11).uniform(-0.5, 0.5, (3, 3))
 LAW = InversePower(1.0, 4.0)
-HARDER = [Change(mass=0.3, foundation=0.01)]
+HARDER = [StiffnessDerivative(mass=0.3, foundation=0.01)]
 
 CELLS = {  # of any cell at rest
     'bloch_modes': lambda a, *m: bloch_modes(a, Q * a.pbc, *m)[0],
@@ -41,7 +41,7 @@ CELLS = {  # of any cell at rest
     'group_velocities': lambda a, *m: np.nan_to_num(group_velocities(a, Q * a.pbc, *m).velocity),
     'lattice_density': lambda a, *m: lattice_density(a, None, 6, *m).omega,
     'band_ranges': lambda a, *m: band_ranges(a, 6, *m),
-    'foundation_needed': lambda a, *m: foundation_needed(a, *m).k,
+    'critical_foundation': lambda a, *m: critical_foundation(a, *m).k,
     'LinearSystem.bloch': lambda a, *m: LinearSystem.of(a).bloch(Q * a.pbc, *m),
     'rest_hessian': lambda a, *m: a.calc.rest_hessian(*m).toarray(),
 }
@@ -52,7 +52,7 @@ PERFECT = {  # of perfect lattices
     'gruneisen_parameters': lambda a, *m: gruneisen_parameters(a, Q * a.pbc, *m).gamma,
     'frequency_sensitivities': lambda a, *m: frequency_sensitivities(a, Q * a.pbc, HARDER, *m)[1],
     'frequency_spread': lambda a, *m: frequency_spread(a, Q * a.pbc, Tolerances({'p': HARDER[0]}, np.eye(1)), *m).std,
-    'spacing_held': lambda a, *m: spacing_held(a, *m) or 0.0,
+    'critical_spacing': lambda a, *m: critical_spacing(a, *m) or 0.0,
 }
 
 
@@ -102,7 +102,7 @@ def test_with_gyration_and_modulation():
     assert not obeys(lambda a, *m: np.sort(floquet_bands(a, [[0.1, 0, 0]], *m).omega.real), chain)
     cell = lattices.square(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, LAW, foundation=Travelling(4.5, 0.4, W=3.0, kap=(2.0, 1.0)))
-    assert not obeys(lambda a, *m: pumped_growth(a, *m).rate, cell)
+    assert not obeys(lambda a, *m: parametric_growth(a, *m).rate, cell)
 
 
 @pytest.mark.parametrize('gyration', [0.0, 0.5])
@@ -117,4 +117,4 @@ def test_a_verdict_of_D0_never_calls_a_buckling_lattice_stable(gyration):
         assert D0.buckling.growth == pytest.approx(complete.buckling.growth, rel=1e-9)
         assert D0.buckling.spacing == complete.buckling.spacing
         cell.calc.set(gyration=0)
-        assert foundation_needed(with_model(cell, 'conventional')).k < 1e-9 < softest / 2 < complete.buckling.needed  # control
+        assert critical_foundation(with_model(cell, 'conventional')).k < 1e-9 < softest / 2 < complete.buckling.needed  # control

@@ -13,8 +13,8 @@ from magphonon import (
     MagneticRepulsion,
     analytic_bands,
     complex_bands,
+    critical_foundation,
     finite_displacements,
-    foundation_needed,
     frequency_response,
     group_velocities,
     lattices,
@@ -24,8 +24,8 @@ from magphonon import (
 )
 from magphonon.bands import band_path, cut_off, extracted_dstar
 from magphonon.bands.bloch import bloch_modes
-from magphonon.design.sensitivities import Change, force_change, frequency_sensitivities, response_sensitivities
-from magphonon.stability import frequency_shifts, support_needed, vibration
+from magphonon.design.sensitivities import StiffnessDerivative, force_change, frequency_sensitivities, response_sensitivities
+from magphonon.stability import critical_support, frequency_shifts, vibration
 from magphonon.stiffness import elastic_moduli
 
 B, A, STRENGTHS, SPRINGS = 6200.0, 4.5824, (1.2, 0.8), np.array([[0.3, 0.35], [0.4, 0.5]])
@@ -84,15 +84,15 @@ TOOLS = {
     'sound': (lambda *way: cell(*way, springs=0.0), sound_speeds),
     'moduli': (lambda *way: cell(*way, springs=0.0), lambda a: elastic_moduli(a).stress),
     'D*': (cell, lambda a: extracted_dstar(finite_displacements(a), a)),
-    'sensitivities': (cell, lambda a: frequency_sensitivities(a, Q, [Change(law=force_change(a.calc.law))])[1]),
-    'buckling': (lambda *way: cell(*way, springs=0.0), lambda a: np.array(foundation_needed(a)[0])),
-    'supports': (cell, lambda a: np.array(support_needed(a))),
+    'sensitivities': (cell, lambda a: frequency_sensitivities(a, Q, [StiffnessDerivative(law=force_change(a.calc.law))])[1]),
+    'buckling': (lambda *way: cell(*way, springs=0.0), lambda a: np.array(critical_foundation(a)[0])),
+    'supports': (cell, lambda a: np.array(critical_support(a))),
     'verdict': (cell, fully_said),
     'shifts': (patch, lambda a: frequency_shifts(a).curvature),
     'vibration': (patch, swinging),
     'response': (patch, lambda a: abs(frequency_response(a, push(a), np.array([0.5, 1.0]), 0.05, tolerance=1e-12).response)),
     'slopes': (patch, lambda a: abs(response_sensitivities(a, push(a), np.array([0.5]), 0.05,
-                                                           [Change(foundation=a.calc.foundation)])[1])),
+                                                           [StiffnessDerivative(foundation=a.calc.foundation)])[1])),
 }
 
 
@@ -108,7 +108,7 @@ def test_strengths_are_laws_of_kinds(name):
 def test_sensitivities_are_the_slopes_of_frequencies():
     """Under all forces, and under the springs alone, each by its own part."""
     atoms, step = cell('strengths'), 1e-5
-    changes = Change(law=force_change(atoms.calc.law)), Change(foundation=atoms.calc.foundation)
+    changes = StiffnessDerivative(law=force_change(atoms.calc.law)), StiffnessDerivative(foundation=atoms.calc.foundation)
     slopes = frequency_sensitivities(atoms, Q, changes)[1]
     grown = {'law': lambda x: cell('strengths', np.sqrt(1 + x) * np.array(STRENGTHS)), 'springs': lambda x: cell(
         'strengths', springs=(1 + x) * SPRINGS)}

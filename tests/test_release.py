@@ -107,5 +107,5 @@ def test_paper_states_what_the_package_finds():
     text = ' '.join((ROOT / 'paper/paper.md').read_text(encoding='utf-8').split())
     assert f'at {blind:.1f} Hz instead of {true:.1f} Hz: the static forces lower it by {100 * (1 - true / blind):.0f} %' in text
     square = magphonon.read_scene('square').atoms()
-    needed = magphonon.foundation_needed(square)[0] / (magphonon.units.N / magphonon.units.m)
+    needed = magphonon.critical_foundation(square)[0] / (magphonon.units.N / magphonon.units.m)
     assert f'$4f/L = {needed:.1f}$ N/m' in text

@@ -10,9 +10,9 @@ from magphonon import DrivenVerlet, Harmonic, Recorder, analytic_bands, propagat
 from magphonon.bands import DensityOfStates, lattice_density, zone_map
 from magphonon.bands.bands import Bands
 from magphonon.bands.zone import ZoneMap
-from magphonon.design.sensitivities import Change
+from magphonon.design.sensitivities import StiffnessDerivative
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
-from magphonon.response import Extent, SpectralFunction, extents, spectral_function
+from magphonon.response import Localisation, SpectralFunction, localisation, spectral_function
 from magphonon.response.frf import FrequencyResponse, harmonic_response
 from magphonon.response.normal_modes import Modes, modes
 from magphonon.response.propagation import Transient
@@ -35,7 +35,7 @@ def response():
 
 
 def spread(cell):
-    tolerances = Tolerances({'mass': Change(mass=1.0)}, [[1e-4]])
+    tolerances = Tolerances({'mass': StiffnessDerivative(mass=1.0)}, [[1e-4]])
     return frequency_spread(cell, [[0.5, 0, 0], [0.1, 0, 0]], tolerances)
 
 
@@ -49,7 +49,7 @@ MADE = {
     Spread: spread,
     DensityOfStates: lambda cell: lattice_density(cell, steps=8),
     SpectralFunction: lambda cell: spectral_function(patch(), cell, [[0.25, 0.2, 0.0]], moments=16),
-    Extent: lambda cell: extents(modes(patch()), patch()),
+    Localisation: lambda cell: localisation(modes(patch()), patch()),
 }
 
 

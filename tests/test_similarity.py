@@ -17,8 +17,8 @@ from magphonon import (
     Harmonic,
     InversePower,
     MagneticRepulsion,
+    critical_foundation,
     find_bonds,
-    foundation_needed,
     frequency_response,
     lattices,
     modes,
@@ -136,9 +136,9 @@ def test_balance_of_all_neighbours_is_judged_alike_in_all_units(units):
         return cell, np.linalg.norm(cell.get_forces(), axis=1).max() / abs(cell.calc.laws.dphi(10.0 * L))
 
     slope = moved(1e-3)[1] / 1e-3  # share of the force of a bond that nothing balances, per mm
-    assert foundation_needed(moved(0.3 * BALANCED / slope)[0], steps=2)[0] >= 0
+    assert critical_foundation(moved(0.3 * BALANCED / slope)[0], steps=2)[0] >= 0
     with pytest.raises(ValueError, match='not at rest'):
-        foundation_needed(moved(3 * BALANCED / slope)[0], steps=2)
+        critical_foundation(moved(3 * BALANCED / slope)[0], steps=2)
 
 
 @pytest.mark.parametrize('units', UNITS)

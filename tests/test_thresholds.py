@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, foundation_needed, lattices, units as u, verdict
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, critical_foundation, lattices, units as u, verdict
 from magphonon.bands import force_constants
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.force_constants import finite_displacements, phonopy_bands
@@ -77,7 +77,7 @@ BOUNDED = np.log(20)
 @pytest.mark.parametrize(('a', 'stable'), [(2.99, False), (3.01, True)])
 def test_triangular_holds_itself_above_a_of_3(a, stable):
     law = InversePower(1.0, a)
-    assert foundation_needed(cell_of('triangular', law))[0] == pytest.approx(max(0.0, 2 * (3 - a)), abs=1e-10)
+    assert critical_foundation(cell_of('triangular', law))[0] == pytest.approx(max(0.0, 2 * (3 - a)), abs=1e-10)
     expected = np.sqrt(2 * abs(3 - a))
     rate, largest = growth(cell_of('triangular', law, repeat=(2, 1, 1)), expected)
     if stable:
@@ -93,9 +93,9 @@ def test_triangular_holds_itself_above_a_of_3(a, stable):
 def test_foundation_that_just_holds(name, share):
     a, needed, repeat = LATTICES[name]
     law = InversePower(1.0, a)
-    assert foundation_needed(cell_of(name, law))[0] == pytest.approx(needed, rel=1e-12)
+    assert critical_foundation(cell_of(name, law))[0] == pytest.approx(needed, rel=1e-12)
     square = share * needed - needed
-    lowest = bloch_modes(cell_of(name, law, share * needed), [foundation_needed(cell_of(name, law))[1]])[0][0, 0]
+    lowest = bloch_modes(cell_of(name, law, share * needed), [critical_foundation(cell_of(name, law))[1]])[0][0, 0]
     assert lowest * abs(lowest) == pytest.approx(square, rel=1e-9)
     expected = np.sqrt(abs(square))
     rate, largest = growth(cell_of(name, law, share * needed, repeat=repeat), expected)
@@ -108,7 +108,7 @@ def test_foundation_that_just_holds(name, share):
 
 @pytest.mark.parametrize(('share', 'stable'), [(0.999, False), (1.001, True)])
 def test_screened_crystal_holds_itself_above_the_golden_ratio(share, stable):
-    needed, _ = foundation_needed(cell_of('triangular', Yukawa(c=1.0, kappa=share * GOLDEN)))
+    needed, _ = critical_foundation(cell_of('triangular', Yukawa(c=1.0, kappa=share * GOLDEN)))
     assert (needed == 0) == stable
     # at M the shear wave feels 2 (phi'' + 3 phi'/r) = 2 (kappa^2 - kappa - 1) e^-kappa
     kappa = share * GOLDEN
@@ -125,12 +125,12 @@ def oscillator(theta0, model='complete'):
 @pytest.mark.parametrize(('degrees', 'stable'), [(56.78, True), (56.80, False)])
 def test_oscillator_runs_away_above_its_critical_angle(degrees, stable):
     theta0 = degrees * u.deg
-    needed, _ = foundation_needed(oscillator(theta0))
+    needed, _ = critical_foundation(oscillator(theta0))
     # D_xx = phi'' 2 cos^2 + phi'/r (2 sin^2 + 1) = f/L0 (2 (a + 1) cos^2 - 3), as the outer bonds and the lower one add up
     expected = 1e4 * u.N / (1 * u.m) * (2 * 5 * np.cos(theta0) ** 2 - 3)
     assert (needed == 0) == stable
     assert needed == pytest.approx(max(0.0, -expected), rel=1e-9)
-    assert foundation_needed(oscillator(theta0), 'conventional')[0] == 0  # the control
+    assert critical_foundation(oscillator(theta0), 'conventional')[0] == 0  # the control
 
 
 @pytest.mark.parametrize('engine', ['ase', 'numpy'])

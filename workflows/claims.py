@@ -22,7 +22,7 @@ from magphonon import (
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panels
 from magphonon.response.frf import harmonic_response
 from magphonon.scenes.scene import reference
-from magphonon.waves.wave_source import site
+from magphonon.waves.wave_source import burst_setup
 
 from .oscillator import oscillator
 from .rows import BRANCHES, Check, Outcome, Reported, pairs, save_picture
@@ -196,7 +196,7 @@ def elastic_rim(out):
     """The prototype's rim on beams of 1/4 inch, which bend, instead of held ideally: how much the measured row notices."""
     scene = read_scene(ready_scene('prototype'))
     patch = scene.patch_atoms()
-    where = site(scene.atoms(), patch, scene.burst.source)
+    where = burst_setup(scene.atoms(), patch, scene.burst.source)
     damping = 4 / units.s
     omega = 2 * np.pi * np.array(scene.burst.carriers_Hz) * units.Hz
     push = np.zeros((len(patch), 3), complex)

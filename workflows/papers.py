@@ -26,8 +26,8 @@ from magphonon import (
     Spring,
     analytic_bands,
     chern_numbers,
+    critical_foundation,
     find_bonds,
-    foundation_needed,
     lattices,
     modes,
     relaxed,
@@ -124,7 +124,7 @@ def _zigzag():
     chain, k = lattices.chain(1.0, MASS), 10.0
     chain.calc = AllNeighbours(chain, CHARGES, foundation=k)
     (across, along), (across4, along4) = analytic_bands(chain, [[0.5, 0, 0], [0.25, 0, 0]]).omega ** 2
-    yield Row(FISHMAN, 'zigzag threshold, 7 zeta(3)/2', foundation_needed(chain).k, 3.5 * zeta(3), 0)
+    yield Row(FISHMAN, 'zigzag threshold, 7 zeta(3)/2', critical_foundation(chain).k, 3.5 * zeta(3), 0)
     yield Row(FISHMAN, 'transverse omega^2 at pi, k - 7 zeta(3)/2', across, k - 3.5 * zeta(3), k)
     yield Row(FISHMAN, 'longitudinal omega^2 at pi, k + 7 zeta(3)', along, k + 7 * zeta(3), k + 7 * zeta(3))
     yield Row(FISHMAN, 'transverse omega^2 at pi/2, k - 35 zeta(3)/16', across4, k - 35 / 16 * zeta(3), k)

@@ -4,7 +4,7 @@ import numpy as np
 from ase.constraints import FixedLine
 from scipy.optimize import brentq
 
-from magphonon import MagneticRepulsion, foundation_needed, propagate, read_scene, units as u
+from magphonon import MagneticRepulsion, critical_foundation, propagate, read_scene, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.plotting.axes import new_axes
 
@@ -17,7 +17,7 @@ TOO_SOFT = 0.4  # foundation in k1, where half of it is needed
 def main(out):
     """Bands, foundation needed and the waves that grow against `omega^2 m = k - 2 k1 cos(xi) (1 - cos(xi))`."""
     bare, k1 = chain(0.0)
-    found, q = foundation_needed(bare)
+    found, q = critical_foundation(bare)
     qs = np.linspace(-0.45, 0.5, 7)
     bands = np.array([np.sort(squares(bare, x)) for x in qs]) / k1
     folded = np.sort([closed((x + np.arange(MAGNETS)) * 2 * np.pi / MAGNETS) for x in qs], axis=1)
@@ -36,7 +36,7 @@ def main(out):
           for name, edge, one in zip(('lower', 'upper'), edges, true, strict=True)),
         Check('on a foundation of 0.4 k1: growth of a run (1/s)', growth(soft) * u.s,
               np.sqrt((0.5 - TOO_SOFT) * k1 / bare.get_masses()[0]) * u.s, 1e-4),
-        Check('control: all magnets repel: foundation needed / k1', foundation_needed(only).k / k1, 0.5, 0.5, control=True),
+        Check('control: all magnets repel: foundation needed / k1', critical_foundation(only).k / k1, 0.5, 0.5, control=True),
     ], [picture(out)])
 
 

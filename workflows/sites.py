@@ -8,7 +8,7 @@ from magphonon.bands import band_gaps, bloch_modes, gruneisen_parameters
 from magphonon.design import SiteScatter, mode_scatter
 from magphonon.plotting import new_axes, plot_shape
 from magphonon.plotting.axes import legend_above
-from magphonon.response import density_of_states, extents, local_modes, spectral_function
+from magphonon.response import density_of_states, local_modes, localisation, spectral_function
 from magphonon.scenes.scene import reference
 from magphonon.stiffness import LinearSystem, elastic_moduli
 
@@ -278,5 +278,5 @@ def disordered_chain():
 
 def reach_power(chain):
     """Slope of the mean localisation length of modes over their frequency, on logarithmic axes."""
-    lengths = [extents(local_modes(chain, (w - 0.01 / w, w + 0.01 / w)), chain).length.mean() for w in LOW]
+    lengths = [localisation(local_modes(chain, (w - 0.01 / w, w + 0.01 / w)), chain).length.mean() for w in LOW]
     return np.polyfit(np.log(LOW), np.log(lengths), 1)[0]

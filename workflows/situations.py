@@ -16,10 +16,10 @@ from magphonon.bands.bloch import bloch_modes
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.planning.peak import plan_peak
 from magphonon.planning.waveform import as_model, difference, plan_waveform
-from magphonon.response.frf import Place
+from magphonon.response.frf import Dof
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.bond import MODELS
-from magphonon.waves.wave_source import site
+from magphonon.waves.wave_source import burst_setup
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 LAWS = InversePower(1.0, 3.0), InversePower(1.0, 4.0), InversePower(1.0, 4.58), Yukawa(1.0, 2.0)
@@ -49,7 +49,7 @@ class Peak:
         return atoms
 
     def plan(self, tolerance):
-        w, where = self._linear('complete'), Place(3, np.array([0.0, 1.0, 0.0]))
+        w, where = self._linear('complete'), Dof(3, np.array([0.0, 1.0, 0.0]))
         return plan_peak(self._atoms, where, where, np.linspace(w / 2, 2 * w, 100), self.damping, tolerance, self._force)
 
     @property
@@ -176,7 +176,7 @@ class Beam(Waveform):
 
     @cached_property
     def _site(self):
-        return site(self._cell, self._atoms, 'row')
+        return burst_setup(self._cell, self._atoms, 'row')
 
     @cached_property
     def _burst(self):

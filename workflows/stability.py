@@ -8,7 +8,7 @@ from ase.constraints import FixAtoms, FixedLine
 from ase.md.verlet import VelocityVerlet
 from scipy.optimize import brentq
 
-from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, foundation_needed, lattices
+from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, critical_foundation, lattices
 from magphonon.lattices.crystals import SYMBOL
 from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_of_set, letter_panels, panels
 from magphonon.scenes.scene import reference
@@ -68,7 +68,7 @@ def cell(name, a, foundation=0.0, model='complete', repeat=(1, 1, 1)):
 
 def needed_by(name, model, a):
     """Foundation that a lattice needs, f/L0."""
-    return foundation_needed(cell(name, a), model, steps=12)[0]
+    return critical_foundation(cell(name, a), model, steps=12)[0]
 
 
 def runs(name, model):

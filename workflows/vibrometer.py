@@ -14,7 +14,7 @@ from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, Branch, branch, compare, waves
-from magphonon.waves.wave_source import polarisations, send, site, wavevector
+from magphonon.waves.wave_source import burst_setup, polarisations, run_burst, wavevector
 
 from .rows import Check, Outcome, save_picture
 
@@ -95,7 +95,7 @@ def draw_maps(out, table, carriers_Hz, gamma_m):
 def draw_experiment(out, scene):
     """The half-hexagon with what drives it and where it is measured."""
     patch = scene.patch_atoms()
-    ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source), ax=new_axes(5.5, 2.9))
+    ax = plot_patch(patch, burst_setup(scene.atoms(), patch, scene.burst.source), ax=new_axes(5.5, 2.9))
     return save_picture(ax.figure, out / 'experiment.png',
                         'Fig. 7 of the paper: the half-hexagon of magnets on pillars, driven at one of them.')
 
@@ -197,9 +197,9 @@ def gap(scene, out):
 def shaken(scene, cell, source, force, motion):
     """The record along the row, and the Fourier amplitudes there at 15 Hz: measured, and of linear response in both models."""
     patch, across = scene.patch_atoms(), polarisations(cell, source)[motion]
-    where, damping = site(cell, patch, source), 2 * scene.burst.damping_ratio * GAP
+    where, damping = burst_setup(cell, patch, source), 2 * scene.burst.damping_ratio * GAP
     drive = where.burst(force, scene.burst.force_N * units.N, GAP, CYCLES)
-    row = send(patch, where, drive, damping, DURATION).row
+    row = run_burst(patch, where, drive, damping, DURATION).row
     amplitudes = {'measured': fourier(row.along(across), row.dt, [GAP])[0]}
     push = np.zeros((len(patch), 3), complex)
     push[drive.particles] = -0.25j * drive.end * drive.amplitude[:, None] * drive.direction  # of the Hann burst, at its carrier

@@ -6,9 +6,9 @@ from ase.constraints import FixAtoms, FixedLine
 from magphonon import (
     DrivenVerlet,
     MagneticRepulsion,
+    PrescribedMotion,
     Recorder,
     ToneBurst,
-    Wall,
     frequency_response,
     lattices,
     propagate,
@@ -77,7 +77,7 @@ def shaken(model):
 
 def stepped():
     """Time steps behind a side that moves by a burst, against the exact linear motion."""
-    atoms, burst = strip(40), Wall(ToneBurst([0], (1, 0), 1e-4, 2 * np.pi * 40 * u.Hz, 3))
+    atoms, burst = strip(40), PrescribedMotion(ToneBurst([0], (1, 0), 1e-4, 2 * np.pi * 40 * u.Hz, 3))
     dyn = DrivenVerlet(atoms, 1.0, [burst], C / u.s, order=4)
     seen = Recorder(dyn, interval=20)
     dyn.run(120)
@@ -98,7 +98,7 @@ def toda():
         x = 2 * KAPPA * k - 2 * np.sinh(KAPPA) * (t - START)
         return 2 * KAPPA + np.logaddexp(0, x - 2 * KAPPA) - np.logaddexp(0, x)
 
-    wall = Wall(lambda t: [[exact(0, t), 0.0, 0.0]], [0])
+    wall = PrescribedMotion(lambda t: [[exact(0, t), 0.0, 0.0]], [0])
     linear, pushed = chain.copy(), DrivenVerlet(chain, 0.08, [wall], order=4)
     linear.calc = chain.calc
     seen = Recorder(pushed, interval=2)

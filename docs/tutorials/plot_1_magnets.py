@@ -51,13 +51,13 @@ print(scene_entry(fit))
 # -----------
 # The fitted law goes into ASE's atoms by a calculator.  No foundation yet: is the lattice stable without one?
 
-from magphonon import MagneticRepulsion, analytic_bands, foundation_needed, lattices
+from magphonon import MagneticRepulsion, analytic_bands, critical_foundation, lattices
 
 law = fit.law
 cells = {'triangular': lattices.triangular(SPACING, 0.707 * u.g), 'square': lattices.square(SPACING, 0.707 * u.g)}
 for name, cell in cells.items():
     cell.calc = MagneticRepulsion(cell, law)
-    needed, softest = foundation_needed(cell)
+    needed, softest = critical_foundation(cell)
     print(f'{name:11} needs {needed / (u.N / u.m):.4g} N/m; softest at q = {softest.round(3)}')
 
 # %%
@@ -72,7 +72,7 @@ for name, cell in cells.items():
 
 import numpy as np
 
-needed, _ = foundation_needed(cells['square'])
+needed, _ = critical_foundation(cells['square'])
 radius, modulus = 0.79375 * u.mm, 71 * u.GPa
 height = (3 * modulus * np.pi * radius**4 / 4 / (1.5 * needed)) ** (1 / 3)
 print(f'at most {height:.1f} mm')

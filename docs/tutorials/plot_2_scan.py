@@ -15,7 +15,7 @@ does it need D*?  Here the scan is simulated, with the noise of an instrument, s
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
-from magphonon.waves import read_scan, sampled, send, site, write_scan
+from magphonon.waves import read_scan, sampled, run_burst, burst_setup, write_scan
 
 law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 cell = lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g)
@@ -23,9 +23,9 @@ cell.calc = MagneticRepulsion(cell, law, foundation=19.6757 * u.N / u.m)
 patch = lattices.half_hexagon(cell, side=250 * u.mm)
 patch.calc = MagneticRepulsion(patch, law, foundation=19.6757 * u.N / u.m)
 
-where = site(cell, patch, 'point')
+where = burst_setup(cell, patch, 'point')
 burst = where.burst((0, 1), 2.5e-4 * u.N, 2 * np.pi * 40 * u.Hz, 5)
-passage = send(patch, where, burst, damping=5 / u.s, duration=400 * u.ms)
+passage = run_burst(patch, where, burst, damping=5 / u.s, duration=400 * u.ms)
 measured = sampled(passage.row, 1 * u.kHz, noise=5 * u.mm / 1e6, seed=1)
 
 # %%

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from magphonon import read_scene, relaxed, units as u
-from magphonon.response import Place, read_transfer, receptance
+from magphonon.response import Dof, read_transfer, receptance
 from magphonon.stiffness import Scatter, scattered
 
 text = """title = "A tapped patch"
@@ -80,7 +80,7 @@ rows = ['frequency_Hz,re_m_per_N,im_m_per_N,sigma_m_per_N,x_m,y_m,direction_deg'
 for x, y in (0.01, 0.0), (-0.005, 0.00866), (0.0, -0.01732):
     particle = np.linalg.norm(built.positions[:, :2] / u.m - (x, y), axis=1).argmin()
     for axis in (0, 1):
-        h = receptance(specimen, source, Place(particle, np.eye(3)[axis]), omega, truth['damping'] / u.s).response * u.N / u.m
+        h = receptance(specimen, source, Dof(particle, np.eye(3)[axis]), omega, truth['damping'] / u.s).response * u.N / u.m
         h = h + 5e-4 * (rng.normal(size=len(h)) + 1j * rng.normal(size=len(h)))
         rows += [f'{f:.6g},{z.real:.6g},{z.imag:.6g},5e-4,{x},{y},{90 * axis}' for f, z in zip(u.hertz(omega), h, strict=True)]
 (folder / 'f.csv').write_text('\n'.join(rows), encoding='utf-8')
@@ -94,12 +94,12 @@ print('\n'.join(rows[:3]))
 
 from dataclasses import replace
 
-from magphonon.scenes import in_place, misread
+from magphonon.scenes import with_dofs, suspect_units
 
-functions = in_place(scene, read_transfer(folder / 'f.csv'))
-print('as it is:', misread(scene, functions))
+functions = with_dofs(scene, read_transfer(folder / 'f.csv'))
+print('as it is:', suspect_units(scene, functions))
 velocities = [replace(one, response=1j * one.omega * u.s * one.response) for one in functions]
-print('velocities:', misread(scene, velocities))
+print('velocities:', suspect_units(scene, velocities))
 
 # %%
 # The fit

@@ -32,9 +32,9 @@ from .force_constants import (
 )
 from .gruneisen import Gruneisen as Gruneisen, gruneisen_parameters as gruneisen_parameters
 from .neighbours import (
-    Enough as Enough,
+    ConvergedShells as ConvergedShells,
     NeighbourShifts as NeighbourShifts,
-    enough_shells as enough_shells,
+    converged_shells as converged_shells,
     neighbour_shifts as neighbour_shifts,
 )
 from .phonopy_files import (

@@ -85,7 +85,7 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
 
 
 @dataclass(frozen=True)
-class Enough:
+class ConvergedShells:
     """As many shells as the frequencies of a lattice need.
 
     Attributes
@@ -105,7 +105,7 @@ class Enough:
     clear: bool
 
 
-def enough_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> Enough:
+def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
     """The least number of shells with which, and with more of which, each frequency is right within a tolerance.
 
     Parameters
@@ -119,15 +119,15 @@ def enough_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> Enough:
 
     Returns
     -------
-    Enough
+    ConvergedShells
         If not even all that are known or worth counting suffice, all of these, with an `error` above the tolerance.
 
     Examples
     --------
     >>> from magphonon import read_scene
-    >>> from magphonon.bands import enough_shells
+    >>> from magphonon.bands import converged_shells
     >>> cell = read_scene('prototype').atoms()
-    >>> [enough_shells(cell, [[0.5, 0, 0]], tolerance).shells for tolerance in (0.2, 0.01, 0.001)]
+    >>> [converged_shells(cell, [[0.5, 0, 0]], tolerance).shells for tolerance in (0.2, 0.01, 0.001)]
     [1, 4, 12]
     """
     atoms, q = _in_plane(atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
@@ -152,7 +152,7 @@ def enough_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> Enough:
     n = int(tried[k])
     around = np.unique(np.concatenate([shell.lengths for shell in shells]))
     clear = n + 1 == len(shells) or bool(clear_shells(atoms, around, [n + 1]))
-    return Enough(n + 1, float(ends[n] + gaps[n] / 2), float(errors[k]), clear)
+    return ConvergedShells(n + 1, float(ends[n] + gaps[n] / 2), float(errors[k]), clear)
 
 
 def whole_reach(atoms: Atoms, laws: Laws) -> float:

@@ -20,7 +20,7 @@ from ..bands.zone import PLANAR
 from ..findings import Finding, Findings
 from ..interactions.pair_laws import repulsion
 from ..scenes.laws import ALL
-from ..stability.buckling import common_spring, common_support, foundation_needed, on_the_verge
+from ..stability.buckling import common_spring, common_support, critical_foundation, on_the_verge
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
@@ -223,7 +223,7 @@ def buckling(case: Case) -> Finding | None:
     """Whether the foundation holds the lattice."""
     if case.phonon is None:
         return None
-    needed, softest = foundation_needed(case.atoms, 'complete')
+    needed, softest = critical_foundation(case.atoms, 'complete')
     given, needed = _spring_in_plane(case.atoms), needed / (units.N / units.m)
     place = ' in the plane' if case.atoms.calc.layer or case.atoms.calc.dim == 2 else ''
     if on_the_verge(given, needed):

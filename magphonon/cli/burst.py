@@ -202,13 +202,13 @@ def _decays(plan, cell, records):
 
 def _unstable(cell):
     """A warning if the infinite lattice buckles; a patch with its rim held may still be stable."""
-    from ..stability.buckling import common_spring, foundation_needed, on_the_verge
+    from ..stability.buckling import common_spring, critical_foundation, on_the_verge
     from ..stability.verdicts import verdict
 
     if np.any(cell.calc.gyration):
         judged = verdict(cell)
         return [] if judged.stable else ['', f'UNSTABLE: {judged.finding("buckling").words}']
-    needed, given = foundation_needed(cell, 'complete')[0], common_spring(cell)
+    needed, given = critical_foundation(cell, 'complete')[0], common_spring(cell)
     if on_the_verge(given, needed):
         return ['', f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what it needs.']
     if given >= needed:

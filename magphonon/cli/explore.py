@@ -34,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..plotting.explorer import POINTS, Explorer
     from ..scenes.scene import read_scene
-    from ..stability.buckling import border_over_exponents, border_over_spacings
+    from ..stability.buckling import stability_boundary, stability_boundary_of_exponents
     from .neighbours import neighbours
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
@@ -45,9 +45,9 @@ def run(options: Namespace) -> None:
     points = scene.bands.path if scene.bands is not None else None
     explorer = Explorer(atoms, scene.lattice.path(points, POINTS))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
     if explorer.exponents is not None:
-        border = border_over_exponents(atoms, explorer.exponents.values)
+        border = stability_boundary_of_exponents(atoms, explorer.exponents.values)
     else:
-        border = border_over_spacings(atoms, explorer.scales)
+        border = stability_boundary(atoms, explorer.scales)
     perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
     page = explorer.page(scene.title, options.scene.text, template, border, perfect).encode()

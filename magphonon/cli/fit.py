@@ -211,7 +211,7 @@ def _prior(text, keys):
 def _fit_frf(options):
     from ..plotting.response import plot_transfer
     from ..response.transfer_functions import read_transfer
-    from ..scenes.frf_fits import GAIN, KEYS, fit_frf, in_place, misread
+    from ..scenes.frf_fits import GAIN, KEYS, fit_frf, suspect_units, with_dofs
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
     from .fit_report import frf_report
@@ -228,7 +228,7 @@ def _fit_frf(options):
     functions = [one for file in options.files for one in read_transfer(file)]
     fixed = _fixed(options, KEYS)
     gain = GAIN if options.gain_sigma is None else options.gain_sigma
-    if (doubt := misread(scene, in_place(scene, functions))) is not None:
+    if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
         print(f'These look like {doubt}: see to it before what follows is believed.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
     text = frf_report(found, fixed)

@@ -48,9 +48,9 @@ def run(options: Namespace) -> None:
     measured = []
     if options.measured is not None:
         from ..response.transfer_functions import read_transfer
-        from ..scenes.frf_fits import in_place, misread, responses_of  # which loads time steps
+        from ..scenes.frf_fits import responses_of, suspect_units, with_dofs  # which loads time steps
 
-        measured = in_place(scene, read_transfer(options.measured, options.estimator))
+        measured = with_dofs(scene, read_transfer(options.measured, options.estimator))
     if (relaxation := scene.relaxation()) is not None:
         lines.append(str(relaxation))
     tables = [] if options.measured is None else [options.measured]
@@ -76,7 +76,7 @@ def run(options: Namespace) -> None:
             curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
             save(plot_transfer(measured, curves), 'frf_measured')
             lines += ['', *_compared(measured, curves)]
-            if (doubt := misread(scene, measured)) is not None:
+            if (doubt := suspect_units(scene, measured)) is not None:
                 lines[-1] = f'They look like {doubt}: mend the table, or the name of its column, first.'
     print('\n'.join([*lines, *neighbours(scene, brief=True)]))
     print(f'picture and data are in {options.output}')
@@ -97,7 +97,7 @@ def _compared(functions, curves):
 def _natural(system, omega):
     """The natural frequencies to be drawn, and what the terminal shows of all: a large structure's are counted, not computed."""
     from ..dynamics.engine import highest_frequency
-    from ..response.normal_modes import SMALL, local_modes, modes_below, natural_frequencies
+    from ..response.normal_modes import SMALL, count_modes_below, local_modes, natural_frequencies
     from ..stiffness.lowest import lowest_mode
     from ..stiffness.matrices import signed_root
 
@@ -110,7 +110,7 @@ def _natural(system, omega):
         inside = int(((natural >= ends[0]) & (natural <= ends[1])).sum())
     else:
         lowest, highest = signed_root(np.array([lowest_mode(system.K)[0]]))[0], highest_frequency(system)
-        inside = modes_below(system, ends[1]) - modes_below(system, ends[0])
+        inside = count_modes_below(system, ends[1]) - count_modes_below(system, ends[0])
         natural = local_modes(system, ends).omega if inside <= MOST_TICKS else np.empty(0)
     f, (low, high) = units.hertz(ends), units.hertz(np.array([lowest, highest]))
     if size == 1:

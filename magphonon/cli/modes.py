@@ -121,7 +121,7 @@ def _of_lattice(save, scene, atoms):
 
 def _of_patch(folder, save, lattice, patch, scene, options):
     from ..bands.density import band_ranges
-    from ..response.normal_modes import extents
+    from ..response.normal_modes import localisation
     from ..stiffness.rest import LinearSystem
 
     system, defects = LinearSystem.of(patch, gyrating=True).moving(), scene.defect_places()
@@ -129,7 +129,7 @@ def _of_patch(folder, save, lattice, patch, scene, options):
     (found, every), filmed = _modes(system, ranges), options.animate
     if filmed is not None and not 1 <= filmed <= len(found.omega):
         raise ValueError(f'--animate must be the number of a mode, 1 to {len(found.omega)}, not {filmed}')
-    extent = extents(found, system)
+    extent = localisation(found, system)
     extent.save(folder / 'modes.npz')
     spread, told = _spread(scene, system, found)
     _write_table(folder / 'modes.csv', extent, spread)
@@ -213,7 +213,7 @@ def _with_others(scene, system, found, shown):
 
     if scene.finite or system.turning or not isinstance(getattr(scene.law, 'asked', None), int):
         return []
-    enough = scene.enough_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
+    enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
         return ['  what other neighbours would change of these modes was not computed']
     if enough.shells <= scene.law.asked:
@@ -301,11 +301,11 @@ def _draw(save, system, found, extent, ranges, drawn, about):
 
 def _film(folder, system, found, filmed, about):
     """A film of one period of a mode whose largest displacement is a thousandth of the shortest bond; a line of the report."""
-    from ..plotting.animation import animate, period
+    from ..plotting.animation import animate, mode_frames
 
     amplitude = system.calc.bonds.lengths.min() / 1000
     title = f'mode {filmed}, {found.frequencies_Hz[filmed - 1]:.5g} Hz'
-    shown = period(found.shapes[filmed - 1], amplitude)
+    shown = mode_frames(found.shapes[filmed - 1], amplitude)
     factor = animate(folder / f'mode_{filmed}.gif', system.atoms, shown, title=title, **about)
     return (f'  mode_{filmed}.gif: one period of mode {filmed}, with displacements of up to {amplitude / 1e3:.3g} m drawn '
             f'{factor:.3g} times as large')

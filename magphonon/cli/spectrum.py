@@ -135,10 +135,10 @@ def _field(options, scene, cell, scan, folder, save):
 
 def _particles(scene):
     """Places of the particles of the row of a scene with [patch] and [burst], by their numbers."""
-    from ..waves.wave_source import site
+    from ..waves.wave_source import burst_setup
 
     if scene.patch is None or scene.burst is None:
         raise ValueError('it does not say where its points are; add the columns x_m and y_m, or name a table of them with '
                          '--geometry POINTS.csv')
     patch = scene.patch_atoms()
-    return {str(k): tuple(patch.positions[k, :2]) for k in site(scene.perfect_cell(), patch, scene.burst.source).row}
+    return {str(k): tuple(patch.positions[k, :2]) for k in burst_setup(scene.perfect_cell(), patch, scene.burst.source).row}

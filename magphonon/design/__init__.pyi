@@ -20,8 +20,8 @@ from .objectives import (
 )
 from .scatter import ModeScatter as ModeScatter, SiteScatter as SiteScatter, mode_scatter as mode_scatter
 from .sensitivities import (
-    Change as Change,
-    LawChange as LawChange,
+    LawDerivative as LawDerivative,
+    StiffnessDerivative as StiffnessDerivative,
     exponent_change as exponent_change,
     force_change as force_change,
     frequency_sensitivities as frequency_sensitivities,
@@ -39,7 +39,7 @@ from .site_designs import (
     write_build_list as write_build_list,
 )
 from .transfer_fits import (
-    Built as Built,
+    ParametricLattice as ParametricLattice,
     TransferFit as TransferFit,
     fit_transfer as fit_transfer,
     with_site_scatter as with_site_scatter,

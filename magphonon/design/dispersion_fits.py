@@ -26,9 +26,9 @@ from ..bands.bloch import bloch_modes
 from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, ParameterFit
-from .sensitivities import Change, frequency_sensitivities
+from .sensitivities import StiffnessDerivative, frequency_sensitivities
 
-Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, Change]]]
+Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, StiffnessDerivative]]]
 FOLLOWS = 1.5
 """Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
 have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""
@@ -93,7 +93,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     ----------
     build : callable
         Takes a dict of parameter name to factor; returns the cell with its PairCalculator, and what each parameter changes in
-        it (a dict of `Change`).
+        it (a dict of `StiffnessDerivative`).
     names : tuple of str
         The parameters to fit.
     points : RidgePoints
@@ -112,14 +112,14 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     >>> import numpy as np
     >>> from magphonon import MagneticRepulsion, read_scene
     >>> from magphonon.bands.bloch import bloch_modes
-    >>> from magphonon.design import Change, fit_dispersion
+    >>> from magphonon.design import StiffnessDerivative, fit_dispersion
     >>> from magphonon.waves import RidgePoints
     >>> start = read_scene('prototype').atoms()
     >>> def build(factors):
     ...     springs = factors['foundation'] * start.calc.foundation
     ...     atoms = start.copy()
     ...     atoms.calc = MagneticRepulsion(atoms, start.calc.laws, foundation=springs)
-    ...     return atoms, {'foundation': Change(foundation=springs)}
+    ...     return atoms, {'foundation': StiffnessDerivative(foundation=springs)}
     >>> xi = np.linspace(0.6, 2.8, 12)
     >>> q = np.outer(xi / (2 * np.pi), [0, 1, 0])
     >>> omega = bloch_modes(build({'foundation': 1.2})[0], q)[0][:, 0]

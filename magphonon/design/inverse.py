@@ -14,7 +14,7 @@ import numpy as np
 from ase import Atoms
 
 from ..errors import PhysicsError, finite, positive
-from ..stability.buckling import common_spring, foundation_needed
+from ..stability.buckling import common_spring, critical_foundation
 from ..stiffness.repulsion import Repulsion, masses_of
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import refuse_gyration
@@ -141,7 +141,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
     designs = []
     for L in found:
         value, slope = _by_spacing(build(L), target)
-        designs.append(Design(L, float(value), float(slope), foundation_needed(build(L), 'complete')[0]))
+        designs.append(Design(L, float(value), float(slope), critical_foundation(build(L), 'complete')[0]))
     return designs
 
 
@@ -163,7 +163,7 @@ class NoDesign(PhysicsError):
 
 def _holds(build, spacing):
     atoms = build(spacing)
-    return common_spring(atoms) >= foundation_needed(atoms, 'complete')[0]
+    return common_spring(atoms) >= critical_foundation(atoms, 'complete')[0]
 
 
 def _stable_stretches(build, spacings):

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import units as u
 from ..response.transfer_functions import TransferFunction
-from .transfer_fits import WIDEST, Built, responses, with_wide_peaks
+from .transfer_fits import WIDEST, ParametricLattice, responses, with_wide_peaks
 
 STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # of all frequencies, by a lattice that is stiffer or softer than known
 CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0
@@ -27,7 +27,7 @@ WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity th
          2: 'a displacement that is called an acceleration'}
 
 
-def misreading(built: Built, functions: Sequence[TransferFunction]) -> str | None:
+def misreading(built: ParametricLattice, functions: Sequence[TransferFunction]) -> str | None:
     """What transfer functions look like if something else was measured than their file says; None where nothing does.
 
     The lattice is `built` of what is known to some ten percent; the functions are in their places, all read in one way.

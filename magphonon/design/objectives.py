@@ -16,8 +16,8 @@ Objectives are added, subtracted and multiplied by numbers:
 
 >>> import numpy as np
 >>> from magphonon.design import Level
->>> from magphonon.response import Place
->>> source, port, other = (Place(k, np.array([1.0, 0, 0])) for k in (3, 8, 12))
+>>> from magphonon.response import Dof
+>>> source, port, other = (Dof(k, np.array([1.0, 0, 0])) for k in (3, 8, 12))
 >>> contrast = Level(source, port, 0.4, 0.004) - Level(source, other, 0.4, 0.004)  # in dB
 >>> len(contrast.parts)
 2
@@ -36,7 +36,7 @@ from scipy import linalg, sparse
 
 from .. import units
 from ..errors import finite, one_of
-from ..response.frf import Place
+from ..response.frf import Dof
 from ..stiffness.bond import model_stiffness
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import bloch_gradient
@@ -80,7 +80,7 @@ class Rest:
         squares, v = np.linalg.eigh(np.asarray(self.system.stiffness.todense()) / np.outer(root, root))
         return squares, v / root[:, None]
 
-    def response(self, place: Place, omega: float, damping: float) -> NDArray[np.complex128]:
+    def response(self, place: Dof, omega: float, damping: float) -> NDArray[np.complex128]:
         """Displacements for a unit force at a place, shape (particles, dim), in mm/N."""
         def solver():
             z, m = 1j * omega * damping - omega**2, self.masses
@@ -230,7 +230,7 @@ class Level(Objective):
 
     Attributes
     ----------
-    source, seen : Place
+    source, seen : Dof
         Where the force acts, and where the displacement is seen.
     omega : float
         In rad/ms.
@@ -240,8 +240,8 @@ class Level(Objective):
         Amplitude in mm/N below which quieter is no better: it keeps a design from a zero so deep that no real lattice has it.
     """
 
-    source: Place
-    seen: Place
+    source: Dof
+    seen: Dof
     omega: float
     damping: float
     floor: float = 0.0
@@ -460,7 +460,7 @@ class BurstEnergy(Objective):
 
     Attributes
     ----------
-    source : Place
+    source : Dof
     region : tuple of int
         The particles whose energy counts.
     window : (float, float)
@@ -476,7 +476,7 @@ class BurstEnergy(Objective):
         Of the force in N; zero for small motion, of a unit force.
     """
 
-    source: Place
+    source: Dof
     region: tuple[int, ...]
     window: tuple[float, float]
     omega: float

@@ -29,14 +29,14 @@ from scipy import linalg, sparse
 
 from ..errors import PhysicsError, not_negative
 from ..lattices.bonds import Bonds
-from ..response.frf import Place, resolvents
+from ..response.frf import Dof, resolvents
 from ..response.normal_modes import Modes, modes, natural_frequencies
 from ..stiffness.bond import model_stiffness, stiffness_change
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.factors import inverse
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem, freedom
-from .sensitivities import LawChange, exponent_change
+from .sensitivities import LawDerivative, exponent_change
 
 SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
 ROWS = {'mass': slice(1), 'strength': slice(1, 2), 'stiffness': slice(2, 3), 'position': slice(3, 6)}
@@ -205,7 +205,7 @@ class SiteSlopes:
             raise ValueError('large motion knows no slope by the exponent; take the exponent out, or the amplitude')
         calc, R = self.system.calc, self.system.calc.bond_vectors
         strength, law = calc.strengths[calc.bonds.i] * calc.strengths[calc.bonds.j], exponent_change(calc.laws, kept)
-        change: Any = LawChange(lambda r: strength * law.dphi(r), lambda r: strength * law.d2phi(r))
+        change: Any = LawDerivative(lambda r: strength * law.dphi(r), lambda r: strength * law.d2phi(r))
         r = np.linalg.norm(R, axis=1)
         direct = [(G * model_stiffness(R, change, model)).sum() for G, model in kinds if np.ndim(G)]
         return sum(direct) - ((change.dphi(r) / r)[:, None] * R * e).sum()
@@ -298,7 +298,7 @@ def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0)
     return np.array(drawn)
 
 
-def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place, omega: NDArray[np.float64],
+def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64],
                      damping: ArrayLike, at_rest: bool = False) -> NDArray[np.complex128]:
     """Derivatives of a frequency response by the logarithms of masses, strengths and springs of all sites, and by their places.
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..bands.bloch import bloch_modes
-from ..interactions.law_cards import LawChange, exponent_change as exponent_change, screening_change as screening_change
+from ..interactions.law_cards import LawDerivative, exponent_change as exponent_change, screening_change as screening_change
 from ..interactions.pair_laws import PairLaw, continues, higher_derivatives
 from ..response.frf import resolvents
 from ..stiffness.bond import model_stiffness, stiffness_change
@@ -42,12 +42,12 @@ ZERO_FRACTION = 1e-6
 
 
 @dataclass(frozen=True)
-class Change:
+class StiffnessDerivative:
     """What a lattice changes in proportion to the relative change dp/p of one parameter p.
 
     Attributes
     ----------
-    law : LawChange, optional
+    law : LawDerivative, optional
         Derivative of the pair law by ln p.
     foundation : float or ndarray, shape (particles, dim)
         Derivative of the foundation stiffness by ln p, N/mm.
@@ -56,41 +56,41 @@ class Change:
 
     Examples
     --------
-    >>> from magphonon.design import Change
-    >>> heavier = Change(mass=1.0)  # by d ln m
+    >>> from magphonon.design import StiffnessDerivative
+    >>> heavier = StiffnessDerivative(mass=1.0)  # by d ln m
     >>> heavier.mass
     1.0
     """
 
-    law: LawChange | None = None
+    law: LawDerivative | None = None
     foundation: Foundation = 0.0
     mass: float = 0.0
 
 
-def force_change(law: PairLaw, power: int = 1) -> LawChange:
+def force_change(law: PairLaw, power: int = 1) -> LawDerivative:
     """Derivative of a law, or of the laws along the bonds, whose force goes with a `power` of the parameter.
 
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.design import Change, force_change, frequency_sensitivities
+    >>> from magphonon.design import StiffnessDerivative, force_change, frequency_sensitivities
     >>> cell = read_scene(ready_scene('ideal')).atoms()
-    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=force_change(cell.calc.laws))])
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [StiffnessDerivative(law=force_change(cell.calc.laws))])
     >>> (slopes[0] / omega).round(6)  # omega goes as the root of the force
     array([[0.5, 0.5]])
     """
-    return LawChange(lambda r: power * law.dphi(r), lambda r: power * law.d2phi(r))
+    return LawDerivative(lambda r: power * law.dphi(r), lambda r: power * law.d2phi(r))
 
 
-def spacing_change(law: PairLaw) -> LawChange:
+def spacing_change(law: PairLaw) -> LawDerivative:
     """Derivative of the law along the bonds as all distances grow in proportion, directions unchanged.
 
     Examples
     --------
     >>> from magphonon import InversePower, read_scene, ready_scene
-    >>> from magphonon.design import Change, frequency_sensitivities, spacing_change
+    >>> from magphonon.design import StiffnessDerivative, frequency_sensitivities, spacing_change
     >>> cell = read_scene(ready_scene('ideal')).atoms()
-    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=spacing_change(cell.calc.laws))])
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [StiffnessDerivative(law=spacing_change(cell.calc.laws))])
     >>> (slopes[0] / omega).round(6)  # -(a + 1)/2 with a = 4
     array([[-2.5, -2.5]])
     """
@@ -100,10 +100,10 @@ def spacing_change(law: PairLaw) -> LawChange:
         step = 1e-20 * r  # complex step: exact to round-off, for any law
         return r * np.imag(law.d2phi(r + 1j * step)) / step
 
-    return LawChange(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
+    return LawDerivative(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
 
 
-def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Change],
+def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[StiffnessDerivative],
                             model: str | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies by the logarithms of parameters.
 
@@ -117,7 +117,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Chan
         One cell with its PairCalculator.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
-    changes : sequence of Change
+    changes : sequence of StiffnessDerivative
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; that of the calculator if not given.
 
@@ -132,9 +132,9 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Chan
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.design import Change, frequency_sensitivities
+    >>> from magphonon.design import StiffnessDerivative, frequency_sensitivities
     >>> cell = read_scene(ready_scene('ideal')).atoms()
-    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(mass=1.0)])
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [StiffnessDerivative(mass=1.0)])
     >>> (slopes[0] / omega).round(9)  # d ln omega/d ln m
     array([[-0.5, -0.5]])
     """
@@ -169,14 +169,14 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Chan
 
 
 def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega: NDArray[np.float64], damping: ArrayLike,
-                           changes: Collection[Change]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+                           changes: Collection[StiffnessDerivative]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Steady displacements under a harmonic force, and their derivatives by the logarithms of parameters.
 
     Parameters
     ----------
     atoms, force, omega, damping
         As for `magphonon.response.frf.harmonic_response`.
-    changes : sequence of Change
+    changes : sequence of StiffnessDerivative
 
     Returns
     -------
@@ -202,7 +202,7 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
     return u, slopes
 
 
-def hessian_changes(system: LinearSystem, changes: Collection[Change]) -> list[sparse.csr_array]:
+def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivative]) -> list[sparse.csr_array]:
     """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, each with the motion of the rest that the parameter causes.
 
     A parameter that pushes particles by g moves the rest by `H^-1 g`, of the complete model as all statics, and each bond there

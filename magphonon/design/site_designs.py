@@ -401,10 +401,10 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.design import Level, optimise
-    >>> from magphonon.response import Place
+    >>> from magphonon.response import Dof
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=4.0)
-    >>> source, left, right = (Place(k, np.array([1.0, 0, 0])) for k in (18, 16, 20))
+    >>> source, left, right = (Dof(k, np.array([1.0, 0, 0])) for k in (18, 16, 20))
     >>> contrast = Level(source, left, 3.0, 0.1) - Level(source, right, 3.0, 0.1)
     >>> design = optimise(patch, contrast, {'strength': (0.9, 1.1)}, steps=20)
     >>> abs(round(design.before, 6)), design.value > 20  # in dB: by symmetry both hear the same at first

@@ -22,14 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from ..response.frf import Place, base_force, frequency_response, resolvents
+from ..response.frf import Dof, base_force, frequency_response, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, ParameterFit
-from .sensitivities import Change, hessian_changes
+from .sensitivities import StiffnessDerivative, hessian_changes
 
 WIDEST = 9.0
 """Part of the measured range, one over this, by which a fit from afar first widens the peaks of data and lattice, since they must
@@ -50,12 +50,12 @@ DENSE = 1500  # free directions up to which all modes cost less than factors at 
 ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a thousand times as large
 
 
-class Built(NamedTuple):
+class ParametricLattice(NamedTuple):
     """A lattice with some parameters: about its rest, its damping in 1/ms, and what each parameter of its stiffness changes."""
 
     system: LinearSystem
     damping: float
-    changes: Mapping[str, Change]
+    changes: Mapping[str, StiffnessDerivative]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class TransferFit(ParameterFit):
         return 1.0
 
 
-def responses(built: Built, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
+def responses(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
     """Responses of a lattice, of all functions, one after the other: in mm/N, or per displacement of the bench.
 
     Each function has the Place where it is seen, and the Place of its force or the direction in which the bench is shaken;
@@ -119,7 +119,7 @@ def responses(built: Built, functions: Sequence[TransferFunction], widened: floa
     return np.concatenate(found)
 
 
-def response_slopes(built: Built, functions: Sequence[TransferFunction], names: Sequence[str],
+def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """The same, shape (points,), with their slopes by the logarithms of parameters, shape (parameters, points).
 
@@ -141,7 +141,7 @@ def response_slopes(built: Built, functions: Sequence[TransferFunction], names: 
         inertia, weight = -(w**2) + 1j * w * damping, (x * mass * y).sum(axis=1)
         of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
         of |= {'damping': -1j * w * built.damping * weight, 'mass': -inertia * weight}
-        if not isinstance(one.drive, Place):  # shaken: the force goes with the mass, and w^2
+        if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
             of['mass'] = of['mass'] + seen
             of = {name: w**2 * slope for name, slope in of.items()}
         slopes.append(np.reshape([h[-1] if name == 'gain' else of[name] for name in names], (len(names), len(w))))
@@ -154,17 +154,17 @@ def _frequencies(functions):
     return omega, np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
 
 
-def _place(function) -> Place:
+def _place(function) -> Dof:
     return function.answer
 
 
 def _push(system, drive):
     """Force on each particle, by a unit force or by a bench shaken with a unit acceleration."""
-    return drive.force(len(system)) if isinstance(drive, Place) else base_force(system, drive)
+    return drive.force(len(system)) if isinstance(drive, Dof) else base_force(system, drive)
 
 
 def _relative_to_drive(function, seen):
-    if isinstance(function.drive, Place):
+    if isinstance(function.drive, Dof):
         return seen
     return function.answer.direction @ function.drive + function.omega**2 * seen
 
@@ -184,7 +184,8 @@ def _fields(system, forces, omega, damping):
     return modal.real @ shapes.T + 1j * (modal.imag @ shapes.T)
 
 
-def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, ...], functions: Sequence[TransferFunction],
+def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: tuple[str, ...],
+                 functions: Sequence[TransferFunction],
                  model: str = 'complete', priors: Mapping[str, tuple[float, float]] | None = None,
                  start: ArrayLike | None = None) -> TransferFit:
     """Fit parameters of a lattice to measured transfer functions.
@@ -209,15 +210,15 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
 
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.design import Built, Change, fit_transfer
-    >>> from magphonon.response import Place, TransferFunction, receptance
+    >>> from magphonon.design import ParametricLattice, StiffnessDerivative, fit_transfer
+    >>> from magphonon.response import Dof, TransferFunction, receptance
     >>> from magphonon.stiffness import LinearSystem
     >>> patch, law = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0), InversePower(1.0, 4.0)
     >>> def build(factors):
     ...     k = factors.get('foundation', 1.0)
     ...     patch.calc = MagneticRepulsion(patch, law, foundation=k)
-    ...     return Built(LinearSystem.of(patch), 0.1, {'foundation': Change(foundation=k)})
-    >>> source, answer = Place(18, (0, 1, 0)), Place(12, (0, 1, 0))
+    ...     return ParametricLattice(LinearSystem.of(patch), 0.1, {'foundation': StiffnessDerivative(foundation=k)})
+    >>> source, answer = Dof(18, (0, 1, 0)), Dof(12, (0, 1, 0))
     >>> h = receptance(build({'foundation': 1.2}).system, source, answer, np.linspace(0.5, 4, 60), 0.1)
     >>> measured = TransferFunction('12', h.omega, h.response, 1e-3, 0, answer, source)
     >>> round(float(fit_transfer(build, ('foundation',), [measured]).factors[0]), 6)
@@ -270,7 +271,7 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
     return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, misfit / noise, 0.0, np.zeros(len(names)))
 
 
-def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], Built],
+def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                       functions: Sequence[TransferFunction]) -> TransferFit:
     """The fit, with the scatter of sites that its residuals ask for where they exceed the noise, or where that is not stated.
 

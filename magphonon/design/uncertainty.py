@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
 from ..files import Saved
-from ..response.frf import Place
+from ..response.frf import Dof
 from ..stiffness.rest import LinearSystem
 from .scatter import NO_SCATTER, ROWS, SiteScatter, response_scatter
-from .sensitivities import Change, frequency_sensitivities, response_sensitivities
+from .sensitivities import StiffnessDerivative, frequency_sensitivities, response_sensitivities
 
 ROUND_OFF = 1e-12
 
@@ -31,7 +31,7 @@ class Tolerances:
 
     Attributes
     ----------
-    changes : dict of str to Change
+    changes : dict of str to StiffnessDerivative
         Each parameter by name, and what it changes (`magphonon.design.sensitivities`).
     covariance : ndarray, shape (parameters, parameters)
         Covariance of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
@@ -39,7 +39,7 @@ class Tolerances:
         What each site deviates by itself besides; nothing by default.
     """
 
-    changes: dict[str, Change]
+    changes: dict[str, StiffnessDerivative]
     covariance: np.ndarray
     scatter: SiteScatter = NO_SCATTER
 
@@ -158,9 +158,9 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     --------
     >>> import numpy as np
     >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.design import Change, Tolerances, frequency_spread
+    >>> from magphonon.design import StiffnessDerivative, Tolerances, frequency_spread
     >>> cell = read_scene(ready_scene('ideal')).atoms()
-    >>> spread = frequency_spread(cell, [[0.5, 0, 0]], Tolerances({'mass': Change(mass=1.0)}, np.array([[0.01**2]])))
+    >>> spread = frequency_spread(cell, [[0.5, 0, 0]], Tolerances({'mass': StiffnessDerivative(mass=1.0)}, np.array([[0.01**2]])))
     >>> spread.names
     ('mass',)
     """
@@ -168,7 +168,7 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     return Spread(tuple(tolerances.changes), tolerances.covariance, omega, slopes)
 
 
-def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place, omega: NDArray[np.float64], damping: ArrayLike,
+def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64], damping: ArrayLike,
                     tolerances: Tolerances) -> ResponseSpread:
     """Amplitude of a frequency response and its uncertainty.
 
@@ -176,7 +176,7 @@ def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place
     ----------
     atoms, force, omega, damping
         As for `magphonon.response.frf.harmonic_response`.
-    answer : Place
+    answer : Dof
         Where the response is seen.
     tolerances : Tolerances
 

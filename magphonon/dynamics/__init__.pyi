@@ -1,5 +1,5 @@
 from .cages import Diverged as Diverged
-from .drives import Constant as Constant, Harmonic as Harmonic, ToneBurst as ToneBurst, Wall as Wall
+from .drives import Constant as Constant, Harmonic as Harmonic, PrescribedMotion as PrescribedMotion, ToneBurst as ToneBurst
 from .engine import highest_frequency as highest_frequency, refusal as refusal
 from .lammps import (
     lammps_session as lammps_session,

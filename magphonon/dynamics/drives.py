@@ -149,7 +149,7 @@ class ToneBurst:
 
 
 @dataclass(frozen=True)
-class Wall:
+class PrescribedMotion:
     """Held particles that move as prescribed, such as a row on a shaker: what a drive is in N, their displacement is in mm.
 
     Parameters
@@ -163,13 +163,13 @@ class Wall:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Wall, lattices
+    >>> from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, PrescribedMotion, lattices
     >>> row = lattices.chain(1.0, 1.0).repeat((20, 1, 1))
     >>> row.pbc = False
     >>> row.calc = MagneticRepulsion(row, InversePower(1.0, 4.0), foundation=1.0).balanced([0, 19])
     >>> from ase.constraints import FixAtoms
     >>> row.set_constraint(FixAtoms([0]))
-    >>> DrivenVerlet(row, 0.05, [Wall(Harmonic([0], (1, 0), 1e-3, omega=2.0))]).run(100)  # to t = 5 ms
+    >>> DrivenVerlet(row, 0.05, [PrescribedMotion(Harmonic([0], (1, 0), 1e-3, omega=2.0))]).run(100)  # to t = 5 ms
     True
     >>> bool(np.isclose(row.positions[0, 0] - row.calc.reference.positions[0, 0], 1e-3 * np.sin(10)))
     True
@@ -229,7 +229,7 @@ def refuse_held_drives(drives: Sequence[Any], atoms: Atoms) -> None:
     A wall of particles that are free is refused, too.
     """
     for drive in drives:
-        if isinstance(drive, Wall):
+        if isinstance(drive, PrescribedMotion):
             held = [k for constraint in atoms.constraints if isinstance(constraint, FixAtoms) for k in constraint.index]
             for free in np.setdiff1d(drive.particles[drive.particles < len(atoms)], held)[:1]:
                 raise ValueError(f'a wall moves held particles, and particle {free} is free; hold it, with '
@@ -243,8 +243,8 @@ def refuse_held_drives(drives: Sequence[Any], atoms: Atoms) -> None:
 
 def forces_and_walls(drives: Sequence[Any], count: int) -> tuple[Drives, Drives]:
     """The sum of the forces among the drives, and that of the displacements of walls."""
-    walls = [drive for drive in drives if isinstance(drive, Wall)]
-    return Drives([drive for drive in drives if not isinstance(drive, Wall)], count), Drives(walls, count, walls=True)
+    walls = [drive for drive in drives if isinstance(drive, PrescribedMotion)]
+    return Drives([drive for drive in drives if not isinstance(drive, PrescribedMotion)], count), Drives(walls, count, walls=True)
 
 
 class Drives:
@@ -256,7 +256,7 @@ class Drives:
     def __init__(self, drives: Sequence[Any], count: int, walls: bool = False) -> None:
         self._parts = []
         for drive in drives:
-            if isinstance(drive, Wall) and not walls:
+            if isinstance(drive, PrescribedMotion) and not walls:
                 raise ValueError('a Wall is for DrivenVerlet and propagate, and for frequency_response as walls=; here only '
                                  'forces are known')
             if not callable(drive):
@@ -265,7 +265,7 @@ class Drives:
             particles = np.arange(count) if own is None else np.atleast_1d(own)
             if particles.max(initial=-1) >= count:
                 raise ValueError(f'a drive acts on particle {particles.max()}, but the structure has particles 0 to {count - 1}')
-            self._parts.append((drive.course if isinstance(drive, Wall) else drive, particles))
+            self._parts.append((drive.course if isinstance(drive, PrescribedMotion) else drive, particles))
         found = [particles for _, particles in self._parts]
         self.particles = np.unique(np.concatenate(found)) if found else np.zeros(0, int)
         self._rows = [np.searchsorted(self.particles, particles) for particles in found]

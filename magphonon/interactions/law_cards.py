@@ -27,7 +27,7 @@ from .. import units
 
 
 @dataclass(frozen=True)
-class LawChange:
+class LawDerivative:
     """Derivative of a pair law by a parameter: as much of a law as stiffness asks for."""
 
     dphi: Callable[..., Any]
@@ -60,7 +60,7 @@ class Parameter:
     unit: float = 1.0
     words: str = ''
     power: int = 0
-    change: Callable[[Any, float], LawChange] | None = None
+    change: Callable[[Any, float], LawDerivative] | None = None
     quantity: str = 'positive'
     examples: tuple[Any, ...] = ()
 
@@ -128,15 +128,15 @@ def kinds_of_laws() -> dict[str, Kind]:
     return {kind.name: kind for card in cards if isinstance(card, Card) for kind in card.kinds}
 
 
-def exponent_change(law: Any, length: float = units.m) -> LawChange:
+def exponent_change(law: Any, length: float = units.m) -> LawDerivative:
     """Derivative of an InversePower by ln a, while b stays the same number in N times `length` to the power a."""
     def x(r):
         return law.a * np.log(r / length)
 
-    return LawChange(lambda r: -x(r) * law.dphi(r), lambda r: (1 - x(r)) * law.d2phi(r))
+    return LawDerivative(lambda r: -x(r) * law.dphi(r), lambda r: (1 - x(r)) * law.d2phi(r))
 
 
-def screening_change(law: Any, _: float = units.m) -> LawChange:
+def screening_change(law: Any, _: float = units.m) -> LawDerivative:
     """Derivative of a Yukawa law by the logarithm of its screening length."""
-    return LawChange(lambda r: law.kappa * (law.phi(r) + r * law.dphi(r)),
+    return LawDerivative(lambda r: law.kappa * (law.phi(r) + r * law.dphi(r)),
                      lambda r: law.kappa * (2 * law.dphi(r) + r * law.d2phi(r)))

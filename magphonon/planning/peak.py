@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from .. import units
 from ..dynamics.engine import highest_frequency
 from ..errors import positive
-from ..response.frf import Place, frequency_response, harmonic_response
+from ..response.frf import Dof, frequency_response, harmonic_response
 from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
 from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
-from ..stability.amplitude_shifts import DEGENERACY, FarFromLinear, vibration
+from ..stability.amplitude_shifts import DEGENERACY, StronglyNonlinear, vibration
 from ..stiffness.rest import LinearSystem
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, percent
 
@@ -49,7 +49,7 @@ class Peak:
         return float(self.linear.omega[self.mode])
 
 
-def highest_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: NDArray[np.float64], damping: float) -> Peak:
+def highest_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDArray[np.float64], damping: float) -> Peak:
     """The resonance that dominates the response at `omega` (rad/ms, ascending), in the complete linear model."""
     system, damping = LinearSystem.of(atoms), positive('damping', damping, '1/ms')
     if system.free.shape[1] > MOST_DIRECTIONS:
@@ -92,7 +92,7 @@ def _turned(linear, source):
     return Modes(linear.omega, shapes)
 
 
-def plan_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: NDArray[np.float64], damping: float,
+def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDArray[np.float64], damping: float,
               tolerance: float, force: float = 0.0) -> Plan:
     """Plan for the frequency of the highest peak of a response.
 
@@ -124,7 +124,7 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: 
             swing = vibration(system, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
             shift, moves = abs(swing.omega / w - 1), f'which shifts the peak {"up" if swing.omega > w else "down"} by '
             moves += percent(shift)
-        except FarFromLinear:
+        except StronglyNonlinear:
             shift, moves = np.inf, 'at which no periodic vibration exists'
         reach = force * peak.force / (damping * w) * abs(peak.linear.shapes[peak.mode]).max() / calc.bonds.lengths.min()
         evidence.append(f'a force of {force:g} N gives an amplitude of {percent(reach)} of the spacing, {moves}')

@@ -82,10 +82,10 @@ def _write_response(scene, file, force, method):
 
 
 def _burst(scene, cell, patch, tolerance, k):
-    from ..waves.wave_source import site
+    from ..waves.wave_source import burst_setup
     from .waveform import plan_waveform
 
-    plan, where = scene.burst, site(cell, patch, scene.burst.source)
+    plan, where = scene.burst, burst_setup(cell, patch, scene.burst.source)
     burst = plan.burst(k, where)
     found = plan_waveform(patch, burst.drive, where.row, burst.damping, burst.duration, tolerance)
     name = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'

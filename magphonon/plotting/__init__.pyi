@@ -1,4 +1,4 @@
-from .animation import animate as animate, period as period
+from .animation import animate as animate, mode_frames as mode_frames
 from .axes import (
     legend_above as legend_above,
     legend_of_set as legend_of_set,

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from ..waves.wave_source import Site
+    from ..waves.wave_source import BurstSetup
 
 LONGEST = 0.35  # largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for
 DOT = 0.6  # diameter of a particle in lengths of the shortest bond
 FRAMES = 24  # frames of one period of a mode
 
 
-def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:
+def mode_frames(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:
     """One period of a mode, as `animate` takes it: the displacements `Re shape e^{-2 pi i t/T}`, shape (frames, particles, dim).
 
     Parameters
@@ -49,7 +49,7 @@ def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> ND
 
 
 def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, times: ArrayLike | None = None, *,
-            magnification: float | None = None, title: str = '', fps: float = 12, site: Site | None = None,
+            magnification: float | None = None, title: str = '', fps: float = 12, site: BurstSetup | None = None,
             centre: ArrayLike | None = None, defects: ArrayLike = ()) -> float:
     """Write a film of moving particles; every frame has the same scale, and the title states the magnification.
 
@@ -71,7 +71,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     title : str
     fps : float
         Frames per second.
-    site : Site, optional
+    site : BurstSetup, optional
         Where a burst enters and where it is measured, to be marked.
     centre : array_like, shape (2,), optional
         Place in mm about which a periodic structure is drawn.

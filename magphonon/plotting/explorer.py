@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
     from numpy.typing import NDArray
 
-    from ..stability.buckling import Border
+    from ..stability.buckling import StabilityBoundary
 
 FORCES = 10.0
 """The slider of the spacing goes from ten times the force between nearest neighbours to a tenth, as far as the law is known."""
@@ -126,7 +126,7 @@ class Explorer:
         static = self._force(1.0) / units.N / (self.spacing / units.m)
         return _slider(0.0, here, FOUNDATIONS * max(here, static))
 
-    def page(self, title: str, scene: str, template: str, border: Border, beside: str = '') -> str:
+    def page(self, title: str, scene: str, template: str, border: StabilityBoundary, beside: str = '') -> str:
         """The page, HTML that refers to nothing outside itself.
 
         `scene` is the text shown at the end, `template` that of a scene with values of the sliders to fill in, `border` the
@@ -144,7 +144,7 @@ class Explorer:
         pieces = page.split('{{')
         return pieces[0] + ''.join(parts[name] + rest for name, _, rest in (piece.partition('}}') for piece in pieces[1:]))
 
-    def data(self, border: Border) -> dict[str, Any]:
+    def data(self, border: StabilityBoundary) -> dict[str, Any]:
         """What the scripts of the page read, in SI; lengths within the cell are multiples of the spacing."""
         atoms, here = self.atoms, self.spacing
         sliders = {'spacing': (self.spacings, self.unit, UNITS[self.unit]), 'exponent': (self.exponents, '', 1.0),

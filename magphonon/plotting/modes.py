@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from ..bands.bands import Bands
     from ..response.measured_shapes import Comparison
-    from ..response.normal_modes import Extent, Modes
+    from ..response.normal_modes import Localisation, Modes
 
 ARROW = 0.39  # longest arrow of a mode shape of a lattice in bond lengths
 # Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
@@ -134,12 +134,12 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
 
 
 @in_house_style
-def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
+def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
     """How many particles take part in each mode, over its frequency; shaded: where the lattice has bands.
 
     Parameters
     ----------
-    extent : Extent
+    extent : Localisation
     ax : matplotlib.axes.Axes, optional
     bands : sequence of (low, high)
         Ranges of angular frequency in rad/ms.

@@ -136,11 +136,11 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.plotting import plot_response
-    >>> from magphonon.response import Place, receptance
+    >>> from magphonon.response import Dof, receptance
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
     >>> up = np.array([0, 1.0, 0])
-    >>> axes = plot_response(receptance(patch, Place(18, up), Place(12, up), np.linspace(0.5, 2, 40), damping=0.1))
+    >>> axes = plot_response(receptance(patch, Dof(18, up), Dof(12, up), np.linspace(0.5, 2, 40), damping=0.1))
     """
     shaken = response.per_bench
     axes = response_axes(*['displacement per that of the shaker'] * shaken) if axes is None else axes

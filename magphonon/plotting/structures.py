@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import EllipseCollection
     from numpy.typing import ArrayLike, NDArray
 
-    from ..waves.wave_source import Site
+    from ..waves.wave_source import BurstSetup
 
 WINDOW = 2.4  # half the window on a lattice, in lattice constants
 REACH = 5  # number of cells to each side that fill this window
@@ -69,14 +69,14 @@ def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
-def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None) -> Axes:
+def plot_patch(patch: Atoms, site: BurstSetup | None = None, *, ax: Axes | None = None) -> Axes:
     """A planar structure with its bonds: squares for the particles that are held, circles for those that move.
 
     Parameters
     ----------
     patch : ase.Atoms
         With its PairCalculator.
-    site : Site, optional
+    site : BurstSetup, optional
         Where a burst enters and where it is measured; triangles and a line of filled circles mark it.
     ax : matplotlib.axes.Axes, optional
 
@@ -84,10 +84,10 @@ def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None
     --------
     >>> from magphonon import read_scene
     >>> from magphonon.plotting import plot_patch
-    >>> from magphonon.waves import site
+    >>> from magphonon.waves import burst_setup
     >>> scene = read_scene('ideal')
     >>> patch = scene.patch_atoms()
-    >>> ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source))
+    >>> ax = plot_patch(patch, burst_setup(scene.atoms(), patch, scene.burst.source))
     """
     from matplotlib.collections import PolyCollection
 

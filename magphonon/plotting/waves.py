@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from ..dynamics.motion import Motion
     from ..waves.wave_analysis import Wave
-    from ..waves.wave_source import Passage, Site
+    from ..waves.wave_source import BurstRecord, BurstSetup
 
 FLOOR_dB = -40  # lowest power shown in a map, in decibels relative to the strongest
 LINES = {'complete': (COLOURS[0], '-'), 'conventional': (COLOURS[1], '--')}
@@ -160,7 +160,7 @@ def _draw_map(ax, wave, top):
 
 
 @in_house_style
-def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Axes | None = None) -> Axes:
+def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, ax: Axes | None = None) -> Axes:
     """All particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
 
     Parameters
@@ -170,7 +170,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Ax
     field : Motion
         That of all particles of the patch.
     frame : int
-    site : Site
+    site : BurstSetup
     ax : matplotlib.axes.Axes, optional
 
     Returns
@@ -190,7 +190,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Ax
 
 
 @in_house_style
-def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure:
+def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
     """One moment of a burst in several simulations, each on its own scale: when the first has reached the middle of the row.
 
     Parameters
@@ -215,7 +215,7 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure
     return figure
 
 
-def crossing(passage: Passage) -> int:
+def crossing(passage: BurstRecord) -> int:
     """Index of the frame of the whole patch closest to the time of the largest displacement in the middle of the row."""
     u = np.linalg.norm(passage.row.displacements[:, len(passage.row.particles) // 2], axis=1)
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
@@ -249,7 +249,7 @@ def draw_crests(ax: Axes, patch: Atoms, crests: NDArray[np.float64], largest: fl
     return dots, power
 
 
-def mark_site(ax: Axes, patch: Atoms, site: Site) -> None:
+def mark_site(ax: Axes, patch: Atoms, site: BurstSetup) -> None:
     """The row that is measured and the driven particles."""
     rest = patch.positions[:, :2] / units.m
     ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')

@@ -1,6 +1,6 @@
 from .frf import (
+    Dof as Dof,
     FrequencyResponse as FrequencyResponse,
-    Place as Place,
     Transmissibility as Transmissibility,
     frequency_response as frequency_response,
     harmonic_response as harmonic_response,
@@ -9,12 +9,12 @@ from .frf import (
 )
 from .measured_shapes import Comparison as Comparison, compared as compared
 from .normal_modes import (
-    Extent as Extent,
+    Localisation as Localisation,
     Modes as Modes,
-    extents as extents,
+    count_modes_below as count_modes_below,
     local_modes as local_modes,
+    localisation as localisation,
     modes as modes,
-    modes_below as modes_below,
     natural_frequencies as natural_frequencies,
 )
 from .propagation import Transient as Transient, propagate as propagate

@@ -44,7 +44,7 @@ ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Dof:
     """A particle and a direction: where a force acts, or where a displacement is seen.
 
     Attributes
@@ -55,8 +55,8 @@ class Place:
 
     Examples
     --------
-    >>> from magphonon.response import Place
-    >>> Place(3, (0, 2, 0)).particle
+    >>> from magphonon.response import Dof
+    >>> Dof(3, (0, 2, 0)).particle
     3
     """
 
@@ -288,7 +288,7 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
     per_bench = True
 
 
-def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64], answer: Place, omega: ArrayLike,
+def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], answer: Dof, omega: ArrayLike,
                damping: ArrayLike, gyration_seen_from: str = 'bench') -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one, each along its own direction.
 
@@ -296,12 +296,12 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     ----------
     atoms, omega, damping
         As for `frequency_response`.
-    source : Place or ndarray, shape (3,) or (particles, 3)
+    source : Dof or ndarray, shape (3,) or (particles, 3)
         Where the force acts; the displacements of `walls`, as of `frequency_response`, in an array of the shape (particles, 3);
         or the direction d in which the whole bench is shaken by u_b, walls and feet of pillars with it.
         Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`, with held particles at rest and
         damping by what moves with the bench; seen from the floor, the answer is w plus that of the bench.
-    answer : Place
+    answer : Dof
         Where the effect is seen.
     gyration_seen_from : {'bench', 'floor'}
         What gyration turns on a shaken bench: w', as of gyroscopes on pillars; or all motion seen from the floor, as on a bench
@@ -316,12 +316,12 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.response import Place, receptance
+    >>> from magphonon.response import Dof, receptance
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
     >>> up = np.array([0, 1.0, 0])
-    >>> there = receptance(patch, Place(18, up), Place(12, up), np.linspace(0.5, 2, 4), damping=0.1)
-    >>> back = receptance(patch, Place(12, up), Place(18, up), np.linspace(0.5, 2, 4), damping=0.1)
+    >>> there = receptance(patch, Dof(18, up), Dof(12, up), np.linspace(0.5, 2, 4), damping=0.1)
+    >>> back = receptance(patch, Dof(12, up), Dof(18, up), np.linspace(0.5, 2, 4), damping=0.1)
     >>> bool(np.allclose(there.response, back.response))  # reciprocity
     True
     """
@@ -331,7 +331,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
         found = frequency_response(system, force, omega, damping, [answer.particle], walls=walls)
         return found.response[:, 0] @ answer.direction
 
-    if isinstance(source, Place):
+    if isinstance(source, Dof):
         return FrequencyResponse(omega, seen(source.force(len(system))))
     source = np.asarray(source)
     if source.ndim == 2:

@@ -118,7 +118,7 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     return modes(system).omega if system.turning else signed_root(np.linalg.eigvalsh(system.K.toarray()))
 
 
-def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
+def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     """Number of modes below an angular frequency in rad/ms, counted by one sparse factorisation, without any mode.
 
     Parameters
@@ -131,10 +131,10 @@ def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
-    >>> from magphonon.response import modes_below
+    >>> from magphonon.response import count_modes_below
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-    >>> modes_below(patch, 3.0) == int((modes(patch).omega < 3.0).sum())
+    >>> count_modes_below(patch, 3.0) == int((modes(patch).omega < 3.0).sum())
     True
     """
     omega = float(finite('omega', omega, ()))
@@ -156,7 +156,7 @@ def refuse_growing(lowest: float, highest: float) -> None:
 
 
 @dataclass(frozen=True)
-class Extent(InHertz, Saved, kind='extents of modes', units={
+class Localisation(InHertz, Saved, kind='extents of modes', units={
     'omega': ('rad/ms', 'modes'), 'participation': ('', 'modes'), 'centre': ('mm', 'modes', 'dim'), 'length': ('mm', 'modes'),
     'along': ('', 'modes', 'dim'),
 }):
@@ -186,7 +186,7 @@ class Extent(InHertz, Saved, kind='extents of modes', units={
     along: np.ndarray
 
 
-def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
+def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     """Participation, centre, localisation length and polarisation of each mode.
 
     Parameters
@@ -199,10 +199,10 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
-    >>> from magphonon.response import extents
+    >>> from magphonon.response import localisation
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-    >>> found = extents(modes(patch), patch)
+    >>> found = localisation(modes(patch), patch)
     >>> bool((found.participation > 0).all())
     True
     """
@@ -226,7 +226,7 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
         spread[mode] = weight @ ((away - middle) ** 2).sum(axis=1)
     d = max(1, np.linalg.matrix_rank(rest.positions - rest.positions[0], tol=1e-6 * np.ptp(rest.positions)))
     length = np.sqrt(4 * spread / (d * (d + 1)))  # of shares e^{-2r/l} the second moment is d (d + 1) l^2/4
-    return Extent(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))
+    return Localisation(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))
 
 
 def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:

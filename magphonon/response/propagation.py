@@ -26,7 +26,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from ..dynamics.drives import Constant, ToneBurst, Wall, constant_push, forces_and_walls, refuse_held_drives
+from ..dynamics.drives import Constant, PrescribedMotion, ToneBurst, constant_push, forces_and_walls, refuse_held_drives
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive
 from ..stiffness.rest import LinearSystem, components, static_forces
@@ -281,7 +281,7 @@ class _Load:
         pull = -system.hessian[led].T if len(led) else sparse.csr_array((len(system) * system.dim, 0))
         beside = np.unique(pull.nonzero()[0])
         self._shapes, self._pull = sparse.vstack([system.shapes[driven], system.shapes[beside]]), pull[beside].T
-        courses = [d.course if isinstance(d, Wall) else d for d in varying]
+        courses = [d.course if isinstance(d, PrescribedMotion) else d for d in varying]
         self._kinks = np.array([t for d in courses if isinstance(d, ToneBurst) for t in (d.start, d.end)])
 
     def _forces(self, times):

@@ -22,7 +22,7 @@ from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
-from .frf import FrequencyResponse, Place
+from .frf import Dof, FrequencyResponse
 
 TRANSIENT_FRACTION = 1e-3
 """Largest remainder of the transient, as a fraction of the steady-state amplitude; harmonics of a nonlinear motion disturb the
@@ -34,14 +34,14 @@ HEADSTART = 1e3
 """Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 
 
-def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLike, damping: float, force: float,
+def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, damping: float, force: float,
                      dt: float) -> FrequencyResponse:
     """The response at a finite force, in time: a replica of the structure for each frequency, run until it is steady.
 
     Parameters
     ----------
     atoms : ase.Atoms
-    source, answer : Place
+    source, answer : Dof
         Where the force acts, and where the displacement is seen, which must be along x or y.
     omega : array_like, shape (frequencies,)
         In rad/ms.

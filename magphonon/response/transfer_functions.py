@@ -17,7 +17,7 @@ from .. import units as u
 from ..errors import one_of
 from ..readers import content
 from ..tables import FREQUENCY, GRAVITY, LENGTH, MOST_BYTES, PURE, TIME, read_table
-from .frf import Place
+from .frf import Dof
 
 MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
            for order, per in enumerate(('', '_per_s', '_per_s2'))} | {'g': (GRAVITY, 2)}
@@ -55,7 +55,7 @@ class TransferFunction:
         Standard uncertainty of real and imaginary part, in the unit of the response.
     order : {0, 1, 2}
         Displacement, velocity or acceleration was measured.
-    answer, drive : Place, ndarray or None
+    answer, drive : Dof, ndarray or None
         Where it is seen and driven: a Place of a structure; or as it was read, x and y in mm and the direction in rad, shape
         (3,).  None: as the scene says.  The drive of a fit may be the direction in which the bench is shaken, shape (3,).
     shaken : bool
@@ -68,8 +68,8 @@ class TransferFunction:
     response: np.ndarray
     sigma: Any = None
     order: int = 0
-    answer: Place | np.ndarray | None = None
-    drive: Place | np.ndarray | None = None
+    answer: Dof | np.ndarray | None = None
+    drive: Dof | np.ndarray | None = None
     shaken: bool = False
     coherence: np.ndarray | None = None
 

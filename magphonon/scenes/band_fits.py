@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
-from ..design.sensitivities import Change, LawChange, force_change, frequency_sensitivities
+from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, frequency_sensitivities
 from ..errors import one_of
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
@@ -313,18 +313,18 @@ def of_remanence(scene: Scene) -> Scene:
     return scene.model_copy(update={'law': scene.law.model_copy(update=strength)})
 
 
-def changes_of(scene: Scene) -> dict[str, Change]:
+def changes_of(scene: Scene) -> dict[str, StiffnessDerivative]:
     """What each parameter changes: the shape of the law at the same force at the spacing."""
     law, L = scene.law.potential(), scene.lattice.spacing_m * u.m
-    changes = {'force': Change(law=force_change(law))}
+    changes = {'force': StiffnessDerivative(law=force_change(law))}
     kind = KINDS[scene.law.kind]
     if (name := kind.shape) and (change := kind.parameters[name].change):
         shape = change(law, L)
         share = shape.dphi(L) / law.dphi(L)
-        changes[name] = Change(law=LawChange(lambda r: shape.dphi(r) - share * law.dphi(r),
+        changes[name] = StiffnessDerivative(law=LawDerivative(lambda r: shape.dphi(r) - share * law.dphi(r),
                                              lambda r: shape.d2phi(r) - share * law.d2phi(r)))
     if scene.foundation:
-        changes |= {name: Change(foundation=scene.foundation.changes[spring]) for name, spring in SPRINGS.items()
+        changes |= {name: StiffnessDerivative(foundation=scene.foundation.changes[spring]) for name, spring in SPRINGS.items()
                     if spring in scene.foundation.changes}
     return changes
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from .. import units as u
 from ..design.least_squares import MOST_FACTOR
 from ..design.misreadings import misreading
-from ..design.transfer_fits import Built, TransferFit, fit_transfer, responses, with_site_scatter
+from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses, with_site_scatter
 from ..errors import not_negative, one_of
-from ..response.frf import Place
+from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.rest import LinearSystem
 from . import band_fits
@@ -151,7 +151,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     relative = {name: band_fits.relative_prior(name, _value(scene, name), *priors[name], fixed) for name in priors}
     if not_negative('gain_sigma', gain_sigma):
         names, relative = (*names, 'gain'), relative | {'gain': (1.0, gain_sigma)}
-    own, seen = in_place(scene, functions), {}
+    own, seen = with_dofs(scene, functions), {}
     for one in own:
         first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)
         if first is not one:
@@ -171,13 +171,13 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
 
 def responses_of(scene: Scene, model: str, functions: Sequence[TransferFunction],
                  factors: Mapping[str, float] | None = None) -> list[NDArray[np.complex128]]:
-    """The response of a scene, with `factors` of its parameters, at the frequencies of each function that is `in_place`."""
+    """The response of a scene, with `factors` of its parameters, at the frequencies of each function that is `with_dofs`."""
     factors = dict(factors or {})
     h = responses(_built(scene, model, factors), functions) * factors.get('gain', 1.0)
     return np.split(h, np.cumsum([len(one.omega) for one in functions])[:-1])
 
 
-def misread(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:
+def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:
     """What transfer functions look like if their file does not say what was measured: a wrong unit, phase or quantity.
 
     Parameters
@@ -185,7 +185,7 @@ def misread(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:
     scene : Scene
         With [frf], known to some ten percent.
     functions : sequence of TransferFunction
-        As `in_place` returns them.
+        As `with_dofs` returns them.
 
     Returns
     -------
@@ -197,18 +197,18 @@ def misread(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:
     >>> from dataclasses import replace
     >>> from magphonon import read_scene
     >>> from magphonon.response import TransferFunction, receptance
-    >>> from magphonon.scenes import in_place, misread
+    >>> from magphonon.scenes import with_dofs, suspect_units
     >>> scene = read_scene('oscillator')
     >>> h = receptance(*scene.shaken(), scene.frf.omega, scene.frf.damping)
-    >>> functions = in_place(scene, [TransferFunction('point', h.omega, h.response)])
-    >>> misread(scene, functions)
-    >>> misread(scene, [replace(one, response=one.response.conj()) for one in functions])
+    >>> functions = with_dofs(scene, [TransferFunction('point', h.omega, h.response)])
+    >>> suspect_units(scene, functions)
+    >>> suspect_units(scene, [replace(one, response=one.response.conj()) for one in functions])
     'phases of the other sign, e^{-i omega t}'
     """
     return misreading(_built(scene, 'complete', {}), functions)
 
 
-def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[TransferFunction]:
+def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[TransferFunction]:
     """The functions with the particles of the scene where they are seen and driven.
 
     Parameters
@@ -226,9 +226,9 @@ def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[Transf
     atoms, source, answer = scene.shaken(bench=True)
     found = []
     for one in functions:
-        given = {name: place if place is None or isinstance(place, Place) else _place(atoms, place, f'{one.name}, {name}')
+        given = {name: place if place is None or isinstance(place, Dof) else _place(atoms, place, f'{one.name}, {name}')
                  for name, place in (('answer', one.answer), ('drive', None if one.shaken else one.drive))}
-        if one.shaken == isinstance(source, Place) and given['drive'] is None:
+        if one.shaken == isinstance(source, Dof) and given['drive'] is None:
             what, have, give = (('the motion of the bench', '[frf.force]', 'frf.base_deg') if one.shaken else
                                 ('a force', 'frf.base_deg', '[frf.force]'))
             raise ValueError(f'{one.name} is a response to {what}, and the scene has {have}; give {give} instead')
@@ -241,7 +241,7 @@ def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[Transf
     return found
 
 
-def _place(atoms: Atoms, place: NDArray[np.float64], name: str) -> Place:
+def _place(atoms: Atoms, place: NDArray[np.float64], name: str) -> Dof:
     x, y, angle = place
     try:
         return Pick.model_validate({'at_m': [float(x / u.m), float(y / u.m)], 'direction_deg': float(angle / u.deg)}).of(atoms)
@@ -254,7 +254,7 @@ def _built(scene, model, factors):
     there = _with(scene, {name: factor for name, factor in factors.items() if name not in ('mass', 'gain')})
     atoms, *_ = there.shaken(model, bench=True)
     atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
-    return Built(LinearSystem.of(atoms), there.frf.damping, band_fits.changes_of(there))
+    return ParametricLattice(LinearSystem.of(atoms), there.frf.damping, band_fits.changes_of(there))
 
 
 def _with(scene, factors):

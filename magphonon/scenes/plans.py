@@ -15,8 +15,8 @@ from .. import units as u
 from ..design.inverse import Design, NoDesign, foundation_for, spacings_for
 from ..design.objectives import BandEdge, Objective, band_gap
 from ..errors import one_of
-from ..response.frf import Place
-from ..stability.buckling import foundation_needed
+from ..response.frf import Dof
+from ..stability.buckling import critical_foundation
 from ..stiffness.rest import freedom
 from ..waves.ridge_tables import DRIVEN
 from .fields import (
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..dynamics.motion import Motion
-    from ..waves.wave_source import Burst, Passage, Site
+    from ..waves.wave_source import Burst, BurstRecord, BurstSetup
     from .scene import Scene
 
 HERTZ = 2 * np.pi * u.Hz  # one hertz in rad/ms
@@ -94,7 +94,7 @@ class Pick(Table):
     at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken')
     direction_deg: Angle = Field(description='the direction in degrees from the x axis')
 
-    def of(self, patch: Atoms) -> Place:
+    def of(self, patch: Atoms) -> Dof:
         """The Place: the particle of a patch that is nearest, and the unit vector of the direction."""
         distance = np.linalg.norm(patch.positions[:, :2] - np.array(self.at_m) * u.m, axis=1)
         particle, angle = distance.argmin(), self.direction_deg * u.deg
@@ -103,7 +103,7 @@ class Pick(Table):
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if not freedom(patch)[0][particle]:
             raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose one inside')
-        return Place(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
+        return Dof(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
 class MovingWall(Table):
@@ -204,7 +204,7 @@ class BurstPlan(Table):
         """Names of the bursts, in messages and file names."""
         return [f'{f:.6g}Hz_{angle:.6g}deg' for f, angle in zip(self.carriers_Hz, self.directions_deg, strict=True)]
 
-    def burst(self, k: int, site: Site) -> Burst:
+    def burst(self, k: int, site: BurstSetup) -> Burst:
         """Burst number k at a Site of a patch: its drive, damping and duration, as Burst."""
         from ..waves.wave_source import Burst
 
@@ -212,20 +212,20 @@ class BurstPlan(Table):
         drive = site.burst((np.cos(angle), np.sin(angle)), self.force_N * u.N, omega, self.cycles)
         return Burst(drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
 
-    def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[Site, Passage]:
+    def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[BurstSetup, BurstRecord]:
         """Send burst number k through a patch; returns its Site and Passage.
 
         `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.wave_source.send`.
         """
         from ..waves.spectrum import FEWEST
-        from ..waves.wave_source import send, site
+        from ..waves.wave_source import burst_setup, run_burst
 
-        where = site(cell, patch, self.source)
+        where = burst_setup(cell, patch, self.source)
         if len(where.row) < FEWEST:
             raise ValueError(f'the row along R2 has {len(where.row)} particles inside the rim, and a map of waves needs at least '
                              f'{FEWEST}; enlarge [patch]')
         burst = self.burst(k, where)
-        return where, send(patch, where, burst.drive, burst.damping, burst.duration, tolerance=self.tolerance, **engine)
+        return where, run_burst(patch, where, burst.drive, burst.damping, burst.duration, tolerance=self.tolerance, **engine)
 
 
 class VibrometerPlan(Table):
@@ -344,7 +344,7 @@ class DesignPlan(Table):
             return atoms
 
         if self.spacing_from is None:
-            needed, _ = foundation_needed(build(present), 'complete')
+            needed, _ = critical_foundation(build(present), 'complete')
             if needed > k:
                 raise ValueError(f'design.cut_off_Hz = {self.cut_off_Hz:g} gives a foundation of {_si(k)}, but at the spacing of '
                                  f'{present / u.m:g} m the lattice needs {_si(needed)}; raise the cut-off to '
@@ -355,7 +355,7 @@ class DesignPlan(Table):
             return k, spacings_for(build, self.spacing_from.target(scene), self.spacing_from.wanted, (low, high))
         except NoDesign as error:
             if not error.stable:
-                needed = min(foundation_needed(build(spacing), 'complete')[0] for spacing in (low, high))
+                needed = min(critical_foundation(build(spacing), 'complete')[0] for spacing in (low, high))
                 raise ValueError(f'design.spacings_m: the lattice buckles at every spacing from {low / u.m:g} to {high / u.m:g} '
                                  f'm on a foundation of {_si(k)}; it needs at least {_si(needed)}, a cut-off of '
                                  f'{self._cut_off(scene, needed):.6g} Hz') from None

@@ -27,12 +27,12 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from .. import units as u
 from ..bands.force_constants import enough_cells
-from ..bands.neighbours import Enough, enough_shells, whole_reach
+from ..bands.neighbours import ConvergedShells, converged_shells, whole_reach
 from ..errors import PhysicsError
 from ..files import whole_file
 from ..lattices.bonds import bonds_within
 from ..lattices.patches import surrounded
-from ..response.frf import Place
+from ..response.frf import Dof
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.leaning import leaning
@@ -120,7 +120,7 @@ class Scene(Table):
         elif isinstance(lattice, FileLattice) and shells in (AUTO, ALL) and (lattice.finite or shells == AUTO):
             shells = self._choose_cutoff()
         elif shells == AUTO:
-            enough = self.enough_shells(TOLERANCE)
+            enough = self.converged_shells(TOLERANCE)
             shells, reach = enough.shells, enough.cutoff / (lattice.spacing_m * u.m)
             if enough.error > TOLERANCE and not others and self._sums():
                 shells, reach = ALL, None
@@ -133,7 +133,7 @@ class Scene(Table):
         lattice, cell = self.lattice, self.cell()
         if lattice.cutoff is None:
             if not lattice.finite and len(cell) <= MOST_IN_A_CELL:
-                enough = self.enough_shells(TOLERANCE)
+                enough = self.converged_shells(TOLERANCE)
                 reach = enough.cutoff
             else:
                 reach = whole_reach(cell, self._law(cell))
@@ -148,14 +148,14 @@ class Scene(Table):
             return False
         return True
 
-    def enough_shells(self, tolerance: float) -> Enough:
-        """How many shells the perfect lattice needs at its special points, as `magphonon.bands.enough_shells`."""
+    def converged_shells(self, tolerance: float) -> ConvergedShells:
+        """How many shells the perfect lattice needs at its special points, as `magphonon.bands.converged_shells`."""
         atoms = self.cell()
         with _units_told_by_keys():
             nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
             still: dict[str, Any] = self._sites(atoms) | {'gyration': 0.0}
             atoms.calc = PairCalculator(atoms, self._law(atoms), bonds=nearest, **still)
-        return enough_shells(atoms, list(self.special_points.values()), tolerance)
+        return converged_shells(atoms, list(self.special_points.values()), tolerance)
 
     def counted(self) -> Scene:
         """The same scene with a number of shells, for what asks for the stiffness of each bond.
@@ -165,7 +165,7 @@ class Scene(Table):
         """
         if isinstance(self.law, SavedLaw) or self.law.shells != ALL:
             return self
-        enough = self.enough_shells(PAIRS)
+        enough = self.converged_shells(PAIRS)
         if enough.error > LONG_RANGE:
             raise ValueError(f"law.shells = '{self.law.asked}': the force has so long a range that even {enough.shells} shells "
                              f'of neighbours leave frequencies {enough.error:.1%} off, and here each bond must be known; '
@@ -331,7 +331,7 @@ class Scene(Table):
                                        **sites)
         return patch
 
-    def shaken(self, model: str = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Place]:
+    def shaken(self, model: str = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Dof]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
         As `magphonon.response.frf.receptance` takes them; with `frf.base_deg` the direction of the bench in place of the force,
@@ -344,7 +344,7 @@ class Scene(Table):
         if plan.wall is not None and not wall:
             raise ValueError('frf.wall: a wall that moves is for "magphonon frf"; give [frf.force] here')
         if self.single:
-            atoms, free = self.perfect_cell(), Place(Oscillator.free, np.array([0.0, 1.0, 0.0]))
+            atoms, free = self.perfect_cell(), Dof(Oscillator.free, np.array([0.0, 1.0, 0.0]))
             atoms.calc.set(model=model)
             picked: dict[str, Any] = {'force': free, 'response': free}
         else:

@@ -24,7 +24,7 @@ from ..bands.bands import band_path
 from ..errors import one_of, whole
 from ..files import MEGABYTE, refuse_endless
 from ..lattices.bonds import distances_within
-from ..stiffness.defects import LARGEST_SCATTER, Scatter, scattered, substituted, with_interstitial, without
+from ..stiffness.defects import LARGEST_SCATTER, Scatter, scattered, substituted, with_interstitial, with_vacancies
 from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
@@ -367,7 +367,7 @@ class Defects(Table):
                 atoms = with_interstitial(atoms, np.array(guest.at_m) * u.m, **guest.properties)
             except ValueError as error:
                 raise ValueError(f'defects.interstitials[{k}].at_m = {list(guest.at_m)}: {error}') from None
-        return without(atoms, missing) if missing else atoms
+        return with_vacancies(atoms, missing) if missing else atoms
 
     def places(self, atoms: Atoms) -> NDArray[np.float64]:
         """Where the defects of the perfect structure `atoms` are, in mm, shape (defects, 2)."""

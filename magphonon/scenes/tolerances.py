@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from .. import units as u
 from ..design.scatter import SITES, SiteScatter
-from ..design.sensitivities import Change, LawChange, force_change, spacing_change
+from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
 from .laws import KINDS
@@ -135,24 +135,24 @@ def _changes(scene):
         return {}
     law, k = scene.law.potential(), scene.foundation.stiffness if scene.foundation else 0.0
     held = scene.lattice.spacing_m * u.m if getattr(scene.law, 'force_N', None) else u.m  # where `a` leaves the force as it is
-    changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
+    changes = {'spacing': StiffnessDerivative(law=spacing_change(law)), 'mass': StiffnessDerivative(mass=1.0)}
     for name, one in KINDS[scene.law.kind].parameters.items() if scene.law.kind in KINDS else ():
         if not (one.power or one.change) or _at(scene, _place(scene, name)) is None:
             continue
         if not (name == 'remanence' and scene.law.calibration):
-            changes[name] = Change(law=one.change(law, held) if one.change else force_change(law, one.power))
+            changes[name] = StiffnessDerivative(law=one.change(law, held) if one.change else force_change(law, one.power))
     if scene.law.kind == 'table':
-        changes['exponent'] = Change(law=exponent_at(law, scene.lattice.spacing_m * u.m))
+        changes['exponent'] = StiffnessDerivative(law=exponent_at(law, scene.lattice.spacing_m * u.m))
     if k and scene.foundation.pillar:
-        changes |= {name: Change(foundation=power * k) for name, power in PILLAR_POWERS.items()}
+        changes |= {name: StiffnessDerivative(foundation=power * k) for name, power in PILLAR_POWERS.items()}
     elif k:
-        changes |= {name: Change(foundation=change) for name, change in scene.foundation.changes.items()}
+        changes |= {name: StiffnessDerivative(foundation=change) for name, change in scene.foundation.changes.items()}
     return changes
 
 
-def exponent_at(law: PairLaw, spacing: float) -> LawChange:
+def exponent_at(law: PairLaw, spacing: float) -> LawDerivative:
     """Derivative of a law by its exponent, while its force at the spacing (mm) stays: of f (r/spacing)^-delta by delta."""
-    return LawChange(lambda r: -np.log(r / spacing) * law.dphi(r),
+    return LawDerivative(lambda r: -np.log(r / spacing) * law.dphi(r),
                      lambda r: -np.log(r / spacing) * law.d2phi(r) - law.dphi(r) / r)
 
 

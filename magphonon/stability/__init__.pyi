@@ -1,21 +1,21 @@
 from .amplitude_shifts import (
-    FarFromLinear as FarFromLinear,
     Shifts as Shifts,
+    StronglyNonlinear as StronglyNonlinear,
     Vibration as Vibration,
     frequency_shifts as frequency_shifts,
     vibration as vibration,
 )
 from .backbones import NonlinearModes as NonlinearModes, nonlinear_modes as nonlinear_modes
 from .buckling import (
-    Border as Border,
-    FoundationNeeded as FoundationNeeded,
-    Softest as Softest,
-    SupportNeeded as SupportNeeded,
-    border_over_exponents as border_over_exponents,
-    border_over_spacings as border_over_spacings,
-    foundation_needed as foundation_needed,
-    spacing_held as spacing_held,
-    support_needed as support_needed,
+    CriticalFoundation as CriticalFoundation,
+    CriticalSupport as CriticalSupport,
+    SoftMode as SoftMode,
+    StabilityBoundary as StabilityBoundary,
+    critical_foundation as critical_foundation,
+    critical_spacing as critical_spacing,
+    critical_support as critical_support,
+    stability_boundary as stability_boundary,
+    stability_boundary_of_exponents as stability_boundary_of_exponents,
 )
-from .pumping import Growth as Growth, pumped_growth as pumped_growth
+from .pumping import ParametricGrowth as ParametricGrowth, parametric_growth as parametric_growth
 from .verdicts import Buckling as Buckling, Finding as Finding, Verdict as Verdict, verdict as verdict

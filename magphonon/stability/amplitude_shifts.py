@@ -287,7 +287,7 @@ class Vibration:
     evaluations: int
 
 
-class FarFromLinear(PhysicsError):
+class StronglyNonlinear(PhysicsError):
     """The iteration does not converge.
 
     Attributes
@@ -319,7 +319,7 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
 
     Raises
     ------
-    FarFromLinear
+    StronglyNonlinear
         A ValueError: the amplitude is too large for the iteration.
     """
     calc, w = LinearSystem.of(atoms).calc, linear.omega
@@ -329,7 +329,7 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
     h2 = np.arange(HARMONICS + 1)[:, None] ** 2
     W, c = w[mode], np.zeros((HARMONICS + 1, len(w)))
     reach = amplitude(W) * np.linalg.norm(linear.shapes[mode], axis=1).max()
-    failed = FarFromLinear(reach, reach / calc.bonds.lengths.min(), ROUNDS * len(theta))
+    failed = StronglyNonlinear(reach, reach / calc.bonds.lengths.min(), ROUNDS * len(theta))
     for rounds in range(1, ROUNDS + 1):
         c[1, mode] = amplitude(W)
         q = cosines.T @ c

@@ -39,7 +39,7 @@ EXACT = 1e-9  # width of the interval within which an exponent is found
 
 
 @dataclass(frozen=True)
-class Softest:
+class SoftMode:
     """The ends of the spectrum of a stiffness matrix, or of squared frequencies.
 
     Attributes
@@ -61,7 +61,7 @@ class Softest:
 
 
 def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, structure: Atoms, foundation: Foundation = 0.0,
-            masses: NDArray[np.float64] | None = None, steps: int | None = None) -> Softest:
+            masses: NDArray[np.float64] | None = None, steps: int | None = None) -> SoftMode:
     """Softest mode over the zone of a periodic cell, or of a finite structure.
 
     For a periodic cell of more than 200 degrees of freedom only waves with q = 0 or 1/2 along each vector are examined; another
@@ -79,7 +79,7 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
         edges = np.array(list(product(*((0.0, 0.5) if along else (0.0,) for along in pbc))))
         found = [lowest_mode(free.T @ hessian(bonds, K, foundation, q) @ free) for q in edges]
         softest = min(range(len(found)), key=lambda n: found[n][0])
-        return Softest(found[softest][0], max(highest for _, highest, _ in found), edges[softest])
+        return SoftMode(found[softest][0], max(highest for _, highest, _ in found), edges[softest])
     P = free.toarray()
     return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, structure.cell.array, pbc,
                       bonds.particles, steps)
@@ -87,11 +87,11 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
 
 def _over_zone(matrix, cell, pbc, particles, steps):
     steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if np.all(pbc) else 8) / np.sqrt(particles)))
-    return Softest(*softest_wave(matrix, cell, pbc, steps))
+    return SoftMode(*softest_wave(matrix, cell, pbc, steps))
 
 
 def softest_of(atoms: Atoms | LinearSystem, model: str | None = None, scale: float = 1.0, foundation: float = 0.0,
-               weighted: bool = False, steps: int | None = None) -> Softest:
+               weighted: bool = False, steps: int | None = None) -> SoftMode:
     """`softest` of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
 
     The part of the calculator's foundation that is common to all particles, `common_spring`, is not included, but replaced by
@@ -144,7 +144,7 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
     return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.cell.array, atoms.pbc, len(atoms), steps)
 
 
-def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> Softest:
+def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> SoftMode:
     """Softest wave out of the plane of a flat layer; there the motions along z and in the plane are independent.
 
     `foundation` in N/mm is what the supports of all particles have in common, in place of the calculator's own `common_support`.
@@ -199,7 +199,7 @@ def _steps_of_sums(calc):
     return 24 if calc.dim == 2 else 8  # because these cells take long
 
 
-class FoundationNeeded(NamedTuple):
+class CriticalFoundation(NamedTuple):
     """What holds a structure against its static forces.
 
     Attributes
@@ -214,7 +214,7 @@ class FoundationNeeded(NamedTuple):
     q: NDArray[np.float64]
 
 
-def foundation_needed(atoms: Atoms | LinearSystem, model: str | None = None, steps: int | None = None) -> FoundationNeeded:
+def critical_foundation(atoms: Atoms | LinearSystem, model: str | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
     A flat layer is judged by its motion in the plane alone, whatever its supports along z; `softest_out_of_plane` is for these.
@@ -238,10 +238,10 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str | None = None, ste
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices
+    >>> from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices
     >>> cell = lattices.square(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> needed, q = foundation_needed(cell)
+    >>> needed, q = critical_foundation(cell)
     >>> round(needed, 9), abs(q).round(3)  # 4 f/L0: rows slide
     (4.0, array([0. , 0.5, 0. ]))
     """
@@ -249,14 +249,14 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str | None = None, ste
         layer, atoms = atoms, atoms.copy()
         atoms.calc = layer.calc.in_plane()
     found = softest_of(_settled(atoms), model, steps=steps)
-    return FoundationNeeded(found.needed, found.q)
+    return CriticalFoundation(found.needed, found.q)
 
 
-def spacing_held(atoms: Atoms | LinearSystem, model: str | None = None) -> float | None:
+def critical_spacing(atoms: Atoms | LinearSystem, model: str | None = None) -> float | None:
     """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
 
     All bonds are stretched by the same factor.  The result is the nearest change between stable and unstable, between 0.1 and 10
-    times the present spacing and within the range of the law.  `model` as for `foundation_needed`.
+    times the present spacing and within the range of the law.  `model` as for `critical_foundation`.
 
     Returns
     -------
@@ -268,8 +268,8 @@ def spacing_held(atoms: Atoms | LinearSystem, model: str | None = None) -> float
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.stability import spacing_held
-    >>> round(spacing_held(read_scene(ready_scene('square')).atoms()), 2)  # as a share of the present one
+    >>> from magphonon.stability import critical_spacing
+    >>> round(critical_spacing(read_scene(ready_scene('square')).atoms()), 2)  # as a share of the present one
     0.91
     """
     atoms = _settled(atoms)
@@ -304,7 +304,7 @@ def _settled(atoms):
     return LinearSystem.of(atoms).moving()
 
 
-class SupportNeeded(NamedTuple):
+class CriticalSupport(NamedTuple):
     """Stiffness out of the plane, N/mm.
 
     Attributes
@@ -319,7 +319,7 @@ class SupportNeeded(NamedTuple):
     alone: float
 
 
-def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> SupportNeeded:
+def critical_support(atoms: Atoms | LinearSystem, magnets: bool = True) -> CriticalSupport:
     """Stiffness out of the plane that the supports of planar particles must provide.
 
     The energy of two rigid magnets obeys Laplace's equation.  For magnets normal to the plane and round it reads
@@ -336,8 +336,8 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> Support
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene, units as u
-    >>> from magphonon.stability import support_needed
-    >>> every, one = support_needed(read_scene(ready_scene('prototype')).atoms())
+    >>> from magphonon.stability import critical_support
+    >>> every, one = critical_support(read_scene(ready_scene('prototype')).atoms())
     >>> bool(every > one > 0)
     True
     """
@@ -350,11 +350,11 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> Support
     free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(system.mobile)]
     K = per_bond[:, None, None]
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
-    return SupportNeeded(softest(calc.bonds, K, free, cell).needed, float(alone[system.mobile].max(initial=0.0)))
+    return CriticalSupport(softest(calc.bonds, K, free, cell).needed, float(alone[system.mobile].max(initial=0.0)))
 
 
 @dataclass(frozen=True)
-class Border:
+class StabilityBoundary:
     """Smallest foundation stiffness that holds a lattice, at several values of one parameter.
 
     Attributes
@@ -370,7 +370,7 @@ class Border:
     needed: np.ndarray
 
 
-def border_over_spacings(atoms: Atoms, scales: ArrayLike) -> Border:
+def stability_boundary(atoms: Atoms, scales: ArrayLike) -> StabilityBoundary:
     """The foundation needed if all bonds are stretched by the same factor.
 
     Parameters
@@ -383,18 +383,18 @@ def border_over_spacings(atoms: Atoms, scales: ArrayLike) -> Border:
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stability import border_over_spacings
+    >>> from magphonon.stability import stability_boundary
     >>> cell = lattices.square(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> border_over_spacings(cell, [1.0, 2.0]).needed.round(9).tolist()  # 4 f/L
+    >>> stability_boundary(cell, [1.0, 2.0]).needed.round(9).tolist()  # 4 f/L
     [4.0, 0.125]
     """
     system, scales = LinearSystem.of(atoms).moving(), np.asarray(scales, dtype=float)
     needed = np.array([softest_of(system, scale=scale, steps=STEPS).needed for scale in _shown(scales, 'spacings')])
-    return Border('spacing', scales, needed)
+    return StabilityBoundary('spacing', scales, needed)
 
 
-def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
+def stability_boundary_of_exponents(atoms: Atoms, exponents: ArrayLike) -> StabilityBoundary:
     """The foundation needed with other exponents of an inverse power that has the same force at the shortest bond.
 
     The exponents at which the lattice ceases to need a foundation are found, too, and added to `at`: there `needed` has a kink.
@@ -409,10 +409,10 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stability import border_over_exponents
+    >>> from magphonon.stability import stability_boundary_of_exponents
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> border = border_over_exponents(cell, [2.0, 4.0])
+    >>> border = stability_boundary_of_exponents(cell, [2.0, 4.0])
     >>> border.at.round(6).tolist(), border.needed.round(6).tolist()  # 2 (3 - a) f/L
     ([2.0, 3.0, 4.0], [2.0, 0.0, 0.0])
     """
@@ -436,7 +436,7 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
                 low, high = (middle, high) if (needed(middle) > 0) == buckles else (low, middle)
             found[(low + high) / 2] = 0.0
     at: NDArray[np.float64] = np.array(sorted(found))
-    return Border('exponent', at, np.array([found[a] for a in at.tolist()]))
+    return StabilityBoundary('exponent', at, np.array([found[a] for a in at.tolist()]))
 
 
 def _shown(values, what):

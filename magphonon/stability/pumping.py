@@ -28,7 +28,7 @@ SMALL = 60  # largest number of free directions of a finite structure whose grow
 
 
 @dataclass(frozen=True)
-class Growth:
+class ParametricGrowth:
     """The wave that grows fastest.
 
     Attributes
@@ -43,7 +43,7 @@ class Growth:
     q: np.ndarray
 
 
-def pumped_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> Growth | None:
+def parametric_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> ParametricGrowth | None:
     """The wave that a `Travelling` foundation makes grow fastest; None for a finite structure of too many particles.
 
     Parameters
@@ -54,17 +54,17 @@ def pumped_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, Travelling, lattices
-    >>> from magphonon.stability import pumped_growth
+    >>> from magphonon.stability import parametric_growth
     >>> cell = lattices.chain(1.0, 1.0)
     >>> k = Travelling(5.0, 0.1, W=4.0, kap=(0, 0))  # twice the frequency of a wave
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
-    >>> pumped_growth(cell).rate > 0.05, pumped_growth(cell, damping=0.2).rate > 0
+    >>> parametric_growth(cell).rate > 0.05, parametric_growth(cell, damping=0.2).rate > 0
     (True, False)
     """
     hill = Hill(atoms, model, damping)
     periodic = np.flatnonzero(atoms.pbc)
     if not len(periodic):
-        return Growth(_settled(hill, np.zeros(3), ORDERS), np.zeros(3)) if hill.modes <= SMALL else None
+        return ParametricGrowth(_settled(hill, np.zeros(3), ORDERS), np.zeros(3)) if hill.modes <= SMALL else None
     places = _resonances(hill, periodic)
     rates = hill.growth(places, ORDERS)
 
@@ -73,7 +73,7 @@ def pumped_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0
         q[periodic] = x
         return -hill.growth(q[None], ORDERS)[0]
 
-    top = Growth(-np.inf, np.zeros(3))
+    top = ParametricGrowth(-np.inf, np.zeros(3))
     for start in places[np.argsort(-rates)[:CLIMBED], :][:, periodic]:
         step = np.vstack([start, start + 1e-3 * np.eye(len(start))])
         found = minimize(slower, start, method='Nelder-Mead', options={'initial_simplex': step, 'xatol': 1e-9, 'fatol': 1e-12,
@@ -81,8 +81,8 @@ def pumped_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0
         if -found.fun > top.rate:
             q = np.zeros(3)
             q[periodic] = found.x
-            top = Growth(float(-found.fun), q)
-    return Growth(_settled(hill, top.q, ORDERS), top.q)
+            top = ParametricGrowth(float(-found.fun), q)
+    return ParametricGrowth(_settled(hill, top.q, ORDERS), top.q)
 
 
 def _settled(hill, q, harmonics):

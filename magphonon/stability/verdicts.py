@@ -33,19 +33,19 @@ from ..stiffness.rest import LinearSystem, freedom, on_foundation
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     VERGE,
-    Softest,
+    SoftMode,
     common_spring,
     common_support,
+    critical_spacing,
+    critical_support,
     fastest_growth,
     flat_layer,
     highest_squared,
     on_the_verge,
     softest_of,
     softest_out_of_plane,
-    spacing_held,
-    support_needed,
 )
-from .pumping import Growth, pumped_growth
+from .pumping import ParametricGrowth, parametric_growth
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
@@ -248,7 +248,7 @@ class Case:
         return any(isinstance(law, Hertz) for law in laws_of(self.calc.laws))
 
     @cached_property
-    def softest(self) -> Softest:
+    def softest(self) -> SoftMode:
         return softest_of(self.system, 'complete')
 
     @cached_property
@@ -290,9 +290,9 @@ class Case:
         return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
 
     @cached_property
-    def growth(self) -> Growth | None:
+    def growth(self) -> ParametricGrowth | None:
         """The wave that the modulation makes grow fastest; None without one, or if it is not judged."""
-        return pumped_growth(self.pumped, 'complete', self.damping) if self.pumped is not None and self.balanced else None
+        return parametric_growth(self.pumped, 'complete', self.damping) if self.pumped is not None and self.balanced else None
 
     @property
     def stable(self) -> bool:
@@ -372,7 +372,7 @@ def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space: of the complete model, because the others do not show buckling."""
     search = case.balanced and case.listed and not case.touching
     searched = search and case.large <= (SPACED if case.finite else 0)
-    scale = 1.0 if case.verge else spacing_held(case.system, 'complete') if searched else None
+    scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
     unjudged = 'other spacings' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing)
@@ -551,8 +551,8 @@ def supports(case: Case) -> Finding:
     if case.large and not case.finite:
         return Finding(unjudged='the supports')
     magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
-    wave, alone = support_needed(case.system) if magnets else (None, None)
-    found = Supports(wave, alone, support_needed(case.system, magnets=False).wave)
+    wave, alone = critical_support(case.system) if magnets else (None, None)
+    found = Supports(wave, alone, critical_support(case.system, magnets=False).wave)
     need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
     if not found.central:
         return Finding(found)

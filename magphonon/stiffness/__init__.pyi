@@ -6,7 +6,7 @@ from .defects import (
     scattered as scattered,
     substituted as substituted,
     with_interstitial as with_interstitial,
-    without as without,
+    with_vacancies as with_vacancies,
 )
 from .elastic import Moduli as Moduli, cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
 from .ewald import lattice_sum as lattice_sum

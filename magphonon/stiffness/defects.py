@@ -26,7 +26,7 @@ QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'
 one does not depend on whether another one scatters too."""
 
 
-def without(atoms: Atoms, particles: ArrayLike) -> Atoms:
+def with_vacancies(atoms: Atoms, particles: ArrayLike) -> Atoms:
     """The structure with vacancies: these particles are removed, with their bonds and their springs."""
     calc = repulsion_of(atoms)
     kept = np.delete(np.arange(len(atoms)), np.atleast_1d(np.asarray(particles, int)))

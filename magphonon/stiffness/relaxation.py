@@ -38,7 +38,7 @@ PUSH = 0.05  # displacement of the particle that moves most when a saddle is lef
 VERGE = 1e-6  # fraction of the highest squared frequency below which round-off hides the direction of descent
 SADDLES = 20  # largest number of saddles that are left in succession
 STRETCHED = 3.0  # ratio of the length of a bond to its rest length above which it no longer joins neighbours
-MEND = 'hold its rim or give it a foundation (magphonon.foundation_needed)'
+MEND = 'hold its rim or give it a foundation (magphonon.critical_foundation)'
 
 
 @dataclass(frozen=True)

@@ -1,2 +1,2 @@
 from .dataset import sweep as sweep
-from .questions import known_questions as known_questions
+from .questions import observables as observables

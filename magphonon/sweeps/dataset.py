@@ -56,7 +56,7 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     over : dict of str to array_like
         The axes: keys of the scene, such as 'law.a', or arguments of the function, and the values that they take.
     ask : str or sequence of str
-        What is asked of a scene: see `magphonon.sweeps.known_questions()`.
+        What is asked of a scene: see `magphonon.sweeps.observables()`.
     workers : int, optional
         Processes on this machine, -1 for one on each core; by default all is computed in this process, or where
         `joblib.parallel_config` says, such as ``with joblib.parallel_config(backend='dask')``.

@@ -23,7 +23,7 @@ from ..response.frf import receptance
 from ..scenes.fields import UNITS, unit_of
 from ..scenes.scene import Scene, parts_of, scene_of
 from ..stability.amplitude_shifts import frequency_shifts
-from ..stability.buckling import common_spring, foundation_needed, softest_of, spacing_held
+from ..stability.buckling import common_spring, critical_foundation, critical_spacing, softest_of
 from ..stability.verdicts import LINEAR_ERROR, Verdict, verdict
 from ..stiffness.rest import LinearSystem
 
@@ -52,7 +52,7 @@ class Situation:
     @cached_property
     def needed(self) -> float:
         """Foundation that the lattice needs, N/mm."""
-        return foundation_needed(self.atoms, 'complete')[0]
+        return critical_foundation(self.atoms, 'complete')[0]
 
     @property
     def margin(self) -> float:
@@ -119,7 +119,7 @@ def _faults(situation: Situation) -> float:
 
 
 def _spacing(situation: Situation) -> float:
-    scale = spacing_held(situation.atoms, 'complete')
+    scale = critical_spacing(situation.atoms, 'complete')
     if scale is None:
         raise ValueError('no spacing from a tenth to ten times the present one is the border of buckling')
     return float(scale * situation.atoms.calc.bonds.lengths.min() / u.m)
@@ -193,7 +193,7 @@ QUESTIONS = {
 """Words in capitals stand for any word; what comes first in the list counts."""
 
 
-def known_questions() -> dict[str, str]:
+def observables() -> dict[str, str]:
     """Every question with its unit and meaning, in words."""
     return {name: f'{question.meaning} ({question.unit})' for name, question in QUESTIONS.items()}
 

@@ -18,4 +18,10 @@ from .thermal import ThermalBands as ThermalBands, thermal_bands as thermal_band
 from .vibrometer import sampled as sampled
 from .wave_analysis import Branch as Branch, branch as branch, compare as compare, scan_waves as scan_waves, waves as waves
 from .wave_report import report as report
-from .wave_source import Burst as Burst, polarisations as polarisations, send as send, site as site, wavevector as wavevector
+from .wave_source import (
+    Burst as Burst,
+    burst_setup as burst_setup,
+    polarisations as polarisations,
+    run_burst as run_burst,
+    wavevector as wavevector,
+)

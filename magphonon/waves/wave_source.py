@@ -81,7 +81,7 @@ def across_and_along(cell: Atoms, q: NDArray[np.float64]) -> dict[str, NDArray[n
 
 
 @dataclass(frozen=True)
-class Site:
+class BurstSetup:
     """Where a burst enters a patch and where it is measured.
 
     Attributes
@@ -102,7 +102,7 @@ class Site:
         return ToneBurst(self.driven, direction, force * self.weights, omega, cycles)
 
 
-def site(cell: Atoms, patch: Atoms, source: str) -> Site:
+def burst_setup(cell: Atoms, patch: Atoms, source: str) -> BurstSetup:
     """Where to drive a patch and where to measure it.
 
     Ends of a row of sources send waves of their own across the fronts: at the measured row they move the ridge by more
@@ -122,9 +122,9 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     --------
     >>> from magphonon import read_scene, ready_scene
     >>> from magphonon.lattices import half_hexagon
-    >>> from magphonon.waves import site
+    >>> from magphonon.waves import burst_setup
     >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> where = site(cell, half_hexagon(cell, side=100.0), 'point')
+    >>> where = burst_setup(cell, half_hexagon(cell, side=100.0), 'point')
     >>> len(where.driven), len(where.row)
     (1, 9)
     """
@@ -137,14 +137,14 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     middle = (x[row].min() + x[row].max()) / 2
     if source == 'point':
         driven = row[[abs(x[row] - middle).argmin()]]
-        return Site(driven, np.ones(1), _row(patch, inside, driven[0], R2))
+        return BurstSetup(driven, np.ones(1), _row(patch, inside, driven[0], R2))
     across = (x[row] - middle) / (np.ptp(x[row]) + 2 * cell.cell.lengths()[0])
     below = middle - np.ptp(y[inside]) / 2 * R2[0] / R2[1]
     measured = _row(patch, inside, row[abs(x[row] - below).argmin()], R2)
     if source == 'bench':
         masses = patch.get_masses()[inside]
-        return Site(inside, masses / masses.max(), measured)
-    return Site(row, np.cos(np.pi * across) ** 2, measured)
+        return BurstSetup(inside, masses / masses.max(), measured)
+    return BurstSetup(row, np.cos(np.pi * across) ** 2, measured)
 
 
 def _refuse_turned(cell):
@@ -175,7 +175,7 @@ class Burst:
 
 
 @dataclass(frozen=True)
-class Passage:
+class BurstRecord:
     """Recorded motion of a burst."""
 
     row: Motion  # that of the measured row
@@ -183,16 +183,16 @@ class Passage:
     largest: float  # displacement in mm that no particle exceeds where it is driven, along the row and at these moments
 
 
-def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto', ranks: int = 1,
-         directory: str | PathLike[str] | None = None, threads: int | None = None, film: bool = False,
-         tolerance: float | None = None) -> Passage:
+def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto',
+              ranks: int = 1, directory: str | PathLike[str] | None = None, threads: int | None = None, film: bool = False,
+              tolerance: float | None = None) -> BurstRecord:
     """Send a burst through a copy of a patch at rest and record it.
 
     Parameters
     ----------
     patch : ase.Atoms
         At rest in the reference of its PairCalculator; it stays there.
-    site : Site
+    site : BurstSetup
     drive : ToneBurst
         `site.burst(...)`.
     damping : float
@@ -217,13 +217,13 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     >>> import numpy as np
     >>> from magphonon import MagneticRepulsion, read_scene, ready_scene, units as u
     >>> from magphonon.lattices import half_hexagon
-    >>> from magphonon.waves import send, site
+    >>> from magphonon.waves import run_burst, burst_setup
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> patch = half_hexagon(cell, side=100.0)
     >>> patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.foundation)
-    >>> where = site(cell, patch, 'point')
+    >>> where = burst_setup(cell, patch, 'point')
     >>> burst = where.burst((0, 1), 1e-4 * u.N, 2 * np.pi * 60 * u.Hz, 3)
-    >>> passage = send(patch, where, burst, damping=0.004, duration=80.0)
+    >>> passage = run_burst(patch, where, burst, damping=0.004, duration=80.0)
     >>> passage.row.displacements.shape[1] == len(where.row)
     True
     """
@@ -257,7 +257,7 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         near, field = (recorder.motion for recorder in recorders)
     largest = max(np.linalg.norm(frame, axis=1).max() for record in (near, field) for frame in record.displacements)
     row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(seen, site.row)])
-    return Passage(row, field, float(largest))
+    return BurstRecord(row, field, float(largest))
 
 
 def _at_rest(patch):

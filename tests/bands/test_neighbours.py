@@ -5,7 +5,7 @@ import pytest
 from ase import Atoms
 
 from magphonon import Hertz, InversePower, MagneticRepulsion, Ring, Tabulated, Yukawa, lattices, magnet_law, read_scene
-from magphonon.bands import enough_shells, neighbour_shifts
+from magphonon.bands import converged_shells, neighbour_shifts
 from magphonon.bands.neighbours import whole_reach
 from magphonon.interactions import UprightMagnets
 from magphonon.lattices import bonds_within
@@ -97,7 +97,7 @@ def test_enough_on_each_side_of_the_tolerance(kind, seed):
     k, tolerance = rng.uniform(0.5, 2) * law.d2phi(10.0), 10 ** rng.uniform(-2.8, -1.5)
     cell.calc = MagneticRepulsion(cell, law, foundation=k)
     q = np.pad(rng.uniform(-0.5, 0.5, (3, int(cell.pbc.sum()))), ((0, 0), (0, 3 - int(cell.pbc.sum()))))
-    found = enough_shells(cell, q, tolerance)
+    found = converged_shells(cell, q, tolerance)
     exact = plain_sum(cell, derivatives, k, q)
     error = abs(plain_sum(cell, derivatives, k, q, found.cutoff) / exact - 1).max()
     assert error == pytest.approx(found.error, abs=2e-4)
@@ -129,7 +129,7 @@ def test_particles_that_gyrate(kind):
     found, exact = neighbour_shifts(cell, q), plain_sum(cell, derivatives, k, q, g=g)
     np.testing.assert_allclose(found.omega, plain_sum(cell, derivatives, k, q, cell.calc.bonds.lengths.max(), g), rtol=1e-9)
     np.testing.assert_allclose(found.every, exact, rtol=2e-4)
-    enough = enough_shells(cell, q, 0.05)
+    enough = converged_shells(cell, q, 0.05)
     error = {turns: abs(plain_sum(cell, derivatives, k, q, enough.cutoff, turns) / plain_sum(cell, derivatives, k, q, g=turns)
                         - 1).max() for turns in (0.0, g)}
     assert enough.error == pytest.approx(error[g], abs=2e-4)
@@ -149,7 +149,7 @@ def test_a_table_goes_on_from_its_end():
         found = neighbour_shifts(cell, q)
         np.testing.assert_allclose(found.every, whole.every, rtol=1e-9)
         assert not found.known
-        enough = enough_shells(cell, q, 1e-3)
+        enough = converged_shells(cell, q, 1e-3)
         assert enough.cutoff < end
         assert enough.shells == {13.0: 1, 19.0: 2, 39.0: 7}[end]  # all that the table knows: to 10, 17.3 and 36.1 mm
         assert enough.error > 1e-3
@@ -161,7 +161,7 @@ def test_forces_of_short_range_need_no_more():
     cell.calc = MagneticRepulsion(cell, Hertz(1e5, 20.0), foundation=1.0)
     found = neighbour_shifts(cell, [[0.5, 0, 0]])
     np.testing.assert_allclose(found.every, found.omega, rtol=1e-12)
-    assert enough_shells(cell, [[0.5, 0, 0]], 1e-9).shells == 1
+    assert converged_shells(cell, [[0.5, 0, 0]], 1e-9).shells == 1
 
 
 def test_waves_in_the_plane_of_a_layer_and_of_differing_particles():

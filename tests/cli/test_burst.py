@@ -229,9 +229,9 @@ def measured(tmp_path_factory):
         text = re.sub(old, new, text)
     (folder / 'my.toml').write_text(text)
     scene = read_scene(folder / 'my.toml')
-    from magphonon.waves.wave_source import site
+    from magphonon.waves.wave_source import burst_setup
 
-    row = site(scene.atoms(), scene.patch_atoms(), 'row').row
+    row = burst_setup(scene.atoms(), scene.patch_atoms(), 'row').row
     noise = np.random.default_rng(0).normal(size=(20, len(row), 2))
     lines = [f'{0.01 * k},{particle},{x:.6e},{y:.6e}' for k in range(20) for particle, (x, y) in zip(row, noise[k], strict=True)]
     return folder, ['time_s,particle,u_x_m,u_y_m', *lines], row

@@ -13,7 +13,7 @@ from magphonon import MagneticRepulsion, lattices, modes, relaxed, write_scene
 from magphonon.bands import DensityOfStates
 from magphonon.cli import dos
 from magphonon.cli.main import main
-from magphonon.response import Extent, SpectralFunction
+from magphonon.response import Localisation, SpectralFunction
 from magphonon.scenes.scene import read_scene, ready_scene
 
 
@@ -75,7 +75,7 @@ def test_modes_of_the_prototype(prototype, tmp_path, capsys):
     assert ['0', 'of', 'them', 'lie', 'outside', 'the', 'bands', 'of', 'the', 'lattice'] in lines
     expected = modes(read_scene(prototype).patch_atoms()).frequencies_Hz
     np.testing.assert_allclose(table(out / 'modes.csv')['frequency_Hz'], expected, rtol=1e-12)
-    np.testing.assert_allclose(Extent.load(out / 'modes.npz').frequencies_Hz, expected, rtol=1e-12)
+    np.testing.assert_allclose(Localisation.load(out / 'modes.npz').frequencies_Hz, expected, rtol=1e-12)
     assert json.loads((out / 'provenance.json').read_text())['results']['modes']['command'].endswith('--animate 2')
 
 

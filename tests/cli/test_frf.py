@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units
 from magphonon.cli.main import main
-from magphonon.response.frf import FrequencyResponse, Place, receptance
+from magphonon.response.frf import Dof, FrequencyResponse, receptance
 from magphonon.response.normal_modes import natural_frequencies
 from magphonon.scenes.scene import read_scene, ready_scene
 
@@ -170,9 +170,9 @@ def test_natural_frequencies_of_a_chain(zigzag):
 def test_force_and_response_may_change_places(zigzag):
     """Maxwell and Betti: even with static forces the stiffness is symmetric."""
     omega, up = np.linspace(0.5, 2, 20), np.array([0.0, 1.0, 0.0])
-    there, back = (receptance(zigzag, Place(i, up), Place(j, up), omega, 0.1).response for i, j in ((1, 4), (4, 1)))
+    there, back = (receptance(zigzag, Dof(i, up), Dof(j, up), omega, 0.1).response for i, j in ((1, 4), (4, 1)))
     assert_allclose(there, back, rtol=1e-10)
-    elsewhere = receptance(zigzag, Place(1, up), Place(3, up), omega, 0.1).response
+    elsewhere = receptance(zigzag, Dof(1, up), Dof(3, up), omega, 0.1).response
     assert abs(elsewhere / there - 1).max() > 0.5
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import inv, sqrtm
 
 from magphonon import InversePower, MagneticRepulsion, lattices
-from magphonon.design import Change, fit_dispersion
+from magphonon.design import StiffnessDerivative, fit_dispersion
 from magphonon.design.dispersion_fits import residuals_of
 from magphonon.waves import RidgePoints
 
@@ -20,7 +20,7 @@ def test_residuals_are_whitened_by_the_covariance():
     def build(factors):
         atoms = start.copy()
         atoms.calc = start.calc.about(start, foundation=k * factors['foundation'])
-        return atoms, {'foundation': Change(foundation=k * factors['foundation'])}
+        return atoms, {'foundation': StiffnessDerivative(foundation=k * factors['foundation'])}
 
     def points_of(xi, off):
         omega = np.sqrt((k + A * (1 - np.cos(xi))) / m)

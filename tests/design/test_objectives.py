@@ -23,7 +23,7 @@ from magphonon.design import (
     band_gap,
 )
 from magphonon.design.scatter import SiteSlopes
-from magphonon.response import Place, harmonic_response
+from magphonon.response import Dof, harmonic_response
 from magphonon.stiffness import LinearSystem
 
 LAW = InversePower(b=6200.0, a=4.5824)
@@ -64,7 +64,7 @@ def tasks(seed):
     rng = np.random.default_rng(seed)
     finite = patch(seed, rng.choice([12.0, 14.0, 21.0]))
     at = rng.choice(free_of(finite), 8, replace=False)
-    source, left, right = (Place(int(k), np.append(rng.normal(size=2), 0)) for k in at[:3])
+    source, left, right = (Dof(int(k), np.append(rng.normal(size=2), 0)) for k in at[:3])
     burst = BurstEnergy(source, tuple(at[3:]), (20.0, 40.0), 0.5, 3, 0.01)
     q = rng.uniform(-0.5, 0.5, (4, 3)) * [1, 1, 0]
     return {
@@ -139,7 +139,7 @@ def test_values():
     found = tasks(3)
     atoms, _ = found['level']
     system = Variables(atoms, {'strength': (0.9, 1.1)}).rest(np.zeros(18)).system
-    source, seen = (Place(int(k), np.array([0.6, 0.8, 0])) for k in free_of(atoms)[[2, 9]])
+    source, seen = (Dof(int(k), np.array([0.6, 0.8, 0])) for k in free_of(atoms)[[2, 9]])
     h = seen.seen(harmonic_response(system, source.force(len(atoms)), [0.5], 0.02).response)[0]
     assert Level(source, seen, 0.5, 0.02).value(system) == pytest.approx(20 * np.log10(abs(h)), abs=1e-9)
     alone = modes(system)
@@ -203,7 +203,7 @@ def test_energy_of_a_burst():
 def test_what_is_refused():
     atoms, _ = tasks(2)['level']
     system = Variables(atoms, {'strength': (0.9, 1.1)}).rest(np.zeros(18)).system
-    held, free = (Place(int(k), np.array([1.0, 0, 0])) for k in (atoms.constraints[0].index[0], free_of(atoms)[0]))
+    held, free = (Dof(int(k), np.array([1.0, 0, 0])) for k in (atoms.constraints[0].index[0], free_of(atoms)[0]))
     with pytest.raises(ValueError, match=r'particle \d+ is held'):
         Level(free, held, 0.5, 0.01).value(system)
     plain = lattices.triangular(10.0, 0.7)

@@ -7,7 +7,7 @@ from oracles import lattice
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
 from magphonon.design.scatter import SITES, SiteScatter, SiteSlopes, mode_scatter, response_scatter
-from magphonon.response import Place, harmonic_response
+from magphonon.response import Dof, harmonic_response
 from magphonon.stiffness import LinearSystem
 
 LAW = InversePower(b=6200.0, a=4.5824)
@@ -88,7 +88,7 @@ def test_places(site, at_rest):
 
 def test_response():
     atoms = patch()
-    omega, damping, push, answer = np.array([0.3, 0.6]), 0.02, Place(7, np.array([0, 1.0, 0])), Place(10, np.array([1.0, 0, 0]))
+    omega, damping, push, answer = np.array([0.3, 0.6]), 0.02, Dof(7, np.array([0, 1.0, 0])), Dof(10, np.array([1.0, 0, 0]))
     force = push.force(18)
     ours = response_scatter(atoms, force, answer, omega, damping)
     scale = abs(answer.seen(harmonic_response(atoms, force, omega, damping).response)).max()

@@ -8,7 +8,7 @@ from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.design import sensitivities
 from magphonon.design.sensitivities import (
-    Change,
+    StiffnessDerivative,
     exponent_change,
     force_change,
     frequency_sensitivities,
@@ -41,12 +41,13 @@ def lattice(law='inverse power', kind='triangular', shells=2, **factors):
 
 def changes_of(law='inverse power'):
     potential = LAWS[law](START)
-    changes = {'spacing': Change(law=spacing_change(potential)), 'mass': Change(mass=1.0), 'k': Change(foundation=START['k']),
-               'b': Change(law=force_change(potential))}
+    changes = {'spacing': StiffnessDerivative(law=spacing_change(potential)), 'mass': StiffnessDerivative(mass=1.0),
+               'k': StiffnessDerivative(foundation=START['k']),
+               'b': StiffnessDerivative(law=force_change(potential))}
     if law == 'inverse power':
-        changes['a'] = Change(law=exponent_change(potential))
+        changes['a'] = StiffnessDerivative(law=exponent_change(potential))
     if law == 'Yukawa':
-        changes['l'] = Change(law=screening_change(potential))
+        changes['l'] = StiffnessDerivative(law=screening_change(potential))
     return changes
 
 
@@ -69,7 +70,7 @@ def test_spacing_alone_without_foundation_goes_with_half_of_a_plus_one():
     law = InversePower(1.6e-10 * units.m**4.5824, 4.5824)
     cell = lattices.triangular(10.0, 0.7)
     cell.calc = MagneticRepulsion(cell, law)
-    omega, (slope,) = frequency_sensitivities(cell, Q, [Change(law=spacing_change(law))])
+    omega, (slope,) = frequency_sensitivities(cell, Q, [StiffnessDerivative(law=spacing_change(law))])
     assert_allclose(slope[1:], -2.7912 * omega[1:], rtol=1e-12)
     assert_allclose(slope[0], 0, atol=0)  # a translation of the whole lattice, whatever the spacing
 
@@ -78,7 +79,7 @@ def test_slope_of_a_mode_on_the_verge_of_instability_is_unbounded():
     law = InversePower(1.0, 4.0)
     chain = lattices.chain(1.0, 1.0)
     chain.calc = MagneticRepulsion(chain, law, foundation=4.0)  # 4 f(L0)/L0: the zigzag at X has no stiffness left
-    _, slopes = frequency_sensitivities(chain, [[0.5, 0, 0]], [Change(law=spacing_change(law))])
+    _, slopes = frequency_sensitivities(chain, [[0.5, 0, 0]], [StiffnessDerivative(law=spacing_change(law))])
     assert np.isnan(slopes[0, 0, 0])
     assert np.isfinite(slopes[0, 0, 1])
 
@@ -88,7 +89,7 @@ def test_branches_that_symmetry_unites_have_one_slope():
     law = InversePower(1.0, 4.0)
     square = lattices.square(1.0, 1.0)
     square.calc = MagneticRepulsion(square, law, foundation=5.0)
-    omega, (slope,) = frequency_sensitivities(square, [[0.5, 0.5, 0]], [Change(law=spacing_change(law))])
+    omega, (slope,) = frequency_sensitivities(square, [[0.5, 0.5, 0]], [StiffnessDerivative(law=spacing_change(law))])
     stiffness = 4 * (4 - 1)  # f = L0 = 1
     assert_allclose(omega**2, [[5.0 + stiffness] * 2], rtol=1e-13)
     assert_allclose(slope * 2 * omega, [[-5.0 * stiffness] * 2], rtol=1e-12)  # -(a + 1) of it

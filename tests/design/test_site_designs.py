@@ -18,8 +18,8 @@ from magphonon.design import (
     orbits,
     write_build_list,
 )
-from magphonon.response import Place, harmonic_response
-from magphonon.stability import foundation_needed
+from magphonon.response import Dof, harmonic_response
+from magphonon.stability import critical_foundation
 from magphonon.stiffness import Scatter
 
 LAW = InversePower(b=6200.0, a=4.5824)
@@ -36,7 +36,7 @@ def patch(radius=30.0, foundation=0.02):
 def places(atoms):
     """The middle, a site on its right and one on its left."""
     x = atoms.positions - atoms.positions.mean(0)
-    return [Place(int(np.hypot(*(x[:, :2] - at).T).argmin()), X) for at in ([0, 0], [20, 0], [-20, 0])]
+    return [Dof(int(np.hypot(*(x[:, :2] - at).T).argmin()), X) for at in ([0, 0], [20, 0], [-20, 0])]
 
 
 def contrast(atoms, omega=0.4, floor=1e-2):
@@ -157,13 +157,13 @@ def test_a_design_that_buckles_is_never_returned(foundation):
     assert design.value > design.before
     atoms = design.atoms
     springs = np.asarray(atoms.calc.foundation)
-    assert foundation_needed(atoms)[0] <= springs.min() + 1e-9
+    assert critical_foundation(atoms)[0] <= springs.min() + 1e-9
 
 
 def test_hostile_questions():
     atoms = patch()
     middle, right, _ = places(atoms)
-    held = Place(int(atoms.constraints[0].index[0]), X)
+    held = Dof(int(atoms.constraints[0].index[0]), X)
     level = Level(middle, right, 0.4, 0.02)
     with pytest.raises(ValueError, match='nothing may vary'):
         optimise(atoms, level, {})

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from magphonon import MagneticRepulsion, lattices, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.uncertainty import SECOND_ORDER_RATIO
-from magphonon.design.sensitivities import Change, spacing_change
+from magphonon.design.sensitivities import StiffnessDerivative, spacing_change
 from magphonon.design.uncertainty import Tolerances, frequency_spread, response_spread, sampled_frequencies
 from magphonon.interactions.pair_laws import InversePower
 from magphonon.response.frf import harmonic_response
@@ -91,7 +91,7 @@ def test_linear_propagation_ends_at_the_verge_of_instability(foundation, holds):
     law = InversePower(1.0, 4.0)
     chain = lattices.chain(1.0, 1.0)
     chain.calc = MagneticRepulsion(chain, law, foundation=foundation)
-    tolerances = Tolerances({'spacing': Change(law=spacing_change(law))}, [[1e-4]])
+    tolerances = Tolerances({'spacing': StiffnessDerivative(law=spacing_change(law))}, [[1e-4]])
     spread = frequency_spread(chain, [[0.5, 0, 0]], tolerances)
     squares = foundation - 4 * tolerances.samples(SAMPLES)[:, 0] ** -5.0
     drawn = np.sign(squares) * np.sqrt(abs(squares))
@@ -180,7 +180,7 @@ def test_parameter_of_each_law_is_the_one_that_the_scene_varies(law, name, scene
 @pytest.mark.parametrize('covariance', [[[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], [[1.0]], [[np.nan, 0], [0, 1]]])
 def test_impossible_covariance_is_refused(covariance):
     with pytest.raises(ValueError, match='covariance'):
-        Tolerances({'mass': Change(mass=1.0), 'k': Change(foundation=1.0)}, covariance)
+        Tolerances({'mass': StiffnessDerivative(mass=1.0), 'k': StiffnessDerivative(foundation=1.0)}, covariance)
 
 
 @pytest.mark.parametrize(('table', 'words'), [

@@ -13,7 +13,7 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, T
 from magphonon.cli.main import main
 from magphonon.dynamics.lammps import RESTARTS, RESTARTS_OF_A_RUN, _program, run_lammps
 from magphonon.lattices import RIM
-from magphonon.stiffness.defects import Scatter, scattered, without
+from magphonon.stiffness.defects import Scatter, scattered, with_vacancies
 from magphonon.stiffness.relaxation import relaxed
 
 pytestmark = pytest.mark.peer
@@ -36,7 +36,7 @@ def drawn_patch(seed):
     hole = draw.choice(np.flatnonzero(free))
     free = np.delete(free, hole)
     scatter = Scatter(position=0.1 * u.mm, strength=0.02, mass=0.05, stiffness=0.05)
-    atoms = relaxed(scattered(without(atoms, hole), scatter, seed)).atoms
+    atoms = relaxed(scattered(with_vacancies(atoms, hole), scatter, seed)).atoms
     free = np.flatnonzero(free)
     omega = 2 * np.pi * 60 * u.Hz
     drive = ToneBurst(draw.choice(free, 4, replace=False), draw.normal(size=2), draw.uniform(0.5, 1.5, 4) * 1e-4 * u.N, omega, 2,

@@ -12,9 +12,9 @@ from magphonon import (
     Harmonic,
     InversePower,
     MagneticRepulsion,
+    PrescribedMotion,
     Recorder,
     ToneBurst,
-    Wall,
     frequency_response,
     lattices,
     propagate,
@@ -75,7 +75,7 @@ def test_engines_take_walls_where_they_are_prescribed(engine):
         load = -case.truth.pairs.forces(case.truth.x)  # what stands for all that held it at rest
         expected = steps_by_hand(case, atoms, (walls, course), dt, 45, gamma, load)
         atoms.calc = atoms.calc.balanced(np.arange(len(atoms)))
-        dyn = DrivenVerlet(atoms, dt, [Wall(course, walls)], gamma, engine=engine)
+        dyn = DrivenVerlet(atoms, dt, [PrescribedMotion(course, walls)], gamma, engine=engine)
         seen = Recorder(dyn, interval=15)
         dyn.run(45)
         assert dyn.engine == engine
@@ -94,8 +94,8 @@ def test_every_engine_and_order_takes_the_walls_along():
         for order in (2, 4, 6):
             atoms = row.copy()
             atoms.calc = row.calc
-            dyn = DrivenVerlet(atoms, 0.004 if order == 2 else 0.03, [Wall(ToneBurst([0], (1, 0.4), 0.03, 2.0, 2))], 0.1,
-                               engine=engine, order=order)
+            wall = PrescribedMotion(ToneBurst([0], (1, 0.4), 0.03, 2.0, 2))
+            dyn = DrivenVerlet(atoms, 0.004 if order == 2 else 0.03, [wall], 0.1, engine=engine, order=order)
             dyn.run(round(6 / dyn.dt))
             ends[engine, order] = dyn.displacements
     most = abs(ends['ase', 6]).max()
@@ -115,9 +115,9 @@ def chain(n, k=5.0):
 @pytest.mark.parametrize('engine', ['ase', 'numpy'])
 def test_walls_may_be_exchanged_and_runs_restarted(engine):
     row = chain(8)
-    dyn = DrivenVerlet(row, 0.05, [Wall(Harmonic([0], (1, 0), 0.02, 1.5))], 0.1, engine=engine)
+    dyn = DrivenVerlet(row, 0.05, [PrescribedMotion(Harmonic([0], (1, 0), 0.02, 1.5))], 0.1, engine=engine)
     dyn.run(41)
-    dyn.drives = [Wall(Harmonic([0], (0, 1), 0.02, 1.2))]  # from where it is back to its line, at once
+    dyn.drives = [PrescribedMotion(Harmonic([0], (0, 1), 0.02, 1.2))]  # from where it is back to its line, at once
     dyn.run(20)
     assert dyn.displacements[0] == pytest.approx([0, 0.02 * np.sin(1.2 * 61 * 0.05)], abs=1e-12)
     again = chain_like(row)
@@ -154,14 +154,15 @@ def test_a_driven_end_sends_the_exact_solitary_wave_of_toda():
         return 2 * kappa + np.logaddexp(0, 2 * (kappa * (k - 1) - s * (t - start))) - np.logaddexp(
             0, 2 * (kappa * k - s * (t - start)))
 
-    dyn = DrivenVerlet(row, 0.1, [Wall(lambda t: [[exact(0, t), 0, 0]], [0])], order=6)
+    dyn = DrivenVerlet(row, 0.1, [PrescribedMotion(lambda t: [[exact(0, t), 0, 0]], [0])], order=6)
     seen = Recorder(dyn, interval=20)
     dyn.run(140)
     true = exact(np.arange(n), seen.times[:, None])
     before = exact(np.arange(n), 0.0)  # what the wave has done at the start, e^-18 of it
     assert abs(before).max() < 1e-7
     assert abs(seen.displacements[..., 0] - true)[:, :-3].max() < 2e-7
-    linear = propagate(chain_like(row), seen.times, [Wall(lambda t: [[exact(0, t), 0, 0]], [0])]).displacements[..., 0]
+    wall = PrescribedMotion(lambda t: [[exact(0, t), 0, 0]], [0])
+    linear = propagate(chain_like(row), seen.times, [wall]).displacements[..., 0]
     assert abs(linear - true)[:, :-3].max() > 0.3  # the control: no sum of linear waves
 
 
@@ -196,7 +197,8 @@ def test_walls_drive_linear_answers_by_the_stiffness_of_their_bonds():
         whole[len(H) : -2, -2], whole[-2, -1], whole[-1, -2] = push, w, -w
         times = np.array([0.0, 2.0, 30.0]) / w
         moved = propagate(LinearSystem.of(atoms).atoms, times,
-                          [Wall(lambda t, real=real, walls=walls, w=w: real[walls] * np.cos(w * t), walls)], gamma).displacements
+                          [PrescribedMotion(lambda t, real=real, walls=walls, w=w: real[walls] * np.cos(w * t), walls)],
+                          gamma).displacements
         for t, here in zip(times, moved, strict=True):
             y = expm(whole * t)[:, -2]
             true = (B @ y[: len(H)]).reshape(n, 2) + real[:, :2] * np.cos(w * t)
@@ -252,11 +254,11 @@ def test_walls_are_refused_where_they_mean_nothing(tmp_path):
     row, push = chain(8), Harmonic([0], (1, 0), 1e-3, 1.0)
     for run in (lambda wall: DrivenVerlet(row, 0.01, [wall]), lambda wall: propagate(row, [1.0], [wall])):
         with pytest.raises(ValueError, match='particle 3 is free; hold it'):
-            run(Wall(Harmonic([0, 3], (1, 0), 1e-3, 1.0)))
+            run(PrescribedMotion(Harmonic([0, 3], (1, 0), 1e-3, 1.0)))
     with pytest.raises(ValueError, match='must be a drive, read in mm'):
-        Wall(np.sin)
+        PrescribedMotion(np.sin)
     with pytest.raises(ValueError, match='only forces are known'):
-        write_lammps_input(tmp_path, row, timestep=0.01, steps=1, drives=[Wall(push)])
+        write_lammps_input(tmp_path, row, timestep=0.01, steps=1, drives=[PrescribedMotion(push)])
     scene = Scene.model_validate(SHAKEN)
     with pytest.raises(ValueError, match=r'frf\.wall: a wall that moves is for "magphonon frf"'):
         scene.shaken()

@@ -15,14 +15,14 @@ from magphonon import (
     Recorder,
     ToneBurst,
     Yukawa,
-    foundation_needed,
+    critical_foundation,
     lattices,
 )
 from magphonon.planning.peak import highest_peak, plan_peak
 from magphonon.planning.plan import Method, Plan
 from magphonon.planning.scene import scene_plans
 from magphonon.planning.waveform import plan_waveform
-from magphonon.response.frf import Place
+from magphonon.response.frf import Dof
 from magphonon.response.normal_modes import modes
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.stiffness import bond
@@ -104,10 +104,10 @@ def driven_patch(seed):
     patch.set_masses(rng.uniform(0.7, 1.3, len(patch)))
     law = InversePower(1.0, rng.uniform(1.2, 6))
     patch.calc = MagneticRepulsion(patch, law)
-    k = foundation_needed(patch)[0] + rng.choice([0.3, 3.0])
+    k = critical_foundation(patch)[0] + rng.choice([0.3, 3.0])
     patch.calc = MagneticRepulsion(patch, law, foundation=k)
     angle = rng.uniform(0, 2 * np.pi)
-    place = Place(int(rng.choice(np.flatnonzero(patch.get_tags() != lattices.RIM))), np.array([np.cos(angle), np.sin(angle), 0]))
+    place = Dof(int(rng.choice(np.flatnonzero(patch.get_tags() != lattices.RIM))), np.array([np.cos(angle), np.sin(angle), 0]))
     return patch, law, k, place
 
 
@@ -139,7 +139,7 @@ def test_the_step_of_a_peak_is_half_the_limit_or_what_the_tolerance_asks_for():
     atoms.set_constraint(FixedLine(range(6), (1, 0, 0)))
     atoms.calc = MagneticRepulsion(atoms, LAW, foundation=1.0).balanced(range(6))
     K = np.eye(6) + 4 * (2 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1) - np.diag([1, 0, 0, 0, 0, 1]))
-    omega, place = np.sqrt(eigh(K, np.diag(atoms.get_masses()), eigvals_only=True)), Place(2, np.array([1.0, 0, 0]))
+    omega, place = np.sqrt(eigh(K, np.diag(atoms.get_masses()), eigvals_only=True)), Dof(2, np.array([1.0, 0, 0]))
     for tolerance, dt in ((0.5, 1 / omega[-1]), (1e-3, np.sqrt(24 * 0.6 * 1e-3) / omega[0])):
         plan = plan_peak(atoms, place, place, np.linspace(0.9, 1.1, 200) * omega[0], 0.05, tolerance, 1e-5)
         assert plan.methods[-1].dt == pytest.approx(dt, rel=1e-3)  # the peak is that of a grid of frequencies
@@ -148,7 +148,7 @@ def test_the_step_of_a_peak_is_half_the_limit_or_what_the_tolerance_asks_for():
 def test_a_peak_that_leaves_the_range_without_dstar_is_unbounded():
     atoms = lattices.parallelogram(lattices.triangular(1.0, 1.0), 5, 5)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 3.0), foundation=3.0)
-    place = Place(int(np.flatnonzero(atoms.get_tags() == 0)[0]), np.array([1.0, 0, 0]))
+    place = Dof(int(np.flatnonzero(atoms.get_tags() == 0)[0]), np.array([1.0, 0, 0]))
     w = modes(atoms).omega
     plan = plan_peak(atoms, place, place, np.linspace(0.9 * w[0], 1.01 * w[0], 50), 0.02, 0.5)
     assert plan.methods[0].error == np.inf
@@ -192,7 +192,7 @@ def test_the_peak_of_a_large_structure_is_that_of_its_modes(seed, monkeypatch):
     patch.calc = MagneticRepulsion(patch, LAW, foundation=rng.uniform(2, 5))
     one, other = rng.choice(np.flatnonzero(patch.get_tags() == 0), 2, replace=False)
     angle, omega = rng.uniform(0, 2 * np.pi), np.linspace(1, 5, 4001)
-    asked = patch, Place(one, (np.cos(angle), np.sin(angle), 0)), Place(other, (0, 1, 0)), omega, 2e-3
+    asked = patch, Dof(one, (np.cos(angle), np.sin(angle), 0)), Dof(other, (0, 1, 0)), omega, 2e-3
     exact = highest_peak(*asked)
     monkeypatch.setattr('magphonon.planning.peak.MOST_DIRECTIONS', 0)
     found = highest_peak(*asked)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, foundation_needed, lattices, modes
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, critical_foundation, lattices, modes
 from magphonon.dynamics.splittings import SPLITTINGS
 from magphonon.planning import waveform
 from magphonon.planning.peak import highest_peak, plan_peak
 from magphonon.planning.waveform import plan_waveform
-from magphonon.response.frf import Place
+from magphonon.response.frf import Dof
 
 
 def drawn(seed):
@@ -22,7 +22,7 @@ def drawn(seed):
     a = rng.uniform(2, 7)
     patch.set_masses(rng.choice([0.5, 1.0, 2.0], len(patch)))
     patch.calc = MagneticRepulsion(patch, InversePower(0.3 * 10.0**a, a), foundation=1.0)
-    patch.calc.set(foundation=float(foundation_needed(patch)[0] * rng.uniform(1.05, 4) + 10 ** rng.uniform(-2, 0.3)))
+    patch.calc.set(foundation=float(critical_foundation(patch)[0] * rng.uniform(1.05, 4) + 10 ** rng.uniform(-2, 0.3)))
     cutoff, free = modes(patch).omega[0], np.flatnonzero(patch.get_tags() == 0)
     source, row = int(rng.choice(free)), rng.choice(free, 5, replace=False)
     burst = ToneBurst(source, (0, 1), 10 ** rng.uniform(-1.5, 0.3), omega=rng.uniform(0.3, 1.0) * cutoff,
@@ -153,7 +153,7 @@ def test_a_peak_of_round_off_is_none():
         free, X, along = np.flatnonzero(patch.get_tags() == 0), patch.positions, np.array([0.6, 0.8, 0.0])
         source = rng.choice(free)
         answer = rng.choice(free[(abs(X[free] - X[source])[:, :2] > 5).all(axis=1)])
-        here, there = Place(int(source), along), Place(int(answer), along)
+        here, there = Dof(int(source), along), Dof(int(answer), along)
         found = plan_peak(patch, here, there, omega, 0.002, 0.05)
         frozen = found.methods[0]
         assert frozen.error == np.inf

@@ -9,8 +9,8 @@ from PIL import Image
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, modes, units as u
 from magphonon.bands import DensityOfStates, band_path, band_ranges, lattice_density
-from magphonon.plotting import animate, period, plot_bands, plot_density, plot_extents, plot_shape, plot_spectral_function
-from magphonon.response import density_of_states, extents, spectral_function
+from magphonon.plotting import animate, mode_frames, plot_bands, plot_density, plot_extents, plot_shape, plot_spectral_function
+from magphonon.response import density_of_states, localisation, spectral_function
 
 
 def test_densities_of_a_lattice_and_a_patch_share_axes():
@@ -60,7 +60,7 @@ def test_spectral_function_lies_under_the_bands():
 def test_extents_and_shapes():
     atoms, cell = patch(8), prototype()
     found = modes(atoms)
-    extent = extents(found, atoms)
+    extent = localisation(found, atoms)
     ranges = band_ranges(cell, 24)
     ax = drawn(plot_extents(extent, bands=ranges))
     np.testing.assert_allclose(ax.lines[0].get_ydata(), extent.participation)
@@ -112,7 +112,7 @@ def patch_without_periods(sheet):
 
 def test_a_film_has_all_frames_on_one_scale(tmp_path):
     atoms = patch(6)
-    decaying = np.exp(-np.arange(5))[:, None, None] * period(modes(atoms).shapes[0], 0.01)[:1]
+    decaying = np.exp(-np.arange(5))[:, None, None] * mode_frames(modes(atoms).shapes[0], 0.01)[:1]
     assert np.linalg.norm(decaying, axis=2).max() == pytest.approx(0.01)
     factor = animate(tmp_path / 'film.gif', atoms, decaying, times=np.arange(5.0), title='decay')
     assert factor == pytest.approx(0.35 * 10 / 0.01)  # of a spacing of 10 mm
@@ -131,7 +131,7 @@ def test_a_film_has_all_frames_on_one_scale(tmp_path):
 
 def test_a_period_returns_to_its_beginning():
     shape = np.array([[0.0, 2.0], [1.0, 0.0]])
-    found = period(shape, 0.5, frames=8)
+    found = mode_frames(shape, 0.5, frames=8)
     np.testing.assert_allclose(found[0], shape / 4)
     np.testing.assert_allclose(found[4], -shape / 4, atol=1e-15)
     np.testing.assert_allclose(found.sum(axis=0), 0, atol=1e-15)
@@ -151,7 +151,7 @@ def test_a_film_without_a_folder_says_so(tmp_path):
     with pytest.raises(FileNotFoundError, match=r'cannot be written .* choose another place'):
         animate(tmp_path / 'none' / 'film.gif', patch(6), np.ones((1, 36, 2)))
     with pytest.raises(ValueError, match='moves nothing'):
-        period(np.zeros((3, 2)))
+        mode_frames(np.zeros((3, 2)))
 
 
 def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ from magphonon import (
     Tabulated,
     Yukawa,
     analytic_bands,
-    foundation_needed,
+    critical_foundation,
     lattices,
     read_scene,
     units as u,
@@ -25,7 +25,7 @@ from magphonon import (
 from magphonon.bands import band_path, bloch_modes
 from magphonon.cli.main import main
 from magphonon.plotting import explorer
-from magphonon.stability import border_over_exponents, border_over_spacings
+from magphonon.stability import stability_boundary, stability_boundary_of_exponents
 
 playwright = pytest.importorskip('playwright.sync_api')
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
@@ -55,8 +55,8 @@ class Made:
     def page(self):
         cell = self.cell()
         shown = explorer.Explorer(cell, band_path(cell, None, 41))
-        border = (border_over_spacings(cell, shown.scales) if shown.exponents is None
-                  else border_over_exponents(cell, shown.exponents.values))
+        border = (stability_boundary(cell, shown.scales) if shown.exponents is None
+                  else stability_boundary_of_exponents(cell, shown.exponents.values))
         return shown.page(self.kind, 'title = "drawn"', 'title = "drawn"', border)
 
 
@@ -199,7 +199,7 @@ def test_words_and_marks_tell_on_which_side_of_the_border_the_lattice_is(name, s
         true.append(buckles(cell))
         if n % 4 == 0:
             told = float((re.search(r'needs a foundation of ([\d.]+)', words) or [0, 0])[1])
-            assert told == pytest.approx(foundation_needed(cell)[0] / (u.N / u.m), rel=1e-3)  # four digits
+            assert told == pytest.approx(critical_foundation(cell)[0] / (u.N / u.m), rel=1e-3)  # four digits
         page.keyboard.press('ArrowRight')
         cell = made.cell(**state_of(page))
     assert said == true
@@ -211,7 +211,7 @@ def test_words_and_marks_tell_on_which_side_of_the_border_the_lattice_is(name, s
     place = page.eval_on_selector(f'#{slider}-scale .border', 'mark => parseFloat(mark.style.left)') / 100 * (len(values) - 1)
     assert first - 1 - 1e-9 <= place <= first + 1e-9
     key = KEYS[slider]
-    found = foundation_needed(made.cell(**{key: border / page.evaluate('name => data.sliders[name].per_SI', slider)}))[0]
+    found = critical_foundation(made.cell(**{key: border / page.evaluate('name => data.sliders[name].per_SI', slider)}))[0]
     held = border if slider == 'foundation' else made.foundation
     assert found / (u.N / u.m) == pytest.approx(held, rel=0.03)  # straight lines between few values; the law goes with r**-4.3
 

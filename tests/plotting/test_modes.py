@@ -9,7 +9,7 @@ from cells import prototype
 from figures import arrows_of, bands_of, drawn, ideal
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, units as u
 from magphonon.bands.bands import Bands
 from magphonon.plotting.bands import mode_names, name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
@@ -87,7 +87,7 @@ def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
 @pytest.mark.parametrize('share', [0.1, 0.2, 0.3])
 def test_no_curve_runs_through_the_name_of_an_unstable_branch(share):
     cell = ideal(lattices.square)
-    cell.calc = MagneticRepulsion(cell, cell.calc.law, foundation=share * foundation_needed(cell)[0])
+    cell.calc = MagneticRepulsion(cell, cell.calc.law, foundation=share * critical_foundation(cell)[0])
     bands = bands_of(cell, 'GXMG', vectors=True)
     ax = drawn(plot_bands(bands))
     name_branches(ax, bands)

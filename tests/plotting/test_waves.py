@@ -15,7 +15,7 @@ from magphonon.plotting.axes import panels
 from magphonon.plotting.fields import plot_field_at
 from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves
 from magphonon.waves.wave_analysis import waves
-from magphonon.waves.wave_source import Passage, polarisations, site
+from magphonon.waves.wave_source import BurstRecord, burst_setup, polarisations
 
 
 def wave_of(cell, amplitude=1.0):
@@ -65,11 +65,11 @@ def passage(ideal):
     """Particles of a patch that move one after the other, up the measured row."""
     patch = lattices.parallelogram(ideal, 12, 12)
     patch.calc = MagneticRepulsion(patch, ideal.calc.laws)
-    where = site(ideal, patch, 'row')
+    where = burst_setup(ideal, patch, 'row')
     rise = np.zeros((len(where.row), len(patch), 2))
     rise[np.arange(len(where.row)), where.row, 1] = 3 * u.mm
     t = 100.0 * np.arange(len(where.row)) * u.ms
-    return patch, where, Passage(Motion(t, where.row, rise[:, where.row]), Motion(t, np.arange(len(patch)), rise),
+    return patch, where, BurstRecord(Motion(t, where.row, rise[:, where.row]), Motion(t, np.arange(len(patch)), rise),
                                  3 * u.mm)
 
 
@@ -101,7 +101,7 @@ def test_a_crest_and_a_trough_have_opposite_colours(passage):
 def test_one_moment_of_two_simulations_is_drawn_each_on_its_own_scale(passage):
     patch, where, early = passage
     field = early.field
-    late = Passage(Motion(field.times, where.row, np.roll(field.displacements[:, where.row], 2, axis=0) / 2),
+    late = BurstRecord(Motion(field.times, where.row, np.roll(field.displacements[:, where.row], 2, axis=0) / 2),
                    Motion(field.times, field.particles, np.roll(field.displacements, 2, axis=0) / 2), 1.5 * u.mm)
     figure = plot_crossing({'late': (patch, where, late), 'early': (patch, where, early)})
     figure.canvas.draw()

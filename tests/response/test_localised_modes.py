@@ -9,7 +9,7 @@ from scipy import sparse
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed, units as u
 from magphonon.bands import band_gaps
-from magphonon.response import Modes, extents, local_modes
+from magphonon.response import Modes, local_modes, localisation
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.lowest import eigenpairs_between
 
@@ -38,7 +38,7 @@ def test_a_light_mass_in_a_chain_is_the_closed_form(mu):
     x = mu / (2 - mu)
     shape = found.shapes[0, 201:211, 0]
     assert_allclose(shape[1:] / shape[:-1], -x, rtol=1e-6)
-    extent = extents(found, atoms)
+    extent = localisation(found, atoms)
     inside, outside = mu, 2 * x**2 / (1 - x**2)  # shares of the light mass and of all others, before they are normalised
     second = 2 * x**2 * (1 + x**2) / (1 - x**2) ** 3 / (inside + outside)
     fourth = (inside**2 + 2 * x**4 / (1 - x**4)) / (inside + outside) ** 2
@@ -103,7 +103,7 @@ def test_a_missing_magnet_holds_three_modes_in_the_gap_once_it_is_relaxed():
     rest = relaxed(atoms).atoms
     found = local_modes(rest, gap)
     assert_allclose(found.frequencies_Hz, [78.83, 78.83, 80.27], atol=0.005)
-    extent = extents(found, rest)
+    extent = localisation(found, rest)
     assert (extent.participation < 16).all()  # of 199
     hole = np.zeros(3)
     away = extent.centre - hole[:2]
@@ -122,12 +122,12 @@ def test_random_masses_localise_as_the_inverse_square_of_the_frequency():
     for at in (0.2, 0.4):
         found = local_modes(system, np.array([at - 0.004, at + 0.004]) * top)
         assert len(found.omega) > 15
-        means.append(extents(found, system).length.mean())
+        means.append(localisation(found, system).length.mean())
         theory = L0 * 8 * K * MASS / (at * top) ** 2 / (0.5 * MASS) ** 2
         # a mode is no pure exponential: peaks of some lengths side by side, so that its second moment is of this order only
         assert 0.4 < means[-1] / theory < 2.0
     assert means[0] / means[1] == pytest.approx(4, rel=0.35)  # of 25 modes each
-    ordered = extents(local_modes(chain(np.full(5000, MASS)), np.array([0.198, 0.202]) * top), chain(np.full(5000, MASS)))
+    ordered = localisation(local_modes(chain(np.full(5000, MASS)), np.array([0.198, 0.202]) * top), chain(np.full(5000, MASS)))
     assert ordered.length.min() > 5 * means[0]  # which ends with the chain
 
 
@@ -159,7 +159,7 @@ def test_extent_of_motion_across_a_periodic_border():
     shape = np.zeros((1, 64, 2))
     corners = [0, 7, 56, 63]  # neighbours through the border
     shape[0, corners, 0] = 0.5 / np.sqrt(MASS)
-    extent = extents(Modes(np.ones(1), shape), atoms)
+    extent = localisation(Modes(np.ones(1), shape), atoms)
     assert extent.participation == pytest.approx(4)
     assert extent.length == pytest.approx(np.sqrt(4 / 6 * L0**2 / 2))
     assert_allclose(extent.along, [[1, 0]])
@@ -169,7 +169,7 @@ def test_bad_input_is_refused():
     with pytest.raises(ValueError, match='two increasing frequencies'):
         local_modes(patch(), (0.5, 0.4))
     with pytest.raises(ValueError, match='those of 49 particles, but the structure has 64'):
-        extents(modes(patch(7)), patch(8))
+        localisation(modes(patch(7)), patch(8))
 
 
 @pytest.mark.parametrize('periodic', [False, True])
@@ -181,7 +181,7 @@ def test_extents_do_not_ask_for_a_cell_where_nothing_repeats(periodic):
     bare = atoms.copy()
     bare.cell[~bare.pbc] = 0
     found = modes(atoms)
-    with_cell, without = extents(found, atoms), extents(found, bare)
+    with_cell, without = localisation(found, atoms), localisation(found, bare)
     assert with_cell.length.max() > L0 / 2
     for name in ('centre', 'length', 'participation'):
         assert_allclose(getattr(without, name), getattr(with_cell, name), rtol=1e-9, atol=1e-9)

@@ -22,7 +22,7 @@ from magphonon import (
 from magphonon.bands.bloch import bloch_modes, damped_modes
 from magphonon.cli.main import main
 from magphonon.response import first_order
-from magphonon.response.frf import Place, harmonic_response, receptance
+from magphonon.response.frf import Dof, harmonic_response, receptance
 from magphonon.scenes.scene import Scene
 from magphonon.stiffness.rest import LinearSystem
 
@@ -191,7 +191,7 @@ def test_losses_alike_take_the_fast_road_to_the_same_answer():
     gamma[0] += 1e-15
     one, other = (propagate(patch, times, damping=c).displacements for c in (0.2, gamma))
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * abs(one).max())
-    answers = [receptance(patch, Place(18, (1, 0, 0)), Place(3, (0, 1, 0)), [1.0], c).response for c in (0.2, gamma)]
+    answers = [receptance(patch, Dof(18, (1, 0, 0)), Dof(3, (0, 1, 0)), [1.0], c).response for c in (0.2, gamma)]
     assert answers[0] == pytest.approx(answers[1], rel=1e-9)
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from magphonon.response.frf import Place
+from magphonon.response.frf import Dof
 
 
 def test_a_force_at_a_place_and_what_is_seen_there():
-    place = Place(2, [0.6, 0.8, 0.0])
+    place = Dof(2, [0.6, 0.8, 0.0])
     np.testing.assert_array_equal(place.force(4), [[0, 0, 0], [0, 0, 0], [0.6, 0.8, 0], [0, 0, 0]])
     u = np.arange(24.0).reshape(2, 4, 3)
     np.testing.assert_allclose(place.seen(u), u[:, 2, 0] * 0.6 + u[:, 2, 1] * 0.8)
@@ -17,4 +17,4 @@ def test_a_force_at_a_place_and_what_is_seen_there():
 @pytest.mark.parametrize('direction', [[1.0, 0.0], [np.nan, 0.0, 0.0], 'up'])
 def test_a_direction_that_is_none_is_refused(direction):
     with pytest.raises(ValueError, match='direction'):
-        Place(0, direction)
+        Dof(0, direction)

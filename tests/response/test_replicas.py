@@ -6,7 +6,7 @@ from ase.constraints import FixAtoms, FixCom, FixedLine
 from oracles import Gaussian, neighbour_vectors, verlet
 
 from magphonon import AllNeighbours, DrivenVerlet, InversePower, MagneticRepulsion, frequency_response, lattices
-from magphonon.response import Place, replicas, stepped_response
+from magphonon.response import Dof, replicas, stepped_response
 
 L0, DT, STEPS, K = 10.0, 0.02, 60, 0.4
 EXACT = 1e-9  # of the largest displacement, 0.1 mm and more: round-off of positions and of momenta over 60 steps
@@ -72,7 +72,7 @@ def test_a_stepped_response_of_a_small_force_is_the_linear_one(pbc):
     atoms.set_constraint(FixAtoms([0, 2, 8]))
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=3e3, a=4.6), foundation=0.5)
     atoms.calc = atoms.calc.balanced(range(9))
-    corner, omega = Place(6, (1, 0, 0)), np.array([0.5, 0.9])
+    corner, omega = Dof(6, (1, 0, 0)), np.array([0.5, 0.9])
     push = corner.force(9)
     damping = 0.4 if pbc else 0.03  # with little damping the run ends as soon as it may
     exact = frequency_response(atoms, push, omega, damping).response[:, 6, 0]

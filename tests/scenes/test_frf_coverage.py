@@ -6,8 +6,15 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 
 from magphonon import InversePower, MagneticRepulsion, relaxed
-from magphonon.design import Built, Change, exponent_change, fit_transfer, force_change, with_site_scatter
-from magphonon.response import Place, TransferFunction
+from magphonon.design import (
+    ParametricLattice,
+    StiffnessDerivative,
+    exponent_change,
+    fit_transfer,
+    force_change,
+    with_site_scatter,
+)
+from magphonon.response import Dof, TransferFunction
 from magphonon.stiffness import LinearSystem
 
 FORCE, A, REACH = 0.288, 3.9, 25e-3  # N at 10 mm, exponent, m
@@ -24,9 +31,10 @@ def lattice(places, held, off, reach):
         atoms.set_constraint(FixAtoms(held))
         law = InversePower(p['force'] * 10.0 ** p['a'], p['a'])
         atoms.calc = MagneticRepulsion(atoms, law, cutoff=1e3 * reach, foundation=[[p['kx'], p['ky']]])
-        changes = {'force': Change(law=force_change(law)), 'a': Change(law=exponent_change(law, 10.0)),
-                   'kx': Change(foundation=np.array([[p['kx'], 0]])), 'ky': Change(foundation=np.array([[0, p['ky']]]))}
-        return Built(LinearSystem.of(relaxed(atoms).atoms), p['damping'], changes)
+        changes = {'force': StiffnessDerivative(law=force_change(law)), 'a': StiffnessDerivative(law=exponent_change(law, 10.0)),
+                   'kx': StiffnessDerivative(foundation=np.array([[p['kx'], 0]])),
+                   'ky': StiffnessDerivative(foundation=np.array([[0, p['ky']]]))}
+        return ParametricLattice(LinearSystem.of(relaxed(atoms).atoms), p['damping'], changes)
     return build
 
 
@@ -36,7 +44,7 @@ def test_coverage(capsys):
     law = bench.tabulated(bench.power_law(FORCE, A, 10e-3), 6e-3, 60e-3)
     places = bench.sites(bench.triangular(10e-3), 0.105, 0.09)
     near = [int(np.linalg.norm(places - at, axis=1).argmin()) for at in ((0, 0), (0.01, 0), (-0.015, 0.017), (0, -0.026))]
-    drive = Place(near[0], (np.cos(0.7), np.sin(0.7), 0))
+    drive = Dof(near[0], (np.cos(0.7), np.sin(0.7), 0))
     off, widths, control = [], [], []
     for seed in range(20, 44):
         rng = np.random.default_rng(seed)
@@ -44,7 +52,7 @@ def test_coverage(capsys):
         u = 1e3 * bench.response(lab, bench.pushed(lab, near[0], drive.direction[:2]), OMEGA)[:, near[1:]]  # mm/N
         sigma = 0.01 * abs(u).max()
         u = u + sigma * (rng.standard_normal(u.shape) + 1j * rng.standard_normal(u.shape))
-        functions = [TransferFunction('', 1e-3 * OMEGA, u[:, k, axis], sigma, 0, Place(near[1 + k], np.eye(3)[axis]), drive)
+        functions = [TransferFunction('', 1e-3 * OMEGA, u[:, k, axis], sigma, 0, Dof(near[1 + k], np.eye(3)[axis]), drive)
                      for k in range(3) for axis in (0, 1)]
         start = dict(zip(NAMES, [*np.exp(rng.uniform(-0.08, 0.08, 4)), 1.0], strict=True))
         free = ~lab.held

@@ -10,10 +10,10 @@ from magphonon import DrivenVerlet, Harmonic, Recorder, modes, read_scene, units
 from magphonon.cli.fit_report import frf_report
 from magphonon.cli.main import main
 from magphonon.design.sensitivities import hessian_changes
-from magphonon.response import Place, TransferFunction, estimated, lock_in, read_transfer, receptance
+from magphonon.response import Dof, TransferFunction, estimated, lock_in, read_transfer, receptance
 from magphonon.response.frf import base_force
 from magphonon.scenes import fit_frf
-from magphonon.scenes.frf_fits import in_place, misread, responses_of
+from magphonon.scenes.frf_fits import responses_of, suspect_units, with_dofs
 from magphonon.stiffness import LinearSystem
 
 HEXAGON = '''title = "hexagon"
@@ -148,7 +148,7 @@ def test_slopes_where_a_parameter_moves_the_rest(tmp_path, monkeypatch):
     scene = scene_of(tmp_path, shells, vacancy, ('side_m = 0.06', 'side_m = 0.04'), ('points = 70', 'points = 5'),
                      ('= 4.0\n', '= 40.0\n'))
     omega = scene.frf.omega
-    own = in_place(scene, [TransferFunction('one', omega, 0j * omega)])
+    own = with_dofs(scene, [TransferFunction('one', omega, 0j * omega)])
     from magphonon.design.transfer_fits import response_slopes
     from magphonon.scenes.frf_fits import _built
     built = _built(scene, 'complete', {})
@@ -289,7 +289,7 @@ def test_sdypy_finds_the_same_poles(tmp_path):
                      ('from_Hz = 20.0', 'from_Hz = 1.0'), ('to_Hz = 160.0', 'to_Hz = 200.0'))
     system, conventional = (LinearSystem.of(scene.shaken(model)[0]) for model in ('complete', 'conventional'))
     source, omega = scene.shaken()[1], scene.frf.omega
-    answers = [Place(k, np.eye(3)[axis]) for k in np.flatnonzero(system.mobile) for axis in (0, 1)]
+    answers = [Dof(k, np.eye(3)[axis]) for k in np.flatnonzero(system.mobile) for axis in (0, 1)]
     h = np.array([receptance(system, source, answer, omega, scene.frf.damping).response for answer in answers])
     model = ema.Model(h * u.N / u.m, u.hertz(omega), lower=20, upper=180, pol_order_high=6)  # a higher one adds false poles
     model.get_poles(show_progress=False)
@@ -314,11 +314,11 @@ def test_the_place_of_a_measurement(tmp_path):
     omega = np.array([0.1, 0.2])
     outside = TransferFunction('f.csv', omega, omega + 0j, None, 0, np.array([500.0, 0.0, 0.0]))
     with pytest.raises(ValueError, match=r'f\.csv, answer\.at_m = \[0\.5, 0\.0\] is outside the patch'):
-        in_place(scene, [outside])
+        with_dofs(scene, [outside])
     shaken = TransferFunction('f.csv', omega, omega + 0j, shaken=True)
     with pytest.raises(ValueError, match='is a response to the motion of the bench, and the scene has'):
-        in_place(scene, [shaken])
-    assert isinstance(in_place(scene, [TransferFunction('f', omega, omega + 0j)])[0].drive, Place)
+        with_dofs(scene, [shaken])
+    assert isinstance(with_dofs(scene, [TransferFunction('f', omega, omega + 0j)])[0].drive, Dof)
 
 
 @pytest.mark.parametrize(('header', 'row', 'words'), [
@@ -362,10 +362,10 @@ def test_the_direction_of_a_bench_is_that_of_the_scene(tmp_path):
     for angle in (40.0, 400.0, 220.0, 0.0):
         file.write_text(f'frequency_Hz,re,im,drive_deg\n20,1,0,{angle}\n21,1,0,{angle}')
         if angle % 360 == 40:
-            assert_allclose(in_place(scene, read_transfer(file))[0].drive, scene.shaken(bench=True)[1])
+            assert_allclose(with_dofs(scene, read_transfer(file))[0].drive, scene.shaken(bench=True)[1])
         else:
             with pytest.raises(ValueError, match=f'shaken along {angle:g} degrees, and frf.base_deg is 40'):
-                in_place(scene, read_transfer(file))
+                with_dofs(scene, read_transfer(file))
 
 
 def test_the_same_curve_twice_is_refused(tmp_path):
@@ -411,14 +411,14 @@ def test_what_a_file_may_say_wrongly(tmp_path, exact):
         force, a, foundation = (1 + rng.uniform(-0.1, 0.1, 3)).tolist()
         scene = scene_of(tmp_path, ('0.2369', f'{0.2369 * force}'), ('4.5824', f'{4.5824 * a}'),
                          ('19.6757', f'{19.6757 * foundation}'), ('= 4.0\n', f'= {rng.uniform(3, 8)}\n'))
-        chosen = in_place(scene, measured(exact, rng)[: rng.integers(1, 7)])
-        assert misread(scene, chosen) is None
+        chosen = with_dofs(scene, measured(exact, rng)[: rng.integers(1, 7)])
+        assert suspect_units(scene, chosen) is None
         for words, spoil in MISTAKES.items():
             if spoil is None:
                 spoilt = [replace(one, omega=2 * np.pi * one.omega) for one in chosen]
             else:
                 spoilt = [replace(one, response=spoil(one.omega * 1e3, one.response)) for one in chosen]
-            assert str(misread(scene, spoilt)).startswith(words), ((force, a, foundation), words)
+            assert str(suspect_units(scene, spoilt)).startswith(words), ((force, a, foundation), words)
 
 
 def test_far_below_all_peaks_a_phase_tells_nothing():
@@ -426,6 +426,6 @@ def test_far_below_all_peaks_a_phase_tells_nothing():
     scene = read_scene('oscillator')
     omega = np.linspace(0.01, 0.05, 30)
     h = receptance(*scene.shaken(), omega, scene.frf.damping).response
-    assert misread(scene, in_place(scene, [TransferFunction('p', omega, 1.05 * h)])) is None
-    assert misread(scene, in_place(scene, [TransferFunction('p', omega, h.conj())])) is None
-    assert misread(scene, in_place(scene, [TransferFunction('p', omega, 1e3 * h)])).startswith('numbers 1000 times')
+    assert suspect_units(scene, with_dofs(scene, [TransferFunction('p', omega, 1.05 * h)])) is None
+    assert suspect_units(scene, with_dofs(scene, [TransferFunction('p', omega, h.conj())])) is None
+    assert suspect_units(scene, with_dofs(scene, [TransferFunction('p', omega, 1e3 * h)])).startswith('numbers 1000 times')

@@ -12,7 +12,7 @@ from magphonon import MagneticRepulsion, relaxed, units as u
 from magphonon.cli.main import main
 from magphonon.response import natural_frequencies
 from magphonon.scenes.scene import Scene, ready_scenes
-from magphonon.stiffness.defects import Scatter, scattered, substituted, with_interstitial, without
+from magphonon.stiffness.defects import Scatter, scattered, substituted, with_interstitial, with_vacancies
 
 HZ = 1e3 / (2 * np.pi)
 
@@ -39,12 +39,12 @@ def test_the_ready_scene_has_local_modes_in_the_gap():
     f = natural_frequencies(perfect) * HZ
     assert not ((f > 71) & (f < 86)).any()  # no mode of the perfect lattice lies there
     # control: the hole alone, held in balance by a load, without the motion towards it
-    unrelaxed = without(perfect, [0])
+    unrelaxed = with_vacancies(perfect, [0])
     unrelaxed.calc = unrelaxed.calc.balanced(range(199))
     f = natural_frequencies(unrelaxed) * HZ
     assert not ((f > 78.7) & (f < 80.4)).any()
     # how far the sites moved, counted by hand
-    start = without(perfect, [0]).positions
+    start = with_vacancies(perfect, [0]).positions
     far = np.linalg.norm(rest.atoms.positions - start, axis=1)
     assert rest.rms == pytest.approx(np.sqrt((far**2).mean()), rel=1e-9)
 
@@ -83,7 +83,7 @@ def test_the_tables_build_what_python_builds(model):
     nearest = [np.linalg.norm(ours.positions[:, :2] - np.array(place) * u.m, axis=1).argmin() for place in (FIRST, LIGHT['at_m'])]
     ours = substituted(ours, nearest[1], mass=0.2, strength=0.7, stiffness=0.5)
     ours = with_interstitial(ours, np.array(BETWEEN['at_m']) * u.m, strength=0.3)
-    ours = scattered(without(ours, [nearest[0]]), Scatter(0.02, 0.01, 0.03, 0.02), 5)
+    ours = scattered(with_vacancies(ours, [nearest[0]]), Scatter(0.02, 0.01, 0.03, 0.02), 5)
     ours = relaxed(ours).atoms
     theirs = found.patch_atoms(model)
     assert len(theirs) == 60

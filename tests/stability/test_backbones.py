@@ -5,13 +5,13 @@ import pytest
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, lattices
-from magphonon.response.frf import Place
+from magphonon.response.frf import Dof
 from magphonon.response.normal_modes import modes
 from magphonon.response.stepped import stepped_response
 from magphonon.stability.amplitude_shifts import frequency_shifts, vibration
 
 LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
-UP = Place(3, [0.0, 1.0, 0.0])
+UP = Dof(3, [0.0, 1.0, 0.0])
 
 
 def oscillator(degrees, law=LAW):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from magphonon import InversePower, MagneticRepulsion, lattices, verdict
-from magphonon.stability import amplitude_shifts, frequency_shifts, spacing_held, support_needed, verdicts
+from magphonon.stability import amplitude_shifts, critical_spacing, critical_support, frequency_shifts, verdicts
 
 
 def drawn(seed):
@@ -33,7 +33,7 @@ def test_supports_of_a_large_patch(seed):
         np.add.at(D, (i, j), -k if not magnets else k)
         np.add.at(D, (i, i), k if not magnets else -k)
         needed[magnets] = -np.linalg.eigvalsh(D[free][:, free])[0]
-        assert support_needed(patch, magnets=magnets)[0] == pytest.approx(needed[magnets], rel=1e-10)  # digits of the eigenvalue
+        assert critical_support(patch, magnets=magnets)[0] == pytest.approx(needed[magnets], rel=1e-10)  # its digits
     judged = verdict(patch)
     assert (judged.supports.wave, judged.supports.central) == (pytest.approx(needed[True]), pytest.approx(needed[False]))
     assert needed[True] > 1.2 * needed[False]  # the control: another law out of the plane is seen
@@ -61,7 +61,7 @@ def test_what_is_not_judged_is_said(monkeypatch):
     monkeypatch.setattr(verdicts, 'SPACED', size)
     judged = verdict(patch)
     assert not judged.unjudged
-    held = spacing_held(patch)
+    held = critical_spacing(patch)
     assert judged.buckling.spacing is None if held is None else judged.buckling.spacing == pytest.approx(10.0 * held)
     monkeypatch.setattr(verdicts, 'SPACED', size - 1)
     judged = verdict(patch)

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from magphonon import InversePower, MagneticRepulsion, Travelling, floquet_bands, lattices, read_scene, units as u, verdict
 from magphonon.bands import bloch_modes
-from magphonon.stability import pumped_growth
+from magphonon.stability import parametric_growth
 
 
 def chain(eps, W, kap, k=5.0):
@@ -19,14 +19,14 @@ def chain(eps, W, kap, k=5.0):
 def test_no_wave_grows_faster(seed):
     rng = np.random.default_rng(seed)
     cell = chain(rng.uniform(0.1, 0.6), rng.uniform(2.2, 8), (rng.uniform(-3, 3), 0))
-    found = pumped_growth(cell)
+    found = parametric_growth(cell)
     every = floquet_bands(cell, np.outer(np.arange(200) / 200, [1, 0, 0]), tolerance=1e-2).growth
     assert 0.01 < every.max() <= found.rate + 1e-4
 
 
 def test_a_mesh_would_miss_it():
     cell = chain(0.004, 4.3, (0, 0))
-    found = pumped_growth(cell)
+    found = parametric_growth(cell)
     assert found.rate > 1e-3
     assert floquet_bands(cell, found.q, tolerance=1e-10).growth[0] == pytest.approx(found.rate, abs=1e-8)
     assert floquet_bands(cell, np.outer(np.arange(24) / 24, [1, 0, 0])).growth.max() < 1e-6
@@ -51,7 +51,7 @@ def test_a_finite_structure(g):
     end = solve_ivp(motion, (0, T), np.eye(2 * n).ravel(), 'DOP853', rtol=1e-9, atol=1e-9).y[:, -1].reshape(2 * n, 2 * n)
     rate = np.log(abs(np.linalg.eigvals(end)).max()) / T
     assert rate > 0.1
-    found = pumped_growth(patch)
+    found = parametric_growth(patch)
     assert (found.rate, found.q.tolist()) == (pytest.approx(rate, abs=1e-5), [0, 0, 0])
     patch.positions[0, 0] += 0.01  # a verdict is one about rest
     assert verdict(patch).pumping.rate == pytest.approx(rate, abs=1e-5)

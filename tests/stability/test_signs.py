@@ -8,7 +8,7 @@ from magphonon import (
     AllNeighbours,
     InversePower,
     MagneticRepulsion,
-    foundation_needed,
+    critical_foundation,
     lattices,
     read_scene,
     relaxed,
@@ -41,7 +41,7 @@ class Springs:
 def test_a_chain_of_both_signs_buckles_at_a_sixth_of_a_turn(k):
     chain = lattices.chain(1.0, 1.0)
     chain.calc = MagneticRepulsion(chain, Springs(), shells=2, foundation=k)
-    needed, q = foundation_needed(chain)
+    needed, q = critical_foundation(chain)
     assert needed == pytest.approx(0.5, rel=1e-9)
     assert abs(q[0]) == pytest.approx(1 / 6, abs=1e-6)
     xi = np.linspace(0.05, 3.1, 40)
@@ -66,7 +66,7 @@ def test_the_ready_scene_needs_half_the_stiffness_of_its_neighbours():
     scene = read_scene('signs')
     k1 = 4.5824 * 1.6209e-10 * 0.01**-5.5824
     assert verdict(scene.atoms())
-    assert foundation_needed(scene.atoms()).k == pytest.approx(k1 / 2 * 1e-3, rel=1e-5)
+    assert critical_foundation(scene.atoms()).k == pytest.approx(k1 / 2 * 1e-3, rel=1e-5)
     law = scene.atoms().calc.laws[0, 2]
     assert law == Attraction(law.repulsion)
     assert law_from_dict(law_to_dict(law)) == law

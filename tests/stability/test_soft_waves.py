@@ -16,7 +16,7 @@ from oracles import Pairs
 from planewaves import PlaneWaves, depth, margin
 from scipy.optimize import brentq, minimize
 
-from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, verdict
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, verdict
 from magphonon.stability.buckling import highest_squared, softest_of
 from magphonon.stability.soft_waves import softest_wave
 from magphonon.stiffness.all_neighbours import AllNeighbours
@@ -114,7 +114,7 @@ def misjudged(seed):
         else:
             x, k, expected = case.limit, case.foundation * side, case.foundation
         atoms = cell_of(case, x, k)
-        needed = foundation_needed(atoms)[0]
+        needed = critical_foundation(atoms)[0]
         if verdict(atoms).stable != (expected <= k):
             wrong.append(f'{case.kind} {seed} at {x:.6g}, {k:.6g}: the verdict')
         if not abs(needed - expected) <= 1e-3 * expected:  # the bottom of a pocket 1e-6 of the stiffness deep, as NEAR^2
@@ -139,7 +139,7 @@ def test_rhombic_dipoles_buckle_in_long_waves():
     angle = np.deg2rad(73)
     waves = PlaneWaves([[1, 0], [np.cos(angle), np.sin(angle)]], np.zeros((1, 2)), 4.0)
     atoms = cell_of(SimpleNamespace(waves=lambda x: waves, sites=np.zeros((1, 2)), cutoff=None), None)
-    needed, q = foundation_needed(atoms)
+    needed, q = critical_foundation(atoms)
     k = (2 * np.pi * np.linalg.pinv(waves.periods).T).T @ q[:2]
     assert needed == pytest.approx(depth(waves, k), rel=1e-5)  # the oracle's splines and its soft edge
     assert not verdict(atoms).stable
@@ -180,7 +180,7 @@ def missed(seed):
     settings = {'xatol': 1e-7, 'fatol': 1e-14 * values.max()}
     least = min(minimize(lambda q: spectrum(q)[0], start, method='Nelder-Mead', options=settings).fun
                 for start in q[np.argsort(values)[:6:2]])
-    needed = foundation_needed(atoms)[0]
+    needed = critical_foundation(atoms)[0]
     return abs(least + needed) / -least if least < -1e-12 * values.max() else needed
 
 

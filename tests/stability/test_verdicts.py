@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
-from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analytic_bands, foundation_needed, lattices, verdict
-from magphonon.stability import border_over_spacings, frequency_shifts, spacing_held, support_needed, verdicts
+from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analytic_bands, critical_foundation, lattices, verdict
+from magphonon.stability import critical_spacing, critical_support, frequency_shifts, stability_boundary, verdicts
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness.matrices import hessian
 
@@ -23,8 +23,8 @@ def test_foundation_needed(lattice, a, needed):
     atoms = getattr(lattices, lattice)(2.0, 0.7)
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=3.0, a=a), foundation=0.1)
     unit = 3.0 * 2.0**-a / 2.0
-    assert_allclose(foundation_needed(atoms)[0], needed * unit, atol=1e-10 * unit)  # round-off is 1e-12 of the largest stiffness
-    assert foundation_needed(atoms, model='conventional')[0] == 0.0  # the control: it hides every instability
+    assert_allclose(critical_foundation(atoms)[0], needed * unit, atol=1e-10 * unit)  # round-off: 1e-12 of the largest one
+    assert critical_foundation(atoms, model='conventional')[0] == 0.0  # the control: it hides every instability
 
 
 @pytest.mark.parametrize('lattice', ['square', 'honeycomb', 'kagome'])
@@ -32,7 +32,7 @@ def test_foundation_needed_is_where_the_bands_touch_zero(lattice):
     atoms = getattr(lattices, lattice)(1.0, 1.0)
     law = InversePower(b=1.0, a=4.0)
     atoms.calc = MagneticRepulsion(atoms, law)
-    needed, _ = foundation_needed(atoms)
+    needed, _ = critical_foundation(atoms)
     path = atoms.cell.bandpath('GMG' if lattice == 'kagome' else None, npoints=60, pbc=atoms.pbc)
     lowest = {}
     for share in (0.999, 1.001):
@@ -91,7 +91,7 @@ def test_patch_by_lanczos_and_whole(n, monkeypatch):
     needed = []
     for dense in (10_000, 10):
         monkeypatch.setattr('magphonon.stiffness.lowest.DENSE', dense)
-        needed.append(foundation_needed(patch)[0])
+        needed.append(critical_foundation(patch)[0])
     assert needed[1] == pytest.approx(needed[0], rel=1e-6)
     assert 1.0 < needed[0] < 2.0
 
@@ -113,7 +113,7 @@ def test_foundation_that_just_holds_a_cut_patch(seed):
     needed = -np.linalg.eigvalsh(H)[0]
     assert len(H) > 200
     patch.calc = MagneticRepulsion(patch, InversePower(1.0, a)).balanced(range(len(patch)))
-    assert foundation_needed(patch)[0] == pytest.approx(needed, rel=1e-10)
+    assert critical_foundation(patch)[0] == pytest.approx(needed, rel=1e-10)
     for side in (1 - 1e-6, 1 + 1e-6):
         patch.calc = MagneticRepulsion(patch, InversePower(1.0, a), foundation=side * needed).balanced(range(len(patch)))
         assert verdict(patch).stable == (side > 1)
@@ -136,9 +136,9 @@ def test_spacing_that_a_foundation_holds():
     chain = lattices.chain(1.0, 1.0)
     for k in (2.0, 6.0):
         chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0), foundation=k)
-        assert spacing_held(chain) == pytest.approx((4 / k) ** 0.2, rel=1e-8)
+        assert critical_spacing(chain) == pytest.approx((4 / k) ** 0.2, rel=1e-8)
     chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0))
-    assert spacing_held(chain) is None  # no spacing helps where there is no foundation
+    assert critical_spacing(chain) is None  # no spacing helps where there is no foundation
 
 
 def test_what_holds_itself_at_every_spacing_never_begins_to_buckle():
@@ -146,7 +146,7 @@ def test_what_holds_itself_at_every_spacing_never_begins_to_buckle():
     for a in (3.2, 4.1, 5.7, 8.3):
         lattice = lattices.triangular(1.0, 1.0).repeat((2, 1, 1))
         lattice.calc = MagneticRepulsion(lattice, InversePower(1.0, a))
-        assert spacing_held(lattice) is None
+        assert critical_spacing(lattice) is None
 
 
 @pytest.mark.parametrize(('lattice', 'wave', 'alone'), [
@@ -155,8 +155,8 @@ def test_supports_out_of_the_plane(lattice, wave, alone):
     """Magnets: (a - 1) f/r a bond, by Laplace's equation; the worst wave is at X, M, K and between the two sublattices."""
     atoms = getattr(lattices, lattice)(1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0))
-    assert_allclose(support_needed(atoms), (3 * wave, 3 * alone), rtol=1e-12)
-    assert_allclose(support_needed(atoms, magnets=False), (wave, alone), rtol=1e-12)
+    assert_allclose(critical_support(atoms), (3 * wave, 3 * alone), rtol=1e-12)
+    assert_allclose(critical_support(atoms, magnets=False), (wave, alone), rtol=1e-12)
     found = verdict(atoms)
     assert_allclose(found.supports, (3 * wave, 3 * alone, wave), rtol=1e-12)
     atoms.calc = MagneticRepulsion(atoms, Yukawa(c=1.0, kappa=0.5))  # particles that are no magnets
@@ -174,7 +174,7 @@ def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
     pair = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
     pair.set_constraint(FixAtoms([0]))
     pair.calc = MagneticRepulsion(pair, law).balanced([1])
-    assert support_needed(pair)[1] == pytest.approx(-2 * (U[0] - U[1]) / z**2, rel=1e-4)  # the next order: (z/r)^2
+    assert critical_support(pair)[1] == pytest.approx(-2 * (U[0] - U[1]) / z**2, rel=1e-4)  # the next order: (z/r)^2
 
 
 @pytest.mark.parametrize('steps', [None, 12, 5])
@@ -187,7 +187,7 @@ def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
     softest = minimize_scalar(lambda k: across @ (1 - np.cos(k * R[:, 0])), (1.0, 1.3, 1.6), tol=1e-10)
     atoms = lattices.triangular(1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), shells=2)
-    needed, q = foundation_needed(atoms, steps=steps)
+    needed, q = critical_foundation(atoms, steps=steps)
     assert needed == pytest.approx(-softest.fun, rel=1e-8)
     k = 2 * np.pi * q @ atoms.cell.reciprocal()
     assert min(abs(np.linalg.norm(k - 2 * np.pi * np.array(G) @ atoms.cell.reciprocal()) - softest.x)
@@ -205,7 +205,7 @@ def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed
     atoms = getattr(lattices, name)(1.0, 1.0)
     a = 4.0 if name == 'square' else 2.0
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a))
-    needed = needed or foundation_needed(atoms)[0]
+    needed = needed or critical_foundation(atoms)[0]
     atoms = atoms.repeat((repeats, repeats, 1))
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=0.999 * needed)
     found = verdict(atoms)
@@ -237,7 +237,7 @@ def test_half_waves_of_a_scattered_cell_against_its_bloch_matrices(name, repeats
         H = hessian(atoms.calc.bonds, atoms.calc.rest_stiffness(), q=wave).toarray()
         assert_allclose(H, expected, rtol=0, atol=1e-10 * abs(D).max())
     lowest = np.linalg.eigvalsh(D)[:, 0]
-    needed, at = foundation_needed(atoms)
+    needed, at = critical_foundation(atoms)
     assert needed == pytest.approx(-lowest.min(), rel=1e-10)
     assert_allclose(at, q[lowest.argmin()])
     assert np.diff(np.sort(lowest)).min() > 1e-5 * needed  # the control: another wave needs another foundation
@@ -304,18 +304,18 @@ def test_the_foundation_that_a_layer_needs_is_that_of_its_motion_in_the_plane(se
     cell = getattr(lattices, rng.choice(['square', 'honeycomb', 'triangular', 'kagome']))(rng.uniform(5, 15), 0.7)
     law, springs = InversePower(1e4, rng.uniform(1.5, 2.9)), rng.uniform(0.1, 2, (len(cell), 2))
     cell.calc = MagneticRepulsion(cell, law, foundation=springs)
-    planar = foundation_needed(cell)
+    planar = critical_foundation(cell)
     assert planar.k > 0
     for support in (30.0, 0.01):
         cell.calc = MagneticRepulsion(cell, law, foundation=np.column_stack([springs, np.full(len(cell), support)]))
-        layer = foundation_needed(cell)
+        layer = critical_foundation(cell)
         assert layer.k == pytest.approx(planar.k, rel=1e-12)
         assert_allclose(layer.q, planar.q)
     assert softest_of(cell).needed != pytest.approx(planar.k, rel=1e-3)  # the control: of all three components
 
 
-@pytest.mark.parametrize('tool', [foundation_needed, spacing_held, support_needed, verdict, frequency_shifts,
-                                  lambda atoms: border_over_spacings(atoms, [1.0, 2.0])])
+@pytest.mark.parametrize('tool', [critical_foundation, critical_spacing, critical_support, verdict, frequency_shifts,
+                                  lambda atoms: stability_boundary(atoms, [1.0, 2.0])])
 @pytest.mark.parametrize('finite', [False, True])
 def test_a_structure_of_which_nothing_can_move_is_refused_in_words(tool, finite):
     atoms = lattices.honeycomb(1.0, 1.0)

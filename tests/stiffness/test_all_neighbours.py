@@ -25,7 +25,7 @@ from magphonon.bands.bands import group_velocities
 from magphonon.bands.bloch import bloch_modes
 from magphonon.lattices.bonds import bonds_within
 from magphonon.scenes.scene import reference
-from magphonon.stability.buckling import foundation_needed
+from magphonon.stability.buckling import critical_foundation
 from magphonon.stiffness.bond import bond_stiffness, model_stiffness
 from magphonon.stiffness.ewald import lattice_sum
 from magphonon.stiffness.matrices import bloch_matrix, bloch_series
@@ -274,10 +274,10 @@ def test_functions_of_bonds_refuse_all_neighbours():
 def test_foundation_that_all_neighbours_ask_for():
     """The square Wigner crystal buckles, whatever the mesh shows first; the triangular one holds itself."""
     square, triangular = (with_all(kind(1.0, 1.0), COULOMB, foundation=0.1) for kind in (lattices.square, lattices.triangular))
-    needed, softest = foundation_needed(square)
+    needed, softest = critical_foundation(square)
     assert_allclose(bloch_modes(square, [softest])[0].min() ** 2, needed - 0.1, rtol=1e-12)
     assert needed > 0.3
-    assert foundation_needed(triangular, steps=12)[0] == 0
+    assert critical_foundation(triangular, steps=12)[0] == 0
 
 
 # --- what is not the lattice of the calculator -------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from ase.io import read, write
 from magphonon import InversePower, MagneticRepulsion, OnSite, Travelling, lattices, restored
 from magphonon.bands import finite_displacements
 from magphonon.response import replicas
-from magphonon.stiffness import Scatter, scattered, substituted, with_interstitial, without
+from magphonon.stiffness import Scatter, scattered, substituted, with_interstitial, with_vacancies
 from magphonon.stiffness.sites import Sites
 
 EACH = {
@@ -67,7 +67,7 @@ def balanced(atoms, rng):
 
 def vacancies(atoms, rng):
     gone = rng.choice(len(atoms), 3, replace=False)
-    return without(atoms, gone), np.setdiff1d(np.arange(len(atoms)), gone), 0.0
+    return with_vacancies(atoms, gone), np.setdiff1d(np.arange(len(atoms)), gone), 0.0
 
 
 def of_another_mass(atoms, rng):
@@ -76,7 +76,7 @@ def of_another_mass(atoms, rng):
 
 def one_more(atoms, rng):
     found = with_interstitial(atoms, atoms.positions[4] + [1.0, 2.0, 0.0])
-    return without(found, len(atoms)), np.arange(len(atoms)), 0.0
+    return with_vacancies(found, len(atoms)), np.arange(len(atoms)), 0.0
 
 
 def scatter(atoms, rng):

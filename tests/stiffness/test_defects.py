@@ -7,7 +7,15 @@ from numpy.testing import assert_allclose
 from magphonon import InversePower, MagneticRepulsion, OnSite, Travelling, lattices, relaxed
 from magphonon.interactions import UprightMagnets
 from magphonon.response import natural_frequencies
-from magphonon.stiffness.defects import LARGEST_SCATTER, Scatter, scattered, site_normals, substituted, with_interstitial, without
+from magphonon.stiffness.defects import (
+    LARGEST_SCATTER,
+    Scatter,
+    scattered,
+    site_normals,
+    substituted,
+    with_interstitial,
+    with_vacancies,
+)
 from tests.oracles import LAWS, neighbour_vectors
 
 LAW = LAWS['magnets']
@@ -59,7 +67,7 @@ def test_vacancies(seed):
     atoms, rng = supercell(seed)
     gone = rng.choice(len(atoms), 3, replace=False)
     kept = np.setdiff1d(np.arange(len(atoms)), gone)
-    found = without(atoms, gone)
+    found = with_vacancies(atoms, gone)
     same(found, built(atoms, atoms.calc, kept))
     with pytest.raises(AssertionError):  # the control: another site is missing
         same(found, built(atoms, atoms.calc, np.setdiff1d(np.arange(len(atoms)), (gone + 1) % len(atoms))))
@@ -175,7 +183,7 @@ def test_what_repels_nothing_is_refused():
     cell.pbc = False
     cell.calc = MagneticRepulsion(cell, LAW, foundation=1.0)
     with pytest.raises(ValueError, match='no two of the 2 particles are bonded'):
-        without(cell, 1)
+        with_vacancies(cell, 1)
     with pytest.raises(ValueError, match='no force acts between'):
         relaxed(substituted(cell, 1, strength=0.0))
     relaxed(substituted(cell, 1, strength=1e-6))
@@ -262,7 +270,7 @@ def test_lattices_on_laws_of_the_sites_have_holes_and_disorder(kind, seed):
     bare.calc = atoms.calc.about(atoms, foundation=0.0)
     gone, every = rng.choice(n, 3, replace=False), np.arange(n)
     stiffer = 1 + 1.5 * (every == 4)[:, None]
-    for tied, free, image, times in [(without(atoms, gone), without(bare, gone), np.delete(every, gone), 1.0),
+    for tied, free, image, times in [(with_vacancies(atoms, gone), with_vacancies(bare, gone), np.delete(every, gone), 1.0),
                                      (scattered(atoms, scatter, 3), bare, every, factors[:, None]),
                                      (substituted(atoms, 4, stiffness=2.5), bare, every, stiffer)]:
         for one in tied, free:

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices
-from magphonon.response import modes_below
+from magphonon.response import count_modes_below
 from magphonon.stiffness import LinearSystem, factors
 from magphonon.stiffness.factors import elimination_order, factorised, inverse
 from magphonon.stiffness.lowest import count_below, lowest_mode
@@ -140,6 +140,6 @@ def test_both_sides_of_the_size_that_is_dissected(monkeypatch):
         monkeypatch.setattr(factors, 'LARGE', large)
         sorted_order = np.array_equal(factorised(K).order, np.arange(K.shape[0]))
         assert sorted_order == (large == K.shape[0])
-        counts.append([modes_below(patch, w) for w in np.linspace(0.5, 4, 9)])
+        counts.append([count_modes_below(patch, w) for w in np.linspace(0.5, 4, 9)])
     assert counts[0] == counts[1]
     assert 0 < counts[0][4] < K.shape[0]

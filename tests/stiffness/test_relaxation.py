@@ -9,7 +9,7 @@ from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, modes
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, modes
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.lattices.patches import RIM
 from magphonon.stiffness.relaxation import relaxed
@@ -121,7 +121,7 @@ def beside_buckling(seed):
     cell = getattr(lattices, ('triangular', 'square', 'kagome')[seed % 3])(rng.uniform(5, 20), rng.uniform(0.1, 5))
     patch = lattices.hexagon(cell, 3 * cell.cell.lengths()[0] / (1 + (seed % 3 == 2)))
     patch.calc = MagneticRepulsion(patch, InversePower(b=1e3, a=2.0 if seed % 3 == 0 else 4.6))
-    needed = foundation_needed(patch)[0]
+    needed = critical_foundation(patch)[0]
     patch.calc.set(foundation=needed * (1 - 10 ** -rng.uniform(8, 9)))
     return patch, needed
 

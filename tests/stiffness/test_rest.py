@@ -18,7 +18,7 @@ from magphonon import (
     MagneticRepulsion,
     Unstable,
     analytic_bands,
-    foundation_needed,
+    critical_foundation,
     frequency_response,
     lattices,
     modes,
@@ -185,7 +185,7 @@ def test_masses_spoilt_after_the_calculator_was_made_are_named(mass):
         structure.set_masses(masses)
     push = np.ones((len(atoms), 3)) * [1, 1, 0]
     path = cell.cell.bandpath('GM', npoints=3, pbc=cell.pbc)
-    for ask in (modes, natural_frequencies, verdict, foundation_needed, relaxed, lambda a: propagate(a, [1.0]),
+    for ask in (modes, natural_frequencies, verdict, critical_foundation, relaxed, lambda a: propagate(a, [1.0]),
                 lambda a: frequency_response(a, push, [0.3], 0.1), lambda a: harmonic_response(a, push, [0.3], 0.1),
                 lambda a: DrivenVerlet(a, 0.1), lambda a: analytic_bands(cell, path)):
         with pytest.raises(ValueError, match=r'mass of particle [70] must be a positive number in g'):

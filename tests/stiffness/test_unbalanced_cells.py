@@ -4,7 +4,15 @@ import pytest
 from motion import LAW
 from numpy.testing import assert_allclose
 
-from magphonon import AllNeighbours, MagneticRepulsion, analytic_bands, finite_displacements, foundation_needed, lattices, relaxed
+from magphonon import (
+    AllNeighbours,
+    MagneticRepulsion,
+    analytic_bands,
+    critical_foundation,
+    finite_displacements,
+    lattices,
+    relaxed,
+)
 
 
 def skewed_cell(calculator=MagneticRepulsion):
@@ -19,7 +27,7 @@ def skewed_cell(calculator=MagneticRepulsion):
 def test_a_cell_out_of_balance_has_no_bands(calculator):
     cell = skewed_cell(calculator)
     path = cell.cell.bandpath('GMKG', npoints=5, pbc=cell.pbc)
-    for ask in (lambda: analytic_bands(cell, path), lambda: finite_displacements(cell), lambda: foundation_needed(cell)):
+    for ask in (lambda: analytic_bands(cell, path), lambda: finite_displacements(cell), lambda: critical_foundation(cell)):
         with pytest.raises(ValueError, match='not at rest, and linear theory holds only about rest'):
             ask()
 

@@ -14,7 +14,7 @@ from magphonon import read_scene, ready_scene, units
 from magphonon.cli.main import main
 from magphonon.cli.sweep import axis_of
 from magphonon.plotting import plot_sweep
-from magphonon.sweeps import known_questions, sweep
+from magphonon.sweeps import observables, sweep
 
 xarray = pytest.importorskip('xarray')
 OVER = {'x': [0.0, 1.0, 2.0, 3.0], 'y': [0.0, 1.0]}
@@ -104,7 +104,7 @@ def test_mistakes_are_refused_before_anything_is_computed(prototype, over, ask, 
 
 def test_every_question_is_answered(prototype):
     scene = read_scene(ready_scene('oscillator'))
-    names = [name.replace('POINT', 'M').replace('BRANCH', '1') for name in known_questions()]
+    names = [name.replace('POINT', 'M').replace('BRANCH', '1') for name in observables()]
     of_lattice = [name for name in names if not name.startswith('frf')]
     found = sweep(prototype, {'law.a': [4.5824]}, of_lattice)
     assert found.fault.values[0].startswith('stability.spacing: no spacing')  # it holds itself, with a > 3

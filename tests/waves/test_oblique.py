@@ -6,7 +6,7 @@ from scans import scene_text, triangular_branches
 
 from magphonon import MagneticRepulsion, lattices, propagate, read_scene, units as u
 from magphonon.dynamics import Motion
-from magphonon.waves import sampled, site, waves, wavevector
+from magphonon.waves import burst_setup, sampled, waves, wavevector
 from magphonon.waves.wave_analysis import Stationary, stationary_waves
 
 NORMAL = 1.96
@@ -63,7 +63,7 @@ def scanned(seed, folder, source='point'):
     cell = scene_of(folder, *lattice).atoms()
     patch = lattices.half_hexagon(cell, side=L * rng.integers(18, 25))
     patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=k)
-    where, angle = site(cell, patch, source), np.radians(rng.uniform(0, 180))
+    where, angle = burst_setup(cell, patch, source), np.radians(rng.uniform(0, 180))
     branches = triangular_branches(XI, 60, 1.0, m, tension, stiffness, k)
     carrier = np.interp(rng.uniform(0.6, 2.0), XI, branches[:, 0])
     times = 1.0 * np.arange(1, 400)

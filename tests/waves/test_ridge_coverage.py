@@ -15,7 +15,7 @@ import pytest
 from magphonon import propagate, read_scene, ready_scene, units as u
 from magphonon.waves.spectrum import ridge, wavenumber_frequency
 from magphonon.waves.wave_analysis import MODELS
-from magphonon.waves.wave_source import polarisations, site, wavevector
+from magphonon.waves.wave_source import burst_setup, polarisations, wavevector
 
 NORMAL = 1.96
 SPOILS = ('clean', 'noise 2 %', 'noise 10 %', 'noise 30 %', 'offset', 'drift', 'slow bend', 'dead point', 'missing 20 %')
@@ -65,7 +65,7 @@ def sent(name, source, motion, carrier_Hz, model):
     """
     cell, patch_atoms = systems()[name]
     patch, along, omega = patch_atoms(model), polarisations(cell, source)[motion], 2 * np.pi * carrier_Hz * u.Hz
-    where = site(cell, patch, source)
+    where = burst_setup(cell, patch, source)
     drive = where.burst(along, 1e-3 * u.N, omega)
     duration = {'ideal': 1000, 'prototype': 500}[name] * u.ms
     dt = 2 * np.pi / omega / 8

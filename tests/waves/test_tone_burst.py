@@ -12,11 +12,11 @@ from scipy.interpolate import CubicSpline
 from magphonon import MagneticRepulsion, lattices, read_scene, units as u
 from magphonon.dynamics.motion import Motion
 from magphonon.lattices.patches import RIM
-from magphonon.response import Place, receptance
+from magphonon.response import Dof, receptance
 from magphonon.waves.ridge_tables import SOURCES, write_ridges
 from magphonon.waves.wave_analysis import MODELS, Wave, waves
 from magphonon.waves.wave_report import report
-from magphonon.waves.wave_source import polarisations, send, site, wavevector
+from magphonon.waves.wave_source import burst_setup, polarisations, run_burst, wavevector
 
 CARRIER = 0.12  # rad/ms, the paper's shear burst
 CUTS = {'parallelogram': lambda cell: lattices.parallelogram(cell, 14, 13),
@@ -33,9 +33,9 @@ def patch_of(cell, n=40, model='complete'):
 
 def shear_burst(cell, source='row', model='complete', n=40, force=1 * u.N, duration=600 * u.ms, **change):
     patch = patch_of(cell, n, model)
-    where = replace(site(cell, patch, source), **change)
+    where = replace(burst_setup(cell, patch, source), **change)
     drive = where.burst(polarisations(cell, source)['transverse'], force, CARRIER)
-    return where, send(patch, where, drive, 0.02 * CARRIER, duration, 'numpy')  # nothing waits for a compiler
+    return where, run_burst(patch, where, drive, 0.02 * CARRIER, duration, 'numpy')  # nothing waits for a compiler
 
 
 # --- where -----------------------------------------------------------------------------------------------------------
@@ -44,7 +44,7 @@ def shear_burst(cell, source='row', model='complete', n=40, force=1 * u.N, durat
 @pytest.mark.parametrize('cut', CUTS.values(), ids=CUTS)
 def test_a_burst_enters_below_and_is_measured_upwards_along_R2(source, cut, ideal):
     patch = cut(ideal)
-    where = site(ideal, patch, source)
+    where = burst_setup(ideal, patch, source)
     inside = patch.positions[patch.get_tags() != RIM]
     lowest = inside[:, 1].min()
     assert_allclose(patch.positions[where.driven, 1], lowest)
@@ -66,9 +66,9 @@ def test_a_burst_enters_below_and_is_measured_upwards_along_R2(source, cut, idea
 
 def test_a_patch_in_motion_has_the_same_sites(ideal):
     patch = patch_of(ideal, 14)
-    rest = site(ideal, patch, 'row')
+    rest = burst_setup(ideal, patch, 'row')
     patch.positions[patch.get_tags() != RIM, :2] += np.random.default_rng(0).normal(scale=10, size=(144, 2))  # 1 % of L0
-    for name, value in vars(site(ideal, patch, 'row')).items():
+    for name, value in vars(burst_setup(ideal, patch, 'row')).items():
         assert_allclose(value, getattr(rest, name), atol=0.01)
 
 
@@ -83,11 +83,11 @@ def test_turned_lattices_are_refused_and_turn_back_as_advised(seed):
     cell.rotate(angle, 'z', rotate_cell=True)
     source = SOURCES[rng.integers(2)]
     with pytest.raises(ValueError, match=r'lowest row.*turn the cell') as refusal:
-        site(cell, lattices.parallelogram(cell, 9, 9), source)
+        burst_setup(cell, lattices.parallelogram(cell, 9, 9), source)
     back = float(re.search(r'rotate\(([-\d.e]+),', str(refusal.value))[1])
     cell.rotate(back, 'z', rotate_cell=True)
     patch = lattices.parallelogram(cell, 9, 9)
-    where = site(cell, patch, source)
+    where = burst_setup(cell, patch, source)
     steps = np.diff(patch.positions[where.row], axis=0)
     assert_allclose(steps, np.tile(cell.cell.array[1], (len(steps), 1)), atol=1e-6 * spacing)
     assert len(where.row) >= 4
@@ -98,9 +98,9 @@ def test_turned_lattices_are_refused_and_turn_back_as_advised(seed):
 def test_a_patch_stays_at_rest_and_sends_the_same_record_again(seed, ideal):
     rng = np.random.default_rng(seed)
     patch = patch_of(ideal, 10)
-    where, rest = site(ideal, patch, SOURCES[seed % 2]), patch.positions.copy()
+    where, rest = burst_setup(ideal, patch, SOURCES[seed % 2]), patch.positions.copy()
     drive = where.burst(rng.normal(size=2), rng.uniform(0.1, 1), rng.uniform(0.08, 0.15), 2)
-    one, two = (send(patch, where, drive, 0.001, 300.0).row for _ in range(2))
+    one, two = (run_burst(patch, where, drive, 0.001, 300.0).row for _ in range(2))
     assert abs(one.displacements).max() > 1e-3
     np.testing.assert_array_equal(one.displacements, two.displacements)
     np.testing.assert_array_equal(patch.positions, rest)
@@ -111,7 +111,7 @@ def test_a_patch_stays_at_rest_and_sends_the_same_record_again(seed, ideal):
     for other in moving, displaced:
         other.calc = patch.calc
         with pytest.raises(ValueError, match=f'patch at rest, but particle {k} '):
-            send(other, where, drive, 0.001, 300.0)
+            run_burst(other, where, drive, 0.001, 300.0)
 
 
 def test_fronts_run_along_R1_or_across_R2(ideal):
@@ -144,7 +144,7 @@ def test_the_ridge_of_each_model_lies_on_its_own_branch(source, model, ideal):
 
 def test_a_row_driven_evenly_misses_the_branch_where_one_that_fades_hits_it(ideal):
     patch = patch_of(ideal, 60)
-    where = site(ideal, patch, 'row')
+    where = burst_setup(ideal, patch, 'row')
     middle = where.driven[len(where.driven) // 2]
     central = middle + np.arange(len(where.row))  # a row of R2 is contiguous in a parallelogram
     assert_allclose(np.diff(patch.positions[central], axis=0)[:, 0], 500)
@@ -177,9 +177,9 @@ def test_the_record_begins_at_rest_and_follows_the_force(ideal):
 ])
 def test_impossible_bursts_are_refused(omega, duration, message, ideal):
     patch = patch_of(ideal, 10)
-    where = site(ideal, patch, 'row')
+    where = burst_setup(ideal, patch, 'row')
     with pytest.raises(ValueError, match=message):
-        send(patch, where, where.burst((1, 0), 1.0, omega), 0.0, duration)
+        run_burst(patch, where, where.burst((1, 0), 1.0, omega), 0.0, duration)
 
 
 def test_without_force_there_is_nothing_to_see(ideal):
@@ -270,9 +270,9 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
 
 def test_the_places_of_a_burst_do_not_depend_on_the_kinds_of_magnets(prototype):
     patch = lattices.half_hexagon(prototype, side=100.0)
-    expected = site(prototype, patch, 'row')
+    expected = burst_setup(prototype, patch, 'row')
     patch.set_tags(np.arange(len(patch)) % 2)
-    here = site(prototype, patch, 'row')
+    here = burst_setup(prototype, patch, 'row')
     assert (here.driven == expected.driven).all()
     assert (here.row == expected.row).all()
 
@@ -290,11 +290,11 @@ def test_in_a_film_crests_move_away_from_the_source(prototype, carrier_Hz):
     """Waves of the prototype go forward; in 24 frames of half a second, 0.73 to 0.94 of a period apart, they seem to go back."""
     patch = lattices.half_hexagon(prototype, side=200.0)
     patch.calc = MagneticRepulsion(patch, prototype.calc.laws, foundation=prototype.calc.foundation)
-    where = site(prototype, patch, 'point')
+    where = burst_setup(prototype, patch, 'point')
     burst = where.burst((0, 1), 1e-4 * u.N, 2 * np.pi * carrier_Hz * u.Hz, 5)
     shown = {}
     for film in (True, False):
-        field = send(patch, where, burst, damping=0.02, duration=500.0, film=film).field
+        field = run_burst(patch, where, burst, damping=0.02, duration=500.0, film=film).field
         assert (12 * np.diff(field.times).max() * carrier_Hz / 1e3 < 1 + 1e-9) == film  # frames of a period, at least a dozen
         before = field.times < 250  # what the rim sends back comes later
         shown[film] = advance(field.displacements[before][:, where.row, 1])
@@ -308,31 +308,32 @@ def test_a_shaken_bench_against_its_transfer_function():
     shaken = lattices.half_hexagon(cell, side=60.0)
     shaken.set_masses(cell.get_masses()[0] * np.random.default_rng(0).uniform(0.7, 1.3, len(shaken)))
     shaken.calc = MagneticRepulsion(shaken, cell.calc.laws, foundation=cell.calc.foundation)
-    where, damping, force = site(cell, shaken, 'bench'), 0.06, 1e-5
+    where, damping, force = burst_setup(cell, shaken, 'bench'), 0.06, 1e-5
     drive = where.burst((0.6, 0.8), force, 2 * np.pi * 45 * u.Hz, 3)
-    seen = send(shaken, where, drive, damping, 300.0).row
+    seen = run_burst(shaken, where, drive, damping, 300.0).row
     n = 2**13
     t = 600.0 * np.arange(n) / n  # all has died down by then: e^-18
     omega = 2 * np.pi * np.fft.rfftfreq(n, t[1])
     course = np.where(t < drive.end, force * np.sin(drive.omega * t) * (1 - np.cos(drive.omega * t / drive.cycles)) / 2, 0.0)
     bench = np.fft.rfft(course)[1:] / (shaken.get_masses()[where.driven].max() * omega[1:] ** 2)  # -a/m over -omega^2
-    answer, direction = Place(int(where.row[2]), (0.0, 1.0, 0.0)), np.array([0.6, 0.8, 0.0])
+    answer, direction = Dof(int(where.row[2]), (0.0, 1.0, 0.0)), np.array([0.6, 0.8, 0.0])
     kept = omega[1:] < 3 * drive.omega
     relative = np.zeros(len(omega), complex)
     relative[1:][kept] = (receptance(shaken, direction, answer, omega[1:][kept], damping).response - 0.8) * bench[kept]
     expected = np.interp(seen.times, t, np.fft.irfft(relative, n))
     here = seen.displacements[:, 2, 1]
     assert abs(here - expected).max() < 0.02 * abs(here).max()
-    even = send(shaken, replace(where, weights=np.ones(len(where.driven))), replace(drive, amplitude=force), damping, 300.0).row
+    alike = replace(where, weights=np.ones(len(where.driven)))
+    even = run_burst(shaken, alike, replace(drive, amplitude=force), damping, 300.0).row
     assert abs(even.displacements[:, 2, 1] - expected).max() > 0.1 * abs(here).max()  # the control
 
 
 def test_a_burst_with_a_tolerance_keeps_it_with_even_frames(ideal):
     patch, found = patch_of(ideal, 16), {}
-    where = site(ideal, patch, 'row')
+    where = burst_setup(ideal, patch, 'row')
     drive = where.burst(polarisations(ideal, 'row')['transverse'], 1 * u.N, CARRIER)
     for tolerance in (1e-2, 1e-7, None):
-        found[tolerance] = send(patch, where, drive, 0.02 * CARRIER, 350 * u.ms, 'numpy', tolerance=tolerance).row
+        found[tolerance] = run_burst(patch, where, drive, 0.02 * CARRIER, 350 * u.ms, 'numpy', tolerance=tolerance).row
     rough, fine, plain = found.values()
     assert 0 < abs(rough.displacements - fine.displacements).max() < 1e-2 * abs(fine.displacements).max()
     assert_allclose(rough.times, fine.times, rtol=1e-12)

@@ -11,11 +11,11 @@ import numpy as np
 from magphonon import MagneticRepulsion, propagate, read_scene, units as u
 from magphonon.lattices import half_hexagon
 from magphonon.plotting import panels, plot_snapshot
-from magphonon.waves import site
+from magphonon.waves import burst_setup
 
 cell = read_scene('prototype').atoms()
 patch = half_hexagon(cell, side=300 * u.mm)
-where = site(cell, patch, 'point')
+where = burst_setup(cell, patch, 'point')
 burst = where.burst((0, 1), 2.5e-4 * u.N, 2 * np.pi * 40 * u.Hz, 5)
 times = np.linspace(0, 150, 4) * u.ms
 

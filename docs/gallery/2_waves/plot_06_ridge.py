@@ -9,13 +9,13 @@ import numpy as np
 
 from magphonon import MagneticRepulsion, plot_wave, read_scene, units as u
 from magphonon.lattices import half_hexagon
-from magphonon.waves import send, site, waves
+from magphonon.waves import burst_setup, run_burst, waves
 
 cell = read_scene('prototype').atoms()
 patch = half_hexagon(cell, side=300 * u.mm)
 patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.foundation)
-where = site(cell, patch, 'point')
+where = burst_setup(cell, patch, 'point')
 burst = where.burst((1, 0), 2.5e-4 * u.N, 2 * np.pi * 40 * u.Hz, 5)
-passage = send(patch, where, burst, damping=4 / u.s, duration=500 * u.ms)
+passage = run_burst(patch, where, burst, damping=4 / u.s, duration=500 * u.ms)
 ax = plot_wave(waves(passage.row, cell, 'point')[0])
 ax.figure.savefig('ridge.png')

@@ -8,13 +8,13 @@ Tolerances of force, exponent, foundation and mass become ribbons of two standar
 import numpy as np
 
 from magphonon import analytic_bands, read_scene, units as u
-from magphonon.design import Change, Tolerances, exponent_change, force_change, frequency_spread
+from magphonon.design import StiffnessDerivative, Tolerances, exponent_change, force_change, frequency_spread
 from magphonon.plotting import plot_band_ribbons
 
 cell = read_scene('prototype').atoms()
 law = cell.calc.law
-changes = {'force': Change(law=force_change(law)), 'exponent': Change(law=exponent_change(law, 10 * u.mm)),
-           'mass': Change(mass=1.0)}
+changes = {'force': StiffnessDerivative(law=force_change(law)),
+           'exponent': StiffnessDerivative(law=exponent_change(law, 10 * u.mm)), 'mass': StiffnessDerivative(mass=1.0)}
 tolerances = Tolerances(changes, np.diag([0.05, 0.03, 0.02])**2)                 # relative standard deviations
 path = cell.cell.bandpath('GMKG', npoints=120, pbc=cell.pbc)
 ax = None
