@@ -1,0 +1,25 @@
+"""
+When an ion chain turns zigzag
+==============================
+
+A chain of charges a apart in a trap of stiffness k: its waves across the axis.  Fishman et al. (arXiv:0710.1831) find the zigzag
+at k = 7 zeta(3)/2 in units of Q^2/a^3, 4.207.  All of it is D*: for D0 alone ions do not feel each other across the axis.
+"""
+
+import numpy as np
+
+from magphonon import AllNeighbours, InversePower, analytic_bands, foundation_needed, lattices
+from magphonon.plotting import legend_above, new_axes
+
+chain = lattices.chain(spacing=1.0, mass=1.0)
+q = np.linspace(0, 0.5, 101)[:, None] * [1, 0, 0]
+ax = new_axes()
+for k, line in ((6.0, '-'), (7 * 1.2020569 / 2, '--')):
+    chain.calc = AllNeighbours(chain, InversePower(b=1.0, a=2.0), foundation=k)      # Coulomb's law
+    across = analytic_bands(chain, q).omega[:, 0]
+    ax.plot(2 * q[:, 0], across, line, label=f'$D^0 + D^*$, k = {k:.3f}')
+    ax.plot(2 * q[:, 0], np.full(len(q), np.sqrt(k)), line, label=f'$D^0$ alone, k = {k:.3f}')
+print(f'the chain is straight above k = {foundation_needed(chain).k:.6f}')
+ax.set(xlabel=r'$q a/\pi$', ylabel=r'$\omega$ across the axis', xlim=(0, 1), ylim=0)
+legend_above(ax)
+ax.figure.savefig('zigzag.png')

@@ -1,0 +1,28 @@
+"""
+A net stiff by its tension
+==========================
+
+A honeycomb of springs has three bonds at a node, fewer than the four that make a plane stiff: by D0 its shear modulus is zero, as
+in question 4 to RigidPy on GitHub.  Stretched, it is stiff by D*.  Circles: the closed form, its sublattices at rest.
+"""
+
+import numpy as np
+
+from magphonon import PairCalculator, Spring, lattices, sound_speeds
+from magphonon.plotting import legend_above, new_axes
+
+cell, stretch = lattices.honeycomb(spacing=1.0, mass=1.0), np.linspace(0.01, 0.6, 30)
+ax = new_axes()
+for model, line in (('complete', '-'), ('conventional', '--')):
+    speeds = []
+    for e in stretch:
+        cell.calc = PairCalculator(cell, Spring(k=1.0, L0=1.0 - e))
+        speeds.append(sound_speeds(cell, model=model))
+    name = '$D^0 + D^*$' if model == 'complete' else '$D^0$ alone'
+    ax.plot(stretch, np.array(speeds)[:, 0], line, label=f'shear, {name}')
+    ax.plot(stretch, np.array(speeds)[:, 1], line, label=f'longitudinal, {name}')
+t = stretch[2::3]                                                               # stiffness across a bond, tension over length
+ax.plot(t, np.sqrt(3 / 4 * t + 3 / 8 * t * (1 - t) / (1 + t)), 'ko', fillstyle='none', label='closed form')
+ax.set(xlabel='stretch of the bonds', ylabel='speed of sound', xlim=(0, 0.6), ylim=0)
+legend_above(ax)
+ax.figure.savefig('tissue.png')
