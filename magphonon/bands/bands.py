@@ -186,8 +186,8 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: str | 
     array([ 2., 22.])
     >>> (analytic_bands(cell, path, 'conventional').omega[1] ** 2).round(10)  # 2 a and 6 a
     array([ 8., 24.])
-    >>> float(analytic_bands(cell, [[0.25, 0.0, 0.0]]).omega.max().round(6))  # a longitudinal wave four rows long
-    3.464102
+    >>> float(analytic_bands(cell, [[0.25, 0.0, 0.0]]).omega.max().round(6))  # a longitudinal wave: sqrt(3 a - 1)
+    3.316625
     >>> large = cell.repeat((15, 15, 1))
     >>> large.calc = cell.calc.on(large)
     >>> analytic_bands(large, large.cell.bandpath('GM', npoints=3, pbc=large.pbc), branches=4).omega.shape  # of 450 branches

@@ -66,8 +66,8 @@ class Cable(Spring):
     --------
     >>> from magphonon import Cable
     >>> cable = Cable(k=2.0, L0=10.0)
-    >>> float(cable.dphi(10.5)), float(cable.dphi(9.5)), float(cable.d2phi(9.5))
-    (1.0, 0.0, 0.0)
+    >>> float(cable.dphi(10.5)), float(cable.d2phi(10.5)), float(cable.d2phi(9.5))
+    (1.0, 2.0, 0.0)
     """
 
     card: ClassVar[Card] = Card(kinds=(Kind('cable', 'Cables between neighbours, which pull and do not push.', _KEYS,
