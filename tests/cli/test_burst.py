@@ -141,7 +141,7 @@ def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, caps
 def test_the_time_steps_take_as_many_threads_as_were_asked_for(scene_file, tmp_path, capsys, monkeypatch):
     asked = []
 
-    def dynamics(*_, threads):
+    def dynamics(*_, threads, **_others):
         asked.append(threads)
         raise ValueError('seen enough')
 
