@@ -6,11 +6,10 @@ import pickle
 import numpy as np
 import pytest
 from cells import LAW, triangular_patch
-from oracles import LAWS, lattice, small_cluster
+from oracles import LAWS, lattice
 from scipy import sparse
 
 from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, units as u
-from magphonon.interactions.pair_laws import repulsion
 
 # As a part of ASE
 
@@ -112,29 +111,12 @@ def test_bonds_of_another_structure_are_refused():
         MagneticRepulsion(lattice('triangular'), LAW, bonds=triangular_patch().calc.bonds)
 
 
-def test_ases_optimiser_finds_the_rest_configuration():
-    from ase.optimize import BFGS
-
-    atoms = triangular_patch(foundation=0.02)
-    BFGS(atoms, logfile=None, alpha=LAW.d2phi(10.0)).run(fmax=1e-10)
-    # fmax over the softest stiffness, the foundation
-    assert abs(atoms.calc.displacements(atoms)).max() < 2 * 1e-10 / 0.02
-
-
 def test_fixed_particles_keep_their_forces_for_those_who_ask():
     patch = lattices.hexagon(lattice('triangular'), 30)
     patch.calc = MagneticRepulsion(patch, LAW)
     rim = patch.get_tags() == lattices.RIM
     assert not patch.get_forces()[rim].any()
     assert np.linalg.norm(patch.get_forces(apply_constraint=False)[rim], axis=1).min() > 0
-
-
-def test_a_cluster_balances_no_momentum():
-    cluster = small_cluster()
-    cluster.calc = MagneticRepulsion(cluster, LAW, cutoff=13.0)
-    forces = cluster.get_forces()
-    assert abs(forces).max() > repulsion(LAW, 13.0)  # an expanding cluster
-    assert abs(forces.sum(axis=0)).max() < 1e-14 * abs(forces).max() * len(cluster)
 
 
 def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():

@@ -80,14 +80,6 @@ def test_a_database_keeps_every_bit(name, tmp_path):
                               atoms.calc.get_forces(atoms))
 
 
-def test_a_calculator_goes_on_after_a_restart(tmp_path):
-    """Relaxed halfway, written, and relaxed on: the rest is that of one run."""
-    atoms = patch(2)
-    ase.io.write(tmp_path / 'a.traj', atoms)
-    through, resumed = relaxed(atoms), relaxed(restored(ase.io.read(tmp_path / 'a.traj')))
-    assert np.array_equal(through.atoms.positions, resumed.atoms.positions)
-
-
 LAWS_OF_MAGNETS = [*OWN.values(), magnet_law(Sphere(8.0, 1.2)), magnet_law(Cuboid(4.0, 6.0, 5.0, 1.1)),
                    UprightMagnets(OWN['table'])]
 

@@ -11,7 +11,6 @@ from magphonon import (
     InversePower,
     MagneticRepulsion,
     Yukawa,
-    analytic_bands,
     finite_displacements,
     lattices,
     phonopy_bands,
@@ -20,7 +19,6 @@ from magphonon import (
 )
 from magphonon.bands import band_path
 from magphonon.bands.bloch import bloch_modes
-from magphonon.interactions import UprightMagnets
 from magphonon.stiffness.matrices import bloch_series
 
 LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a=2.0), (1, 1): Yukawa(c=20.0, kappa=0.3)}
@@ -29,18 +27,6 @@ LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a
 
 def apart(found, expected):
     return abs(found - expected).max() / abs(expected).max()
-
-
-def test_upright_magnets_of_different_kinds_and_strengths_have_the_same_bands_by_both_methods():
-    cell = lattice('honeycomb')
-    cell.set_tags([0, 1])
-    laws = {pair: UprightMagnets(law) for pair, law in LAWS.items()}
-    cell.calc = MagneticRepulsion(cell, laws, foundation=[[0.3, 0.3, 0.9]], strengths=[1.0, 0.9], shells=2)
-    path = band_path(cell, npoints=4)
-    exact = analytic_bands(cell, path).omega
-    assert apart(phonopy_bands(finite_displacements(cell), path).omega, exact) < 1e-8
-    cell.calc = MagneticRepulsion(cell, laws, foundation=[[0.3, 0.3, 0.9]], shells=2)
-    assert apart(analytic_bands(cell, path).omega, exact) > 1e-3
 
 
 def test_particles_that_are_alike_have_the_one_law_and_one_number():
@@ -53,21 +39,6 @@ def test_particles_that_are_alike_have_the_one_law_and_one_number():
         assert isinstance(calc.foundation, float)
         with pytest.raises(ValueError, match='read-only'):
             calc.strengths[0] = 2.0
-
-
-def test_springs_of_their_own_in_sums_over_all_neighbours():
-    cell = lattice('honeycomb')
-    springs = np.array([[0.1, 0.2], [0.3, 0.4]])
-    cell.calc = AllNeighbours(cell, LAWS[0, 0], foundation=springs)
-    q = np.array([[0.1, 0.3, 0.0]])
-    bare = AllNeighbours(cell, LAWS[0, 0]).bloch_matrix(q)
-    assert np.allclose(cell.calc.bloch_matrix(q) - bare, np.diag(springs.ravel()), atol=1e-14)
-    double = cell.repeat((2, 1, 1))
-    assert np.array_equal(cell.calc.on(double).foundation, np.tile(springs, (2, 1)))
-    there = cell.copy()
-    there.positions[:, :2] += 1e-3
-    force = cell.calc.get_forces(there) - AllNeighbours(cell, LAWS[0, 0]).get_forces(there)
-    assert np.allclose(force[:, :2], -1e-3 * springs, rtol=1e-9)
 
 
 @pytest.mark.parametrize(('given', 'words'), [
