@@ -18,6 +18,7 @@ PILLAR = 3 * 71e9 * (np.pi * 7.9375e-4**4 / 4) / 0.15**3  # N/m
 MASS, L, A = 7.07e-4, 0.01, 4.5824
 FORCE = 1.6209e-10 * L**-A
 CHARGE = np.sqrt(3.3e-20 * 4 * np.pi * 8.8541878128e-12) / 1.602176634e-19
+ZIGZAG = 3.5 * 1.2020569031595942 * 1.602176634e-19**2 / (4 * np.pi * 8.8541878128e-12 * 5e-6**3)  # N/m
 ROD = 33 / 140 * 2700 * np.pi * 7.9375e-4**2 * 0.15 / MASS
 
 
@@ -63,6 +64,8 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
              'less `0.040` = m W^2': lambda: MASS * 7.5**2},
     'honeycomb': {"prototype's `20` N/m": lambda: PILLAR},
     'ideal': {'as `120` and': lambda: 19.0985931710274 * 2 * np.pi, '`400` rad/s': lambda: 63.6619772367581 * 2 * np.pi},
+    'ions': {'threshold of `7.765e-12` N/m': lambda: ZIGZAG, 'trap of `1.8` MHz': lambda:
+             1e-6 * np.sqrt(1.1 * ZIGZAG / 6.64e-26) / (2 * np.pi)},
     'layer': {'`12 000` elementary': lambda: CHARGE,
               'above `1.11e-9`': lambda: reference()['layer']['gate'][0] ** 2 * 3.3e-20 / 8e-4**3},
     'measured': {'`19.6757` N/m': lambda: PILLAR, 'neighbours, `17.3` mm': lambda: 10 * np.sqrt(3)},
@@ -91,6 +94,7 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
               '`55` N per contact': lambda: 4 / 3 * 206e9 / (2 * (1 - 0.3**2)) * np.sqrt(0.02 / 4) * 3e-6**1.5,
               '`7800` kg/m^3': lambda: 0.03268 / (np.pi / 6 * 0.02**3)},
     'thermal': {'temperature_J = `2.369e-5`': lambda: FORCE * L / 100},
+    'tissue': {'stretched by `11` %': lambda: 100 * (1e-5 / 9e-6 - 1)},
     'tolerances': {'chosen: `50` um': lambda: 1e6 * 0.5e-2 * L,
                    'to `0.6` %': lambda: 100 * np.sqrt(np.array([0.095, x := -0.0045 * A * np.log(L)])
                                                      @ [[1, -0.998], [-0.998, 1]] @ [0.095, x])},
