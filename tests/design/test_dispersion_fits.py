@@ -7,6 +7,7 @@ from scipy.linalg import inv, sqrtm
 from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.design import StiffnessDerivative, fit_dispersion
 from magphonon.design.dispersion_fits import residuals_of
+from magphonon.plotting import plot_band_fits
 from magphonon.waves import RidgePoints
 
 
@@ -40,3 +41,6 @@ def test_residuals_are_whitened_by_the_covariance():
     assert abs(found - expected).max() < 1e-5  # the slope is one of differences
     plain = (others.omega - points_of(others.xi, 0 * xi)[0].omega) / others.sigma_omega
     assert abs(plain - expected).max() > 0.3  # the control: as if the points shared nothing
+    drawn = plot_band_fits(points, {'complete': (build(fit.by_name)[0], fit)}).axes[0].lines
+    (x, f) = next(line.get_data() for line in drawn if len(line.get_xdata()) > 100)
+    assert f == pytest.approx(np.sqrt((k + A * (1 - np.cos(x))) / m) * 1e3 / (2 * np.pi), rel=1e-6)
