@@ -8,38 +8,10 @@ from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
-from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analytic_bands, critical_foundation, lattices, verdict
+from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, critical_foundation, lattices, verdict
 from magphonon.stability import critical_spacing, critical_support, frequency_shifts, stability_boundary, verdicts
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness.matrices import hessian
-
-
-@pytest.mark.parametrize(('lattice', 'a', 'needed'), [
-    # in units f(L0)/L0, nearest neighbours; triangular max(0, 2 (3 - a)), square and chain 4 whatever a
-    ('triangular', 2.0, 2.0), ('triangular', 2.5, 1.0), ('triangular', 3.0, 0.0), ('triangular', 4.0, 0.0),
-    ('square', 2.0, 4.0), ('square', 4.0, 4.0), ('chain', 4.0, 4.0),
-])
-def test_foundation_needed(lattice, a, needed):
-    atoms = getattr(lattices, lattice)(2.0, 0.7)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(b=3.0, a=a), foundation=0.1)
-    unit = 3.0 * 2.0**-a / 2.0
-    assert_allclose(critical_foundation(atoms)[0], needed * unit, atol=1e-10 * unit)  # round-off: 1e-12 of the largest one
-    assert critical_foundation(atoms, model='conventional')[0] == 0.0  # the control: it hides every instability
-
-
-@pytest.mark.parametrize('lattice', ['square', 'honeycomb', 'kagome'])
-def test_foundation_needed_is_where_the_bands_touch_zero(lattice):
-    atoms = getattr(lattices, lattice)(1.0, 1.0)
-    law = InversePower(b=1.0, a=4.0)
-    atoms.calc = MagneticRepulsion(atoms, law)
-    needed, _ = critical_foundation(atoms)
-    path = atoms.cell.bandpath('GMG' if lattice == 'kagome' else None, npoints=60, pbc=atoms.pbc)
-    lowest = {}
-    for share in (0.999, 1.001):
-        atoms.calc = MagneticRepulsion(atoms, law, foundation=share * needed)
-        lowest[share] = analytic_bands(atoms, path).omega.min()
-    assert lowest[0.999] < 0 < lowest[1.001]
-
 
 # --- the verdict -----------------------------------------------------------------------------------------------------
 
@@ -81,19 +53,6 @@ def test_balanced_by_a_constant_force():
     assert (found.residual, found.case.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet: the outer two cancel
     assert 'as large as the force in a bond' in found.faults[0]
     assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
-
-
-@pytest.mark.parametrize('n', [8, 12])
-def test_patch_by_lanczos_and_whole(n, monkeypatch):
-    """The rim of a patch stiffens it: it needs less than the lattice, the less the smaller it is; both solvers agree."""
-    patch = lattices.parallelogram(lattices.triangular(1.0, 1.0), n, n)
-    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 2.0))
-    needed = []
-    for dense in (10_000, 10):
-        monkeypatch.setattr('magphonon.stiffness.lowest.DENSE', dense)
-        needed.append(critical_foundation(patch)[0])
-    assert needed[1] == pytest.approx(needed[0], rel=1e-6)
-    assert 1.0 < needed[0] < 2.0
 
 
 @pytest.mark.parametrize('seed', [0, 9])  # at 9 Lanczos iterations on the matrix itself, to 1e-4, are 4e-3 short
@@ -163,18 +122,6 @@ def test_supports_out_of_the_plane(lattice, wave, alone):
     found = verdict(atoms)
     assert found.supports.wave is found.supports.alone is None
     assert_allclose(found.supports.central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
-
-
-def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
-    # two dipoles normal to the plane at height difference z: U = c (1/d^3 - 3 z^2/d^5), c = mu0 m^2/(4 pi)
-    law = InversePower.dipoles(moment=500.0)
-    c, z = law.b / 3, 1e-3 * 10.0
-    d = np.hypot(10.0, z)
-    U = [c * (1 / d**3 - 3 * z**2 / d**5), c / 10.0**3]
-    pair = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
-    pair.set_constraint(FixAtoms([0]))
-    pair.calc = MagneticRepulsion(pair, law).balanced([1])
-    assert critical_support(pair)[1] == pytest.approx(-2 * (U[0] - U[1]) / z**2, rel=1e-4)  # the next order: (z/r)^2
 
 
 @pytest.mark.parametrize('steps', [None, 12, 5])
