@@ -59,10 +59,7 @@ def check(scene: Scene) -> None:
     if isinstance(scene.law.shells, int) and scene.law.shells > MOST_SHELLS:
         raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
                          f"use '{ALL}', the sum over all neighbours")
-    if scene.foundation is not None and scene.foundation.leans:
-        _lean(scene)
-    if scene.foundation is not None and scene.foundation.modulation is not None:
-        _modulation(scene)
+    _supports(scene)
     if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
         _gyration(scene)
     calc: Any = scene.perfect_cell().calc
@@ -80,6 +77,16 @@ def check(scene: Scene) -> None:
         except ValueError as error:
             faults.append(fault(scene, error))
     raise_all(faults)
+
+
+def _supports(scene: Scene) -> None:
+    if scene.trap is not None and (not scene.finite or scene.foundation is not None or isinstance(scene.law, SavedLaw)):
+        raise ValueError('trap: it holds a finite structure from a file, without [foundation] and with a law that the scene '
+                         'tells; take it out, or these')
+    if scene.foundation is not None and scene.foundation.leans:
+        _lean(scene)
+    if scene.foundation is not None and scene.foundation.modulation is not None:
+        _modulation(scene)
 
 
 def _modulation(scene: Scene) -> None:

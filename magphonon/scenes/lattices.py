@@ -25,6 +25,7 @@ from .fields import (
     Mass,
     NotNegative,
     Number,
+    Point,
     Positive,
     Pressure,
     Spacing,
@@ -242,6 +243,26 @@ class Foundation(Table):
     def moving_mass(self) -> float:
         """Mass of the pillar that moves with each particle, in g."""
         return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0
+
+
+class Trap(Table):
+    """One trap for all particles of a finite structure, as of ions: springs that are slack at its centre, in place of
+    [foundation]; the particles move to rest in it.
+    """
+
+    stiffness_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] = Field(
+        description='the stiffness in N/m that draws each particle to the centre', examples=[2.6e-12])
+    stiffness_y_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] | None = Field(
+        None, description='the same along y, where stiffness_N_per_m is that along x', examples=[2e-11])
+    centre_m: Point = Field((0.0, 0.0), description='its place [x, y] in m', examples=[[0.0, 0.0]])
+    gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
+        0.0, description='charge times magnetic field over mass in rad/s, as of a Penning trap', examples=[1e6])
+
+    def sites(self, particles: int) -> dict[str, Any]:
+        """Foundation, anchors and gyration, as arguments of the calculator."""
+        k = np.array([[self.stiffness_N_per_m, self.stiffness_y_N_per_m or self.stiffness_N_per_m]]) * u.N / u.m
+        return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (particles, 1)),
+                'gyration': self.gyration_rad_per_s / u.s}
 
 
 class PatchTable(Table):

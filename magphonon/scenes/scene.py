@@ -41,7 +41,7 @@ from ..stiffness.rest import freedom
 from ..stiffness.site_laws import of_sites
 from .consistency import check
 from .fields import Table, Text, listed, reason
-from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell
+from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell, Trap
 from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
 from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
@@ -82,6 +82,7 @@ class Scene(Table):
     law: Law = Field(description='a table [law]')
     laws_of_kinds: Annotated[tuple[LawOfKinds, ...], listed] = ()
     foundation: Foundation | None = None
+    trap: Trap | None = None
     patch: Patch | None = None
     bands: BandPlan | None = None
     frf: FrfPlan | None = None
@@ -222,6 +223,8 @@ class Scene(Table):
                 atoms.calc = leaning(atoms.calc, self.foundation.height)
             except ValueError as error:
                 raise ValueError(f'foundation.pillar.lean: {error}') from None
+        if self.trap is not None:
+            return relaxed(atoms).atoms
         return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
 
     def with_lean(self, lean: bool) -> Scene:
@@ -271,7 +274,8 @@ class Scene(Table):
         foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
         if self.foundation:
             foundation = self.foundation.springs(foundation)
-        sites = {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
+        sites = {'foundation': foundation} if self.trap is None else self.trap.sites(len(atoms))
+        sites |= {'strengths': atoms.arrays['strength']} if atoms.has('strength') else {}
         gyration = getattr(self.lattice, 'gyration_rad_per_s', 0.0) / u.s
         spatial = atoms.pbc.all() or (self.foundation is not None and self.foundation.out_of_plane is not None)
         return sites | ({'gyration': gyration} if gyration else {}) | ({} if spatial else {'dim': 2})

@@ -79,6 +79,8 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
                    '`33.76` Hz': lambda: hertz(4.5e4), '`244.9` rad/s': lambda: np.sqrt(6e4),
                    '`38.98` Hz': lambda: hertz(6e4), 'ratio of `2.8` %': lambda: 100 * 12 / (2 * np.sqrt(4.5e4)),
                    '`0.05` Hz apart': lambda: (64 - 16) / 960, 'by `0.8` % of L0': lambda: 100 * 20 / (12 * np.sqrt(4.5e4))},
+    'penning': {'chosen: `1.01` MHz': lambda: 1e-6 * np.sqrt(6e-13 / 1.4965e-26) / (2 * np.pi),
+                'chosen: `6.4` MHz': lambda: 4e1 / (2 * np.pi)},
     'prototype': {'`19.6757` N/m': lambda: PILLAR, 'cut-off of `26.55` Hz': lambda: hertz(PILLAR / MASS),
                   '`0.2` Hz apart': lambda: 50 / 250, 'peaks `0.6` Hz wide': lambda: 4 / (2 * np.pi)},
     'rings': {'is `59` % above': lambda: 100 * (repulsion(read_scene('rings').law.potential(), 10.0) / FORCE - 1),
