@@ -13,7 +13,7 @@ PAPER = ('Weijian Jiao and Stefano Gonella', 'Dynamics of interacting particle s
 PARTS = {'paper': 'The paper', 'beyond': 'Beyond the paper', 'tests': 'Tests of the package itself'}
 """Parts of the report; the last is folded."""
 FORMULAS = "the paper's formulas, evaluated in 50-digit arithmetic (reference.toml)"
-SHORTENED = ('speed_accuracy',)
+SHORTENED = ('speed_accuracy', 'design_sites')
 """Workflows that are shorter with --quick, and when all are run."""
 
 
@@ -103,6 +103,7 @@ CHAPTERS = (
     Chapter('nonlinearity', 'beyond', 'perturbation theory in closed form'),
     Chapter('noise', 'beyond', 'closed forms of the branches, and a Laplace integral of 36 magnets'),
     Chapter('design', 'beyond', "the paper's prototype, and closed forms of the spacing"),
+    Chapter('design_sites', 'beyond', 'a solver of its own, time steps, and Bloch waves in numpy alone'),
     Chapter('sites', 'beyond', 'closed forms of chains, the theory written out for small supercells, transfer matrices'),
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),
     Chapter('losses', 'beyond', 'closed forms of the prototype and of a chain'),

@@ -51,3 +51,4 @@ from .uncertainty import (
     frequency_spread as frequency_spread,
     response_spread as response_spread,
 )
+from .verification import Verification as Verification, by_time_steps as by_time_steps, verify as verify

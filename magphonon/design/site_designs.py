@@ -45,6 +45,7 @@ IN_STEPS = 5  # from the first parameters to those that are far
 RESTARTS = 3  # of L-BFGS-B, after it met designs that buckle
 FIRST = 0.05  # standard deviation of the parameters at a start, of half the width of their bounds
 AT_BOUND = 1e-6  # of the width
+SAME = 1e-6  # relative difference of a factor from a part that it is
 FAR = 10.0  # how much worse than the best a design is said to be that buckles
 TOLERATED = 1e-6  # by which a constraint may be missed
 REGULAR = 1e-12  # stiffness added to every direction, as a fraction of the largest, because free translations have none
@@ -111,7 +112,7 @@ class Variables:
         self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(np.asarray(sites, int))
         if not over or not (len(self.sites) or set(over) & set(LATTICE)):
             raise ValueError('nothing may vary: name a parameter in over=, and at least one site that is free')
-        group = self.sites if groups is None else np.asarray(groups, int)[self.sites]
+        self.groups, group = groups, self.sites if groups is None else np.asarray(groups, int)[self.sites]
         self._group = np.unique(group, return_inverse=True)[1]
         self.over, self._parts, low, high = dict(over), {}, [], []
         count = int(self._group.max(initial=-1)) + 1
@@ -177,11 +178,16 @@ class Variables:
             found[part] = np.stack([np.bincount(self._group, column) for column in columns], axis=1).ravel()
         return self.half * found
 
-    def rest(self, x: NDArray[np.float64], model: str = 'complete', draw: Draw | None = None) -> Rest:
-        """The structure at rest; Unstable if it has none that is stable, near the first positions."""
+    def still(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Displacements to the rest without scatter, from which that of each draw is not far; shape (particles, dim)."""
+        return self._rest(x, 'complete', Draw(), None)[1]
+
+    def rest(self, x: NDArray[np.float64], model: str = 'complete', draw: Draw | None = None,
+             near: NDArray[np.float64] | None = None) -> Rest:
+        """The structure at rest; Unstable if it has none that is stable, near the first positions or displacements from them."""
         draw = draw or Draw()
         try:
-            return self._rest(x, model, draw, None)[0]
+            return self._rest(x, model, draw, near)[0]
         except Unstable:
             u = None
             for share in np.linspace(0, 1, IN_STEPS + 1)[1:]:
@@ -271,8 +277,8 @@ class SiteDesign:
         The soft minimum over the draws; the value itself without them.
     history : tuple of float
         The best value so far at each evaluation, of the best start.
-    starts : tuple of float
-        The value that each start reached: how far local optima differ.
+    starts, given_by_starts : tuple of float
+        What each start promised, without scatter, and what it gives in the complete model: how far local optima differ.
     slopes : dict
         Derivatives of the value by strength, spring, mass and foot of each site (`SiteSlopes.of`).
     buckled : int
@@ -293,6 +299,7 @@ class SiteDesign:
     robust: float
     history: tuple[float, ...]
     starts: tuple[float, ...]
+    given_by_starts: tuple[float, ...]
     slopes: dict[str, Any]
     buckled: int
     given: float
@@ -417,9 +424,8 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     for k in range(whole('starts', starts)):
         x = variables.present + FIRST * rng.normal(size=len(variables)) if start is None or k else np.asarray(start, float)
         found.append(_Ascent(task, np.clip(x, -1, 1), np.zeros(len(variables), bool), constraints, report).run(steps))
-    best = max(found, key=lambda one: one[1])
-    x, value, history = best
-    design = _design(task, x, value, history, tuple(one[1] for one in found))
+    x, value, history = max(found, key=lambda one: one[1])
+    design = _design(task, x, value, history, [one[0] for one in found])
     if not compare or model == 'conventional':
         return design
     alone = optimise(atoms, objective, over, model='conventional', sites=sites, groups=groups, robust=robust, steps=steps,
@@ -440,8 +446,9 @@ class _Task:
 
     def __call__(self, x):
         values, slopes = [], []
+        near = self.variables.still(x) if len(self.draws) > 1 else None
         for draw in self.draws:
-            value, slope = self.one(self.objective.tuned(draw.frequency), x, draw)
+            value, slope = self.one(self.objective.tuned(draw.frequency), x, draw, near)
             values.append(value)
             slopes.append(slope)
         value, share = soft_minimum(np.array(values), self.width)
@@ -454,9 +461,9 @@ class _Task:
         system = self.variables.rest(x).system
         return not softest_of(system, 'complete', foundation=common_spring(system)).needed
 
-    def one(self, objective, x, draw=None):
+    def one(self, objective, x, draw=None, near=None):
         v = self.variables
-        rest = v.rest(x, self.model, draw)
+        rest = v.rest(x, self.model, draw, near)
         value, slope = objective.value_and_slope(rest)
         return value, v.gradient(x, SiteSlopes(rest.system).of(slope, v.kept if 'exponent' in v.over else None))
 
@@ -536,16 +543,21 @@ class _Ascent:
         return self._at[1], self._at[2]
 
 
-def _design(task, x, value, history, starts):
+def _design(task, x, robust, history, all_starts):
     """What is known of the parameters that were found."""
-    v = task.variables
-    rest, truth = v.rest(x, task.model), v.rest(x)
-    alone, slope = task.objective.value_and_slope(rest)
-    given = task.objective.value(truth) if task.model != 'complete' else alone
-    value, alone = float(value), float(alone)
-    return SiteDesign(truth.system.atoms, task.objective, v, x, task.model, alone,
-                      task.objective.value(v.rest(v.present, task.model)), value, history, starts,
-                      SiteSlopes(rest.system).of(slope), task.buckled, float(given))
+    v, rest = task.variables, task.variables.rest(x, task.model)
+    value, slope = task.objective.value_and_slope(rest)
+
+    def of(x, model):
+        try:
+            return task.objective.value(v.rest(x, model))
+        except Crossing:  # as by symmetry, of the structure as it was given
+            return np.nan
+
+    return SiteDesign(v.rest(x).system.atoms, task.objective, v, x, task.model, float(value), of(v.present, task.model),
+                      float(robust), history, tuple(of(x, task.model) for x in all_starts),
+                      tuple(of(x, 'complete') for x in all_starts), SiteSlopes(rest.system).of(slope), task.buckled,
+                      of(x, 'complete'))
 
 
 def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust | None = None, steps: int = 20,
@@ -588,7 +600,7 @@ def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust 
         x, _, more = _Ascent(task, x, fixed).run(steps)
         history += more
     x, value = _exchanged(task, x, allowed, exchanges)
-    return _design(task, x, value, history, design.starts)
+    return replace(_design(task, x, value, history, [x]), conventional=design.conventional)
 
 
 def _exchanged(task, x, allowed, most):
@@ -648,16 +660,20 @@ def orbits(atoms: Atoms, operations: Sequence[ArrayLike]) -> NDArray[np.int_]:
     return sparse.csgraph.connected_components(sparse.coo_array((np.ones(len(rows)), (rows, columns)), (len(X), len(X))))[1]
 
 
-def write_build_list(path: str | PathLike[str], design: SiteDesign,
-                     tolerances: Mapping[str, NDArray[np.float64]] | None = None) -> None:
-    """Write what to build as CSV in SI: place of each foot, strength, stiffness, mass, whether held, and the tolerance of each.
+def write_build_list(path: str | PathLike[str], design: SiteDesign, tolerances: Mapping[str, NDArray[np.float64]] | None = None,
+                     parts: Mapping[str, ArrayLike] | None = None) -> None:
+    """Write what to build as CSV in SI: place of each foot, strength, stiffness, whether held; the part and tolerance of each.
 
-    Strengths are relative to those of the calculator's law.  A tolerance is that of `SiteDesign.tolerances`, relative.
+    Strengths are relative to those of the calculator's law, stiffnesses are along x.  Parts are numbered from 1 in the order of
+    `parts`, as given to `of_parts`; 0 is none of them.  A tolerance is that of `SiteDesign.tolerances`, relative.
     """
     calc: Any = design.atoms.calc
     x, y, _ = (calc.anchors - design.variables.calc.anchors.mean(axis=0)).T / units.m
     held, springs = ~design.variables.system.mobile, np.broadcast_to(calc.foundation, (len(x), calc.dim)) / (units.N / units.m)
-    columns = {'x_m': x, 'y_m': y, 'strength': calc.strengths, 'stiffness_N_per_m': springs[:, 0], 'held': held.astype(int)}
+    columns = {'x_m': x, 'y_m': y, 'strength': calc.strengths, 'stiffness_N_per_m': springs[:, 0], 'held': held}
+    for name, factors in (parts or {}).items():
+        same = abs(design.values[name][:, None] / np.asarray(factors, float) - 1) < SAME
+        columns[f'part_{name}'] = np.where(same.any(1), 1 + same.argmax(1), 0)
     if tolerances is not None:
         columns |= {f'tolerance_{name}': tolerances[name] for name in ('strength', 'spring')}
     with whole_file(path) as file:

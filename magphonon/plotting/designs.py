@@ -1,0 +1,103 @@
+"""A structure of which every magnet was designed: its parts in colour, the way to them, and how exactly each must be built."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from .axes import COLOURS, in_house_style, letter_panels, new_axes, panels
+from .structures import SIZE, draw_particles, frame, halo, spacing
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from ase import Atoms
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..response.frf import Place
+
+WIDE = 2.2  # diameter of a particle that is coloured, in that of one that is not
+
+
+@in_house_style
+def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str, Place] | None = None, *,
+               ax: Axes | None = None, **look: Any) -> Axes:
+    """One number of each site in colour, and the names of some places; grey where the number is not known.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With its MagneticRepulsion.
+    values : array_like, shape (particles,)
+    label : str
+        Of the bar of colours, with the unit.
+    places : mapping of str to Place, optional
+    ax : matplotlib.axes.Axes, optional
+    **look
+        Of matplotlib's collections, such as `cmap` or `norm`.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene
+    >>> from magphonon.plotting import plot_sites
+    >>> patch = read_scene('ideal').patch_atoms()
+    >>> ax = plot_sites(patch, patch.calc.strengths, 'strength')
+    """
+    ax = new_axes(height=3.0) if ax is None else ax
+    X, values = atoms.positions[:, :2] / units.m, np.asarray(values, float)
+    known = np.isfinite(values)
+    draw_particles(ax, X[~known], WIDE * SIZE * spacing(atoms), facecolors='0.85', edgecolors='none')
+    dots = draw_particles(ax, X[known], WIDE * SIZE * spacing(atoms), **{'cmap': 'viridis', 'linewidths': 0} | look)
+    dots.set_array(values[known])
+    for name, place in (places or {}).items():
+        x, y = X[place.particle]
+        ax.text(x, y, name, ha='center', va='center', fontsize='small', path_effects=halo(2), zorder=4)
+    frame(ax, X, spacing(atoms))
+    ax.figure.colorbar(dots, ax=ax, label=label, shrink=0.8, pad=0.02)
+    return ax
+
+
+@in_house_style
+def plot_design(atoms: Atoms, places: Mapping[str, Place] | None = None, *, axes: NDArray[Any] | None = None) -> NDArray[Any]:
+    """The strength of every magnet and the stiffness of every pillar, in two panels; held magnets have no pillar.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene
+    >>> from magphonon.plotting import plot_design
+    >>> axes = plot_design(read_scene('ideal').patch_atoms())
+    """
+    from ..stiffness.rest import freedom
+
+    row: Any = panels(1, 2, height=2.6)[1][0] if axes is None else axes
+    calc, free = atoms.calc, freedom(atoms)[0]
+    springs = np.broadcast_to(calc.foundation, (len(atoms), calc.dim))[:, 0] / (units.N / units.m)
+    plot_sites(atoms, calc.strengths, 'strength', places, ax=row[0])
+    plot_sites(atoms, np.where(free, springs, np.nan), 'stiffness of the pillar (N/m)', places, ax=row[1], cmap='cividis')
+    row[1].set_ylabel('')
+    row[1].tick_params(labelleft=False)
+    letter_panels(row)
+    return row
+
+
+@in_house_style
+def plot_convergence(histories: Mapping[str, ArrayLike], label: str, *, ax: Axes | None = None) -> Axes:
+    """The best value so far at each evaluation.
+
+    Examples
+    --------
+    >>> from magphonon.plotting import plot_convergence
+    >>> ax = plot_convergence({'complete': [0.0, 20.0, 31.0]}, 'contrast (dB)')
+    """
+    ax = new_axes(height=2.4) if ax is None else ax
+    for (name, history), colour in zip(histories.items(), COLOURS, strict=False):
+        known = np.where(np.isfinite(np.asarray(history, float)), history, np.nan)
+        ax.plot(1 + np.arange(len(known)), known, color=colour, label=name)
+    ax.set(xlabel='evaluations', ylabel=label)
+    if len(histories) > 1:
+        ax.legend(frameon=False)
+    return ax
