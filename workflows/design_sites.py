@@ -208,7 +208,8 @@ def gap(starts=3):
     atoms = design.atoms
     omega = np.sqrt(bench.squares(
         atoms.positions[:, :2] / units.m, atoms.cell.array[:2, :2] / units.m, atoms.calc.strengths,
-        np.asarray(atoms.calc.foundation)[:, 0] / (units.N / units.m), atoms.get_masses() / units.kg, mesh(MESHES[1]))) / (2 * np.pi)
+        np.asarray(atoms.calc.foundation)[:, 0] / (units.N / units.m), atoms.get_masses() / units.kg, mesh(MESHES[1])))
+    omega = omega / (2 * np.pi)
     best = max(alone)
     return [*Four(f'gap above branch {BRANCHES} of a cell of nine (Hz)', *best, promise,
                   omega[:, BRANCHES:].min() - omega[:, :BRANCHES].max(), 1e-3).rows,

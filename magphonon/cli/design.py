@@ -1,13 +1,14 @@
-"""`magphonon design SCENE`: the spacing and the foundation that give the frequencies wanted in [design]."""
+"""`magphonon design SCENE`: the spacing and the foundation that give what [design] wants, or every site of a patch."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
 from .. import units as u
-from .arguments import add_scene
+from .arguments import add_output, add_pictures, add_scene
 
-HELP = 'spacing and foundation for a wanted cut-off, band edge or gap'
+HELP = 'spacing and foundation for a wanted cut-off, band edge or gap; or every magnet of a patch'
+RESULTS = 'design.*', 'design_*.png', 'design_*.pdf', 'design_*.gif'
 TOLERABLE = 0.01
 """Largest shift of a frequency by neighbours left out that a design may have, as a fraction: magnets are set to half a percent of
 the spacing, which moves a frequency by some percent."""
@@ -15,6 +16,9 @@ the spacing, which moves a frequency by some percent."""
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [design]')
+    parser.add_argument('--resume', action='store_true', help='with [[design.targets]]: go on from the design in the directory')
+    add_output(parser)
+    add_pictures(parser, frequencies=False)
 
 
 def run(options: Namespace) -> None:
@@ -23,6 +27,11 @@ def run(options: Namespace) -> None:
 
     scene = read_scene(options.scene).counted()
     plan = scene.wanted('design')
+    if plan.targets:
+        from .site_design import run as run_sites
+
+        run_sites(options, scene)
+        return
     k, designs = plan.solve(scene)
     present = scene.lattice.spacing_m * u.m
     best = min(designs, key=lambda design: abs(design.spacing - present))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .axes import COLOURS, in_house_style, letter_panels, new_axes, panels
+from .axes import COLOURS, in_house_style, legend_of_set, letter_panels, new_axes, panels
 from .structures import SIZE, draw_particles, frame, halo, spacing
 
 if TYPE_CHECKING:
@@ -101,3 +101,40 @@ def plot_convergence(histories: Mapping[str, ArrayLike], label: str, *, ax: Axes
     if len(histories) > 1:
         ax.legend(frameon=False)
     return ax
+
+
+@in_house_style
+def plot_levels(frequencies_Hz: ArrayLike, levels: Mapping[str, Mapping[str, ArrayLike]],
+                marks: ArrayLike = ()) -> NDArray[Any]:
+    """Displacement per force over frequency at several places, one panel for each state of the structure, on one scale.
+
+    Parameters
+    ----------
+    frequencies_Hz : array_like
+    levels : mapping of str to mapping of str to array_like
+        Of each state, such as 'before', and each place, in mm/N.
+    marks : array_like
+        Frequencies in Hz to be marked.
+
+    Examples
+    --------
+    >>> from magphonon.plotting import plot_levels
+    >>> axes = plot_levels([50, 60], {'before': {'A': [1, 2]}, 'designed': {'A': [2, 8]}}, marks=[60])
+    """
+    figure, found = panels(1, len(levels), height=2.6)
+    row: Any = found[0]
+    letter_panels(row, list(levels))
+    for ax, each in zip(row, levels.values(), strict=True):
+        for (name, h), colour in zip(each.items(), COLOURS, strict=False):
+            ax.semilogy(frequencies_Hz, h, color=colour, label=name)
+        for mark in np.ravel(marks):
+            ax.axvline(mark, color='0.7', linewidth=0.8, zorder=0)
+        ax.set(xlabel='frequency (Hz)')
+    ends = np.array([ax.get_ylim() for ax in row])
+    for ax in row:
+        ax.set_ylim(ends.min(), ends.max())
+    row[0].set_ylabel('displacement per force (mm/N)')
+    for ax in row[1:]:
+        ax.tick_params(labelleft=False)
+    legend_of_set(figure)
+    return row

@@ -13,11 +13,13 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .. import units as u
 from ..design.inverse import Design, NoDesign, foundation_for, spacings_for
-from ..design.objectives import BandEdge, Objective, band_gap
+from ..design.objectives import BandEdge, Level, Objective, Rest, Worst, band_gap
+from ..design.site_designs import Robust
 from ..errors import one_of
 from ..response.frf import Dof
 from ..stability.buckling import critical_foundation
-from ..stiffness.rest import freedom
+from ..stiffness.defects import Scatter
+from ..stiffness.rest import LinearSystem, freedom
 from ..waves.ridge_tables import DRIVEN
 from .fields import (
     Angle,
@@ -41,6 +43,7 @@ from .fields import (
     within,
 )
 from .laws import InversePowerLaw
+from .structures import Percent
 from .tolerances import varied
 
 if TYPE_CHECKING:
@@ -54,6 +57,7 @@ if TYPE_CHECKING:
     from .scene import Scene
 
 HERTZ = 2 * np.pi * u.Hz  # one hertz in rad/ms
+WIDTH_dB, FLOOR = 1.0, 1e-3  # of the soft minimum; level below which quieter is no better, in the largest response before
 MESH_POINTS = 24
 """Number of wavevectors along each reciprocal vector among which the ends of a branch are searched for; M and K are among
 them."""
@@ -290,10 +294,72 @@ def _range(value):
     return value
 
 
+Range = Annotated[tuple[Positive, ...], listed, AfterValidator(_range)]
+
+
+class SiteTarget(Table):
+    """A frequency that is to be loud at one place, quiet at another, or both; a target counts by its level in dB."""
+
+    frequency_Hz: Frequency = Field(description='the frequency in Hz of the force of [frf.force]', examples=[60.0])
+    loud: Pick | None = None
+    quiet: Pick | None = None
+
+    @model_validator(mode='after')
+    def _something(self):
+        if self.loud is None and self.quiet is None:
+            raise ValueError(' wants nothing; give [design.targets.loud], [design.targets.quiet] or both')
+        return self
+
+    @property
+    def name(self) -> str:
+        """In messages and names of files, such as '60Hz'."""
+        return f'{self.frequency_Hz:.6g}Hz'
+
+    def level(self, source: Place, patch: Atoms, damping: float, floor: float) -> Objective:
+        """Level in dB of the loud place, less that of the quiet one."""
+        levels = [sign * Level(source, pick.of(patch), self.frequency_Hz * HERTZ, damping, floor)
+                  for sign, pick in ((1, self.loud), (-1, self.quiet)) if pick is not None]
+        return levels[0] + levels[1] if len(levels) > 1 else levels[0]
+
+
+class SiteRanges(Table):
+    """What may vary from site to site, and within which factors."""
+
+    strength: Range | None = Field(None, description='the least and the largest factor of the strength of each magnet',
+                                   examples=[[0.85, 1.15]])
+    spring: Range | None = Field(None, description='the least and the largest factor of the stiffness under each particle',
+                                 examples=[[0.8, 1.25]])
+    mass: Range | None = Field(None, description='the least and the largest factor of the mass of each particle',
+                               examples=[[0.5, 2.0]])
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """As `magphonon.design.optimise` takes them."""
+        return {name: bounds for name in type(self).model_fields if (bounds := getattr(self, name)) is not None}
+
+
+class SiteParts(Table):
+    """Parts that can be bought, as factors; what is not listed may have any value within its range."""
+
+    strength: Annotated[tuple[Positive, ...], listed] = Field((), description='the grades of magnets', examples=[[0.9, 1.0, 1.1]])
+    spring: Annotated[tuple[Positive, ...], listed] = Field((), description='the stiffnesses of pillars',
+                                                            examples=[[0.8, 1.0, 1.2]])
+    mass: Annotated[tuple[Positive, ...], listed] = Field((), description='the masses', examples=[[0.5, 1.0, 2.0]])
+
+
+class SiteScatterPlan(Table):
+    """Scatter from one specimen to the next, against which the design is to hold."""
+
+    strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths in percent', examples=[1.0])
+    stiffness_percent: Percent = Field(0.0, description='the standard deviation of the stiffnesses in percent', examples=[1.0])
+    mass_percent: Percent = Field(0.0, description='the standard deviation of the masses in percent', examples=[1.0])
+    draws: Count = Field(8, description='the number of specimens that are drawn; 24 or more for a design to be built',
+                         examples=[24])
+
+
 class DesignPlan(Table):
     """The wanted frequencies; everything else stays as it is in the scene.
 
-    The foundation follows from the cut-off, the spacing from an edge or a gap.
+    The foundation follows from the cut-off, the spacing from an edge or a gap; with targets every site of the patch is designed.
     """
 
     cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; the foundation follows')
@@ -301,9 +367,20 @@ class DesignPlan(Table):
     gap: GapPlan | None = None
     spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = Field(
         None, description='the least and the largest spacing in m between which one is sought for an edge or a gap')
+    targets: Annotated[tuple[SiteTarget, ...], listed] = ()
+    over: SiteRanges | None = None
+    parts: SiteParts | None = None
+    scatter: SiteScatterPlan | None = None
+    starts: Count = Field(1, description='the number of starts of a design of every site; the best is kept', examples=[3])
+    steps: Count = Field(60, description='the number of iterations of each start', examples=[60])
 
     @model_validator(mode='after')
     def _something(self):
+        if self.targets or self.over:
+            if self.cut_off_Hz or self.spacing_from or not (self.targets and self.over and self.over.bounds()):
+                raise ValueError(' of every site has [[design.targets]] and [design.over] with a range, and neither a cut-off '
+                                 'nor an edge or a gap')
+            return self
         if self.edge is not None and self.gap is not None:
             raise ValueError(' has both [design.edge] and [design.gap], but only one spacing to meet them; keep one of them')
         if self.spacing_from is None and self.cut_off_Hz is None:
@@ -322,6 +399,12 @@ class DesignPlan(Table):
         """Raise ValueError for a point or a branch that the scene's lattice does not have."""
         if scene.single:
             raise ValueError('design is for lattices, not for the oscillator; take [design] out')
+        if self.targets:
+            if scene.patch is None and not scene.finite:
+                raise ValueError('design.targets are responses of a finite structure; add [patch]')
+            if scene.frf is None or scene.frf.force is None or scene.frf.damping_per_s is None:
+                raise ValueError('design.targets are responses to the force of [frf.force], with the damping of [frf]; add them')
+            return
         if self.cut_off_Hz is not None and np.ptp(scene.lattice.cell().get_masses()):
             raise ValueError('design.cut_off_Hz is the frequency of uniform motion, which particles of different masses do not '
                              'have; take it out, and give the foundation')
@@ -332,6 +415,25 @@ class DesignPlan(Table):
         """Stiffness in N/mm: that of the cut-off, or the scene's."""
         atoms = scene.perfect_cell()
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
+
+    def sites(self, scene: Scene) -> tuple[Atoms, Place, Objective, Robust | None]:
+        """The patch, the place of the force, the softly weakest of the targets in dB, and the scatter against which it holds."""
+        patch: Any = scene.counted().patch_atoms()
+        frf = scene.frf
+        try:
+            source = frf.force.of(patch)
+            rest = Rest(LinearSystem.about(patch.calc, patch))
+            omega, damping = self.targets[0].frequency_Hz * HERTZ, frf.damping
+            floor = FLOOR * abs(rest.response(source, omega, damping)).max()
+            levels = tuple(target.level(source, patch, damping, floor) for target in self.targets)
+        except ValueError as error:
+            raise ValueError(f'design.targets or frf.force: {str(error).lstrip(".")}') from None
+        robust = None
+        if self.scatter is not None:
+            s = self.scatter
+            percent = (s.strength_percent, s.mass_percent, s.stiffness_percent)
+            robust = Robust(Scatter(0.0, *(value / 100 for value in percent)), s.draws, WIDTH_dB)
+        return patch, source, Worst(levels, WIDTH_dB), robust
 
     def solve(self, scene: Scene) -> tuple[float, list[Design]]:
         """The foundation in N/mm and every `Design` that meets the table, with a number of shells (`Scene.counted`)."""
