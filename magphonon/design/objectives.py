@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,7 @@ from .scatter import Slope, elongations, form, full_or_sparse
 DECIBEL = 10 / np.log(10)
 HARD = 1e-10  # width, as a fraction of the highest frequency, within which the extremes of a hard edge are equal
 MEETING = 1e-6  # distance of a mode from the next, as a fraction of the largest squared frequency, below which they meet
+CONTRARY = 0.999  # cosine between the slopes of two targets from which what raises one lowers the other
 NEAR = 1e-6  # relative difference of squared frequencies below which a divided difference is a derivative
 STEP = 1e-3  # of squared frequencies, relative, over which that derivative is taken, to fourth order
 
@@ -214,6 +216,14 @@ class Worst(Objective):
     @property
     def frequencies(self) -> set[float]:
         return set().union(*(one.frequencies for one in self.of))
+
+    def doubts(self, rest: Rest) -> list[str]:
+        slopes = [np.concatenate([np.ravel(part) for part in (slope.bonds, slope.springs, slope.masses)])
+                  for slope in (one.value_and_slope(rest)[1] for one in self.of)]
+        return super().doubts(rest) + [
+            f'targets {k + 1} and {m + 1} contradict each other: whatever raises one lowers the other.'
+            for k, m in combinations(range(len(slopes)), 2)
+            if slopes[k] @ slopes[m] < -CONTRARY * np.linalg.norm(slopes[k]) * np.linalg.norm(slopes[m])]
 
 
 def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDArray[np.float64]]:

@@ -13,6 +13,7 @@ from magphonon.design import (
     Margin,
     Robust,
     Variables,
+    Worst,
     of_parts,
     optimise,
     orbits,
@@ -120,7 +121,8 @@ def test_a_build_list(tmp_path):
     atoms = patch()
     design = optimise(atoms, contrast(atoms), OVER, steps=2)
     tolerances = design.tolerances(Robust(Scatter(strength=0.01), draws=2))
-    write_build_list(tmp_path / 'list.csv', design, tolerances)
+    parts = {'strength': [0.5, design.values['strength'][places(atoms)[0].particle]]}
+    write_build_list(tmp_path / 'list.csv', design, tolerances, parts)
     rows = list(csv.DictReader((tmp_path / 'list.csv').read_text().splitlines()))
     assert list(rows[0])[:5] == ['x_m', 'y_m', 'strength', 'stiffness_N_per_m', 'held']
     assert len(rows) == len(atoms)
@@ -130,6 +132,8 @@ def test_a_build_list(tmp_path):
     np.testing.assert_allclose(springs, 20 * design.values['spring'], rtol=1e-8)
     assert [int(row['held']) for row in rows] == np.isin(np.arange(len(atoms)), atoms.constraints[0].index).astype(int).tolist()
     assert min(float(row['tolerance_strength']) for row in rows) > 0
+    assert rows[places(atoms)[0].particle]['part_strength'] == '2'
+    assert {row['part_strength'] for row in rows} == {'0', '2'}
 
 
 def test_a_margin_is_kept():
@@ -187,3 +191,7 @@ def test_hostile_questions():
         optimise(bare, level, {'spring': (0.8, 1.2)})
     far = optimise(atoms, Level(middle, right, 3.0, 0.02), {'strength': (0.9, 1.1)}, steps=2)
     assert any('outside the natural frequencies' in words for words in far.words)
+    torn = optimise(atoms, Worst((level, -1.0 * level)), {'strength': (0.9, 1.1)}, steps=2)
+    assert any('targets 1 and 2 contradict each other' in words for words in torn.words)
+    apart = optimise(atoms, Worst((level, Level(middle, right, 0.5, 0.02))), {'strength': (0.9, 1.1)}, steps=2)
+    assert not any('contradict' in words for words in apart.words)
