@@ -39,7 +39,7 @@ def run(options: Namespace) -> None:
             print(_described(key, width))
     elif options.name is None:
         for name, file in ready_scenes().items():
-            print(f'{name:12}{read_scene(str(file)).title}')
+            print(f'{name:15}{read_scene(str(file)).title}')
     else:
         path = Path(str(ready_scene(options.name)))
         beside = re.compile('^(file = )"(.*?)"', re.MULTILINE)  # a copy of the scene stands elsewhere

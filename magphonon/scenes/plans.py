@@ -95,8 +95,9 @@ class BandPlan(Damped):
 class Pick(Table):
     """A particle of a patch, given by its position, and a direction in the plane."""
 
-    at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken')
-    direction_deg: Angle = Field(description='the direction in degrees from the x axis')
+    at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken',
+                        examples=[[0.03, 0.035]])
+    direction_deg: Angle = Field(description='the direction in degrees from the x axis', examples=[0.0])
 
     def of(self, patch: Atoms) -> Dof:
         """The Place: the particle of a patch that is nearest, and the unit vector of the direction."""
@@ -317,9 +318,12 @@ class SiteTarget(Table):
 
     def level(self, source: Place, patch: Atoms, damping: float, floor: float) -> Objective:
         """Level in dB of the loud place, less that of the quiet one."""
-        levels = [sign * Level(source, pick.of(patch), self.frequency_Hz * HERTZ, damping, floor)
-                  for sign, pick in ((1, self.loud), (-1, self.quiet)) if pick is not None]
-        return levels[0] + levels[1] if len(levels) > 1 else levels[0]
+        def at(pick):
+            return Level(source, pick.of(patch), self.frequency_Hz * HERTZ, damping, floor)
+
+        if self.loud is None:
+            return -1.0 * at(self.quiet)
+        return at(self.loud) if self.quiet is None else at(self.loud) - at(self.quiet)
 
 
 class SiteRanges(Table):
