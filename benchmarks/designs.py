@@ -19,7 +19,7 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, 
 from magphonon.design import BurstEnergy, Level, Variables, Worst, band_gap, optimise
 from magphonon.design.scatter import SiteSlopes
 from magphonon.plotting import new_axes, print_style
-from magphonon.response import Place
+from magphonon.response import Dof
 
 HZ, OVER = 2 * np.pi * u.Hz, {'strength': (0.85, 1.15), 'spring': (0.8, 1.25)}
 LAW, PILLAR = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824), 19.6757 * u.N / u.m
@@ -36,7 +36,7 @@ def task(side=60.0):
     atoms = lattices.hexagon(lattices.triangular(10.0, 0.707), side)
     atoms.calc = MagneticRepulsion(atoms, LAW, foundation=PILLAR)
     X = (atoms.positions - atoms.positions.mean(0))[:, :2] * 60 / side
-    source, a, b = (Place(int(np.hypot(*(X - at).T).argmin()), np.array([1.0, 0, 0]))
+    source, a, b = (Dof(int(np.hypot(*(X - at).T).argmin()), np.array([1.0, 0, 0]))
                     for at in ((-40, 0), (30, 34.64), (30, -34.64)))
 
     def level(port, f):

@@ -25,7 +25,7 @@ from magphonon.design import (
 )
 from magphonon.plotting.axes import COLOURS, panels
 from magphonon.plotting.designs import plot_design
-from magphonon.response import Place
+from magphonon.response import Dof
 from magphonon.stiffness import LinearSystem, Scatter
 
 from . import bench_magnets as bench
@@ -79,7 +79,7 @@ def patch():
     springs[atoms.constraints[0].index] *= PILLARS[2]  # what is held has one of the four pillars, too
     atoms.calc = MagneticRepulsion(atoms, LAW, foundation=springs, cutoff=REACH)
     X = (atoms.positions - atoms.positions.mean(0))[:, :2]
-    return atoms, lambda x, y: Place(int(np.hypot(*(X - [x, y]).T).argmin()), np.array([1.0, 0, 0]))
+    return atoms, lambda x, y: Dof(int(np.hypot(*(X - [x, y]).T).argmin()), np.array([1.0, 0, 0]))
 
 
 def contrast(atoms, at, width=2.0):

@@ -53,33 +53,29 @@ print(found.table('dB', goal=30.0))
 # A design to be built
 # --------------------
 # ``optimise(..., robust=robust)`` makes the worst of many specimens as good as it can, and ``of_parts`` rounds magnets and
-# pillars to those that can be bought, in turns.  That takes some minutes, so here is a design that came out: five strengths,
-# four pillars.  Its table is one of particles, which a scene takes as ``[lattice] kind = "file"``.
+# pillars to those that can be bought, in turns.  That takes some minutes, so here is a design that came out: five strengths, four
+# pillars.  A build list is a table of particles, which every command takes as ``[lattice] kind = "file"``.
 
-from importlib.resources import as_file, files
-
-import numpy as np
-
-from magphonon import MagneticRepulsion, relaxed, units as u
+from magphonon import units as u
 from magphonon.design import Rest
 from magphonon.plotting import plot_design, plot_levels
 from magphonon.stiffness import LinearSystem
 
-with as_file(files('magphonon.data').joinpath('demultiplexer.csv')) as path:
-    x, y, strengths, stiffness, held = np.loadtxt(path, delimiter=',', skiprows=1).T
-built = patch.copy()
-built.calc = MagneticRepulsion(patch, patch.calc.laws, bonds=patch.calc.bonds, strengths=strengths,
-                               foundation=stiffness * u.N / u.m)
-rest = Rest(LinearSystem.of(relaxed(built).atoms))
-print(f'the weaker contrast: {weakest.value(rest):.1f} dB')
+built = read_scene('demux')
+atoms, source, weakest, _ = built.design.sites(built)
+print(f'the weaker contrast: {weakest.value(LinearSystem.of(atoms)):.1f} dB')
 
-ports = {name: target.loud.of(patch) for name, target in zip('AB', scene.design.targets, strict=True)}
-axes = plot_design(rest.system.atoms, {'source': source, **ports})
+ports = {name: target.loud.of(atoms) for name, target in zip('AB', built.design.targets, strict=True)}
+axes = plot_design(atoms, {'source': source, **ports})
 
 # %%
-# The levels at both ports over frequency, before and after.
+# The levels at both ports over frequency: of equal magnets, and of these.
 
-before, omega, damping = Rest(LinearSystem.of(relaxed(patch).atoms)), scene.frf.omega, scene.frf.damping
-levels = {when: {name: [abs(port.seen(one.response(source, w, damping))) for w in omega] for name, port in ports.items()}
-          for when, one in (('before', before), ('designed', rest))}
+equal = read_scene('demultiplexer').patch_atoms()
+levels = {}
+for when, structure in (('equal magnets', equal), ('designed', atoms)):
+    rest, dofs = Rest(LinearSystem.of(structure)), [target.loud.of(structure) for target in built.design.targets]
+    push, omega, damping = built.frf.force.of(structure), built.frf.omega, built.frf.damping
+    levels[when] = {name: [abs(dof.seen(rest.response(push, w, damping))) for w in omega]
+                    for name, dof in zip('AB', dofs, strict=True)}
 axes = plot_levels(u.hertz(omega), levels, marks=[60, 80])

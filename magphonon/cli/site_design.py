@@ -80,7 +80,7 @@ def _many(robust):
 def _draw(scene, design, patch, source, tolerances, folder, save):
     """Parts, levels before and after, the way there, tolerances, and one film for each frequency."""
     from ..design import Rest
-    from ..plotting.animation import animate, period
+    from ..plotting.animation import animate, mode_frames
     from ..plotting.designs import plot_convergence, plot_design, plot_levels, plot_sites
     from ..stiffness.relaxation import relaxed
     from ..stiffness.rest import LinearSystem
@@ -110,5 +110,5 @@ def _draw(scene, design, patch, source, tolerances, folder, save):
         save(plot_sites(design.atoms, tolerable, 'strength: % for 1 dB', places, norm='log').figure, 'design_tolerances')
     for target in plan.targets:
         shape = after.response(source, 2 * np.pi * target.frequency_Hz * u.Hz, frf.damping)
-        animate(folder / f'design_{target.name}.gif', design.atoms, period(shape, frames=FRAMES),
+        animate(folder / f'design_{target.name}.gif', design.atoms, mode_frames(shape, frames=FRAMES),
                 title=f'{target.frequency_Hz:g} Hz')

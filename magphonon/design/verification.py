@@ -140,11 +140,11 @@ def by_time_steps(objective: Objective, atoms: Atoms) -> float:
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.design import Level, by_time_steps
-    >>> from magphonon.response import Place
+    >>> from magphonon.response import Dof
     >>> from magphonon.stiffness import LinearSystem
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 2.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=4.0)
-    >>> level = Level(Place(9, np.array([1.0, 0, 0])), Place(10, np.array([1.0, 0, 0])), 3.0, 0.2)
+    >>> level = Level(Dof(9, np.array([1.0, 0, 0])), Dof(10, np.array([1.0, 0, 0])), 3.0, 0.2)
     >>> round(by_time_steps(level, patch), 2), round(level.value(LinearSystem.of(patch)), 2)  # dB above 1 mm/N
     (-16.1, -16.1)
     """

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
 
-    from ..response.frf import Place
+    from ..response.frf import Dof
 
 WIDE = 2.2  # diameter of a particle that is coloured, in that of one that is not
 
 
 @in_house_style
-def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str, Place] | None = None, *,
+def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str, Dof] | None = None, *,
                ax: Axes | None = None, **look: Any) -> Axes:
     """One number of each site in colour, and the names of some places; grey where the number is not known.
 
@@ -35,7 +35,7 @@ def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str,
     values : array_like, shape (particles,)
     label : str
         Of the bar of colours, with the unit.
-    places : mapping of str to Place, optional
+    places : mapping of str to Dof, optional
     ax : matplotlib.axes.Axes, optional
     **look
         Of matplotlib's collections, such as `cmap` or `norm`.
@@ -62,7 +62,7 @@ def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str,
 
 
 @in_house_style
-def plot_design(atoms: Atoms, places: Mapping[str, Place] | None = None, *, axes: NDArray[Any] | None = None) -> NDArray[Any]:
+def plot_design(atoms: Atoms, places: Mapping[str, Dof] | None = None, *, axes: NDArray[Any] | None = None) -> NDArray[Any]:
     """The strength of every magnet and the stiffness of every pillar, in two panels; held magnets have no pillar.
 
     Examples

@@ -206,8 +206,9 @@ def _file(scene: Scene) -> None:
     lattice, saved = scene.lattice, isinstance(scene.law, SavedLaw)
     if not isinstance(lattice, FileLattice):
         raise ValueError('law.kind = "saved" takes the law from the file of the particles; it belongs to lattice.kind = "file"')
-    _refuse(scene, OF_LATTICES, 'it varies the spacing and the shells of a lattice, which particles from a file do not have; '
-            'take the table [{0}] out')
+    of_sites = scene.design is not None and bool(scene.design.targets)
+    _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, which '
+            'particles from a file do not have; take the table [{0}] out')
     if lattice.finite:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
                 'periods, and [{0}] needs a lattice; take the table out, or give the file a cell')

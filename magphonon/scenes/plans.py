@@ -100,7 +100,7 @@ class Pick(Table):
     direction_deg: Angle = Field(description='the direction in degrees from the x axis', examples=[0.0])
 
     def of(self, patch: Atoms) -> Dof:
-        """The Place: the particle of a patch that is nearest, and the unit vector of the direction."""
+        """The Dof: the particle of a patch that is nearest, and the unit vector of the direction."""
         distance = np.linalg.norm(patch.positions[:, :2] - np.array(self.at_m) * u.m, axis=1)
         particle, angle = distance.argmin(), self.direction_deg * u.deg
         x, y = patch.positions[particle, :2] / u.m
@@ -316,7 +316,7 @@ class SiteTarget(Table):
         """In messages and names of files, such as '60Hz'."""
         return f'{self.frequency_Hz:.6g}Hz'
 
-    def level(self, source: Place, patch: Atoms, damping: float, floor: float) -> Objective:
+    def level(self, source: Dof, patch: Atoms, damping: float, floor: float) -> Objective:
         """Level in dB of the loud place, less that of the quiet one."""
         def at(pick):
             return Level(source, pick.of(patch), self.frequency_Hz * HERTZ, damping, floor)
@@ -420,7 +420,7 @@ class DesignPlan(Table):
         atoms = scene.perfect_cell()
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
-    def sites(self, scene: Scene) -> tuple[Atoms, Place, Objective, Robust | None]:
+    def sites(self, scene: Scene) -> tuple[Atoms, Dof, Objective, Robust | None]:
         """The patch, the place of the force, the softly weakest of the targets in dB, and the scatter against which it holds."""
         patch: Any = scene.counted().patch_atoms()
         frf = scene.frf

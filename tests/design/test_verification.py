@@ -16,7 +16,7 @@ from magphonon.design import (
     optimise,
     verify,
 )
-from magphonon.response import Place
+from magphonon.response import Dof
 from magphonon.stiffness import LinearSystem, Scatter
 
 LAW = InversePower(b=6200.0, a=4.5824)
@@ -35,7 +35,7 @@ def patch(model='complete', seed=0):
 
 def places(atoms, seed=0):
     rng, free = np.random.default_rng(seed), LinearSystem.of(atoms).mobile
-    return [Place(int(k), np.append(rng.normal(size=2), 0)) for k in rng.choice(np.flatnonzero(free), 3, replace=False)]
+    return [Dof(int(k), np.append(rng.normal(size=2), 0)) for k in rng.choice(np.flatnonzero(free), 3, replace=False)]
 
 
 def test_time_steps_find_the_levels():
@@ -69,7 +69,7 @@ def test_one_table_says_what_is_true():
     atoms = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
     atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.02, cutoff=21.0)
     x = atoms.positions - atoms.positions.mean(0)
-    source, right, left = (Place(int(np.hypot(*(x[:, :2] - at).T).argmin()), np.array([1.0, 0, 0]))
+    source, right, left = (Dof(int(np.hypot(*(x[:, :2] - at).T).argmin()), np.array([1.0, 0, 0]))
                            for at in ([0, 0], [20, 0], [-20, 0]))
     objective = Level(source, right, 0.4, 0.05, 0.1) - Level(source, left, 0.4, 0.05, 0.1)
     design = optimise(atoms, objective, {'strength': (0.85, 1.15)}, steps=8, starts=2, compare=True)

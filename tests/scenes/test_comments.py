@@ -56,6 +56,7 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
     'chain': {'4 f(L0)/L0 = `4e4` N/m': lambda: 4e4},
     'demultiplexer': {'all pairs within `45` mm': lambda: L * (np.sqrt(19) + np.sqrt(21)) / 2 * 1e3,  # between two shells
                       'rods of `1.51` to': lambda: 0.95 * 2 * 0.79375, 'to `1.67` mm': lambda: 1.05 * 2 * 0.79375},
+    'demux': {'with `1e-3` of the force': lambda: 4.5 ** -A},
     'design': {'spacing of `10` mm': lambda: 1e3 * L},
     'disc': {'`7` mm between the rims': lambda: 12 - 5, '`7500` kg/m^3': lambda: 4.4e-4 / (np.pi * 0.0025**2 * 0.003)},
     'dust': {'`12 000` elementary': lambda: CHARGE, 'kappa L0 = `1`': lambda: 1.0,

@@ -1,0 +1,15 @@
+"""
+A demultiplexer
+===============
+
+Every magnet and every pillar chosen from a list, so that 60 Hz arrives at A and 80 Hz at B.
+"""
+
+from magphonon import read_scene
+from magphonon.plotting import plot_design
+
+scene = read_scene('demux')
+atoms, source, *_ = scene.design.sites(scene)
+ports = {name: target.loud.of(atoms) for name, target in zip('AB', scene.design.targets, strict=True)}
+axes = plot_design(atoms, {'source': source, **ports})
+axes[0].figure.savefig('demultiplexer.png')
