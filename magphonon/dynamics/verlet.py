@@ -33,6 +33,7 @@ from tqdm import tqdm
 
 from ..errors import not_negative, one_of, positive, whole
 from ..stiffness.calculator import PairCalculator
+from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import freedom
 from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
@@ -137,6 +138,8 @@ class DrivenVerlet(VelocityVerlet):
         self._damping = _damping_of(damping, len(atoms), self.splitting)
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = PairCalculator(atoms, law, ...)')
+        if isinstance(atoms.calc, PairCalculator):
+            masses_of(atoms)  # before ASE warns of one that is zero
         refuse_held_drives(self._drives, atoms)
         refuse_turns(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
