@@ -21,9 +21,11 @@ from ase.spectrum.dosdata import GridDOSData
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
-from ..errors import finite, whole
+from ..errors import whole
 from ..files import Saved
 from ..results import InHertz
+from ..stiffness.plausibility import asked_frequencies
+from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes
 
@@ -110,7 +112,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     """
     frequencies = _on_mesh(atoms, steps, model)
     branches = frequencies.shape[-1]
-    middles = _middles(frequencies) if omega is None else increasing(omega)
+    middles = _middles(frequencies) if omega is None else increasing(omega, atoms.calc)  # pyright: ignore[reportArgumentType]  a Repulsion has bands
     between = (middles[1:] + middles[:-1]) / 2
     edges = np.concatenate([[2 * middles[0] - between[0]], between, [2 * middles[-1] - between[-1]]])
     squares, levels = np.sign(frequencies) * frequencies**2, np.sign(edges) * edges**2
@@ -182,9 +184,9 @@ def band_gaps(atoms: Atoms, steps: int | None = None, model: str | None = None) 
     return np.stack([ranges[:-1, 1], ranges[1:, 0]], axis=1)
 
 
-def increasing(omega: ArrayLike) -> NDArray[np.float64]:
+def increasing(omega: ArrayLike, calc: Repulsion) -> NDArray[np.float64]:
     """The angular frequencies as an array, shape (frequencies,); ValueError unless there are two or more, increasing."""
-    omega = finite('omega', omega)
+    omega = asked_frequencies(calc, omega)
     if omega.ndim != 1 or len(omega) < 2 or (np.diff(omega) <= 0).any():
         raise ValueError(f'omega must be two or more increasing frequencies in rad/ms, not an array of the shape {omega.shape}')
     return omega

@@ -29,6 +29,7 @@ from scipy import linalg
 
 from ..errors import finite, one_of
 from ..results import InHertz
+from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..stiffness.site_laws import site_blocks
 from ..stiffness.sites import site_damping
@@ -191,8 +192,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     system = LinearSystem.of(atoms, gyrating=True).moving()
     free = system.free.toarray()
     direction = finite('direction', direction, (3,))
-    omega = finite('omega', np.atleast_1d(omega))
-    bonds = system.calc.bonds
+    omega, bonds = asked_frequencies(system.calc, omega), system.calc.bonds
     moves: Any = np.diff(system.free.indptr).reshape(len(system), -1).any(axis=1)
     # a bond to a held particle carries no wave
     exponents, unit = _exponents(bonds.shift * (moves[bonds.i] & moves[bonds.j])[:, None] @ direction)

@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 
 from ..errors import positive
 from ..stiffness.matrices import bloch_gradient, first_order, mass_weighted
+from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from .bloch import in_batches
 
@@ -147,8 +148,9 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str | None = Non
     >>> edge_flow(strip, 3.26)[:2]
     (0, 0)
     """
-    system, omega = LinearSystem.of(strip, gyrating=True).moving(), positive('omega', omega, 'rad/ms')
+    system = LinearSystem.of(strip, gyrating=True).moving()
     atoms, calc = system.atoms, system.calc
+    omega = float(asked_frequencies(calc, positive('omega', omega, 'rad/ms'))[0])
     if atoms.pbc.sum() != 1:
         raise ValueError(f'only a strip has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
                          'lattices.ribbon cuts one out of a lattice')

@@ -18,6 +18,8 @@ from ase.constraints import FixAtoms
 from numpy.typing import NDArray
 
 from ..errors import finite, positive
+from ..stiffness.plausibility import warn_of_hertz
+from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import refuse_held
 
 Prepared = Any  # array_like as it is given, an array once the drive is made: `_prepare` sees to it
@@ -223,11 +225,15 @@ def constant_push(drives: Sequence[Any], count: int) -> NDArray[np.float64]:
     return push
 
 
-def refuse_held_drives(drives: Sequence[Any], atoms: Atoms) -> None:
+def check_drives(drives: Sequence[Any], atoms: Atoms) -> None:
     """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push.
 
-    A wall of particles that are free is refused, too.
+    A wall of particles that are free is refused, too, and frequencies that are Hz by their size are told.
     """
+    courses = [drive.course if isinstance(drive, PrescribedMotion) else drive for drive in drives]
+    if isinstance(atoms.calc, Repulsion):
+        found = [np.ravel(course.omega) for course in courses if isinstance(course, Harmonic | ToneBurst)]
+        warn_of_hertz(atoms.calc, np.concatenate([np.zeros(0), *found]))
     for drive in drives:
         if isinstance(drive, PrescribedMotion):
             held = [k for constraint in atoms.constraints if isinstance(constraint, FixAtoms) for k in constraint.index]

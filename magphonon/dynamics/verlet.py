@@ -38,7 +38,7 @@ from ..stiffness.rest import freedom
 from ..stiffness.sites import site_damping
 from .cages import Cages, Diverged
 from .compiled import can_compile
-from .drives import forces_and_walls, refuse_held_drives
+from .drives import check_drives, forces_and_walls
 from .engine import Blocks, half_step, highest_frequency, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_turns
 from .splittings import SPLITTINGS, STEPS_SHARE
 from .thermostat import Bath
@@ -140,7 +140,7 @@ class DrivenVerlet(VelocityVerlet):
             raise ValueError('the atoms have no calculator; attach atoms.calc = PairCalculator(atoms, law, ...)')
         if isinstance(atoms.calc, PairCalculator):
             masses_of(atoms)  # before ASE warns of one that is zero
-        refuse_held_drives(self._drives, atoms)
+        check_drives(self._drives, atoms)
         refuse_turns(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and (find_spec('numba') is None or not can_compile()):
@@ -174,7 +174,7 @@ class DrivenVerlet(VelocityVerlet):
     @drives.setter
     def drives(self, drives: Sequence[Any]) -> None:
         drives = tuple(drives)
-        refuse_held_drives(drives, self.atoms)
+        check_drives(drives, self.atoms)
         self._drives = drives
         self._sum_of_drives, self._walls = forces_and_walls(drives, len(self.atoms))
 

@@ -18,6 +18,7 @@ from ..errors import finite, one_of, positive
 from ..files import Saved
 from ..results import InHertz
 from ..stiffness.factors import inverse
+from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
@@ -140,8 +141,12 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     True
     """
     system = LinearSystem.of(atoms, gyrating=True)
-    force, omega = _force_on(system, force), np.atleast_1d(omega)
-    return FrequencyResponse(omega, np.array([G(force.ravel()).reshape(-1, 3) for G in resolvents(system, omega, damping)]))
+    force, omega = _force_on(system, force), asked_frequencies(system.calc, omega)
+    return FrequencyResponse(omega, _one_by_one(system, force, omega, damping))
+
+
+def _one_by_one(system, force, omega, damping):
+    return np.array([G(force.ravel()).reshape(-1, 3) for G in resolvents(system, omega, damping)])
 
 
 def _force_on(system, force):
@@ -243,22 +248,25 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     (3, 1, 3)
     """
     system = LinearSystem.of(atoms, gyrating=True).moving()
-    omega, rates = finite('omega', np.atleast_1d(omega)), site_damping(damping, len(system))
+    omega, rates = asked_frequencies(system.calc, omega), site_damping(damping, len(system))
     positive('tolerance', tolerance)
     particles = system.recorded(particles)
     if walls is not None:
         push, walls = np.zeros((len(system), 3)) if force is None else _force_on(system, force), _moved(system, walls)
         pull, dim = np.zeros_like(walls), system.dim
         pull[:, :dim] = -(system.free @ (system.free.T @ (system.hessian @ walls[:, :dim].ravel()))).reshape(-1, dim)
-        found = frequency_response(system, push + pull, omega, damping, particles, tolerance).response + walls[particles]
+        found = _steady(system, push + pull, omega, rates, particles, tolerance) + walls[particles]
         return (Transmissibility if force is None else FrequencyResponse)(omega, found)
     if force is None:
         raise ValueError('nothing drives the structure; give a force, or the displacements of walls')
-    force = _force_on(system, force)
+    return FrequencyResponse(omega, _steady(system, _force_on(system, force), omega, rates, particles, tolerance))
+
+
+def _steady(system, force, omega, rates, particles, tolerance):
+    """The displacements of `frequency_response`, by whichever way is the cheapest that keeps the tolerance."""
     gamma = float(rates[0])
     if np.ptp(rates) or system.turning:
-        answer = harmonic_response(system, force, omega, rates)
-        return FrequencyResponse(answer.omega, answer.response[:, particles])
+        return _one_by_one(system, force, omega, rates)[:, particles]
     s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
     u = np.zeros((len(omega), len(particles), 3), complex)
@@ -275,8 +283,8 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
             u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
     if lost.any():
-        u[lost] = harmonic_response(system, force, omega[lost], gamma).response[:, particles]
-    return FrequencyResponse(omega, u)
+        u[lost] = _one_by_one(system, force, omega[lost], gamma)[:, particles]
+    return u
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from ..files import Saved
 from ..results import InHertz
 from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import gyrating_modes, signed_root
+from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 
 SMALL = 300
@@ -72,16 +73,22 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     count = size if count is None else whole('count', count)
     if count > size:
         raise ValueError(f'the structure has {size} modes, not {count}')
+    if system.turning or count == size:
+        _refuse_all(system)
     if system.turning:
         omega, vectors = (part[..., :count] for part in gyrating_modes(system.B().toarray(), system.K.toarray()))
         return Modes(omega, _fixed(np.arange(count), (system.shapes @ vectors).T, system))
     if count == size:
-        refuse_memory(f'all {size} modes with their shapes', MATRICES * 8 * size**2,
-                      'ask for the lowest ones, modes(atoms, count=...)')
         squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
         squares, vectors = lowest_eigenpairs(system.K, count)
     return Modes(signed_root(squares), _fixed(squares / (abs(system.K).max() or 1.0), (system.shapes @ vectors).T, system))
+
+
+def _refuse_all(system):
+    size, turning = system.K.shape[0], bool(system.turning)
+    refuse_memory(f'all {size} modes', MATRICES * 8 * size**2 * (4 if turning else 1),
+                  'take a smaller structure' if turning else 'ask for the lowest ones, modes(atoms, count=...)')
 
 
 def _fixed(squares, shapes, system):
@@ -115,6 +122,7 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     (38,)
     """
     system = LinearSystem.of(atoms, gyrating=True).moving()
+    _refuse_all(system)
     return modes(system).omega if system.turning else signed_root(np.linalg.eigvalsh(system.K.toarray()))
 
 
@@ -137,8 +145,9 @@ def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     >>> count_modes_below(patch, 3.0) == int((modes(patch).omega < 3.0).sum())
     True
     """
-    omega = float(finite('omega', omega, ()))
-    return count_below(LinearSystem.of(atoms).moving().K, float(np.sign(omega) * omega**2))
+    system = LinearSystem.of(atoms).moving()
+    omega = float(asked_frequencies(system.calc, finite('omega', omega, ()))[0])
+    return count_below(system.K, float(np.sign(omega) * omega**2))
 
 
 def refuse_unstable(system: LinearSystem, damping: ArrayLike = 0.0) -> None:

@@ -26,7 +26,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from ..dynamics.drives import Constant, PrescribedMotion, ToneBurst, constant_push, forces_and_walls, refuse_held_drives
+from ..dynamics.drives import Constant, PrescribedMotion, ToneBurst, check_drives, constant_push, forces_and_walls
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive
 from ..stiffness.rest import LinearSystem, components, static_forces
@@ -219,7 +219,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         raise ValueError('times must be one or more increasing numbers in ms, zero or above')
     rates, tolerance = site_damping(damping, len(atoms)), positive('tolerance', tolerance)
     drives = list(drives)
-    refuse_held_drives(drives, atoms)
+    check_drives(drives, atoms)
     push = constant_push(drives, len(atoms))
     system = LinearSystem.nearest(atoms, gyrating=True).moving()
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step

@@ -68,7 +68,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
 
     with _bar(vectors) as progress:
         spectrum = spectrum_of(system, starts, count, progress)
-    omega = spectrum.grid if omega is None else increasing(omega)
+    omega = spectrum.grid if omega is None else increasing(omega, system.calc)
     density = spectrum.density(omega)
     error = density.std(axis=1, ddof=1) / np.sqrt(vectors)
     return DensityOfStates(omega, density.mean(axis=1), float(size), spectrum.width(omega), error)
@@ -133,7 +133,7 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
     waves = _Waves(system, cell, q)
     with _bar(waves.count) as progress:
         spectrum = spectrum_of(system, waves.starts, count, progress)
-    omega = spectrum.grid if omega is None else increasing(omega)
+    omega = spectrum.grid if omega is None else increasing(omega, system.calc)
     # cosine and sine of a wave, and all of its polarisations, add up
     density = spectrum.density(omega).T.reshape(len(q), -1, len(omega)).sum(axis=1)
     return SpectralFunction(q, omega, density, float(len(waves.lengths)), spectrum.width(omega))

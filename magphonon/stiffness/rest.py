@@ -23,6 +23,7 @@ from ..lattices.bonds import lengths_of
 from .bond import sizes
 from .calculator import PairCalculator, same_cell
 from .matrices import growth, mass_weighted
+from .plausibility import warn_of_symbols
 from .repulsion import Repulsion, masses_of, repulsion_of
 from .site_laws import refuse_changes
 from .sites import refuse_gyration
@@ -208,6 +209,7 @@ class LinearSystem:
     @cached_property
     def masses(self) -> NDArray[np.float64]:
         """In g, shape (particles,)."""
+        warn_of_symbols(self.atoms)
         return masses_of(self.atoms)
 
     @cached_property
