@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from ase.constraints import FixAtoms
 
-from ..errors import positive, whole
+from ..errors import positive, refuse_memory, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     """Particles i and j, the cell of j and the distance of each pair."""
 
 MOST_PARTICLES = 2**31 - 1
+PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
 PIECE = 2**16  # number of pairs that are looked at together: their numbers stay in the second cache
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
@@ -72,14 +73,15 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
         k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
         raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
     periods = atoms.cell.array[atoms.pbc]
+    if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # NumPy before 2.4.5 has no rank of an empty list
+        raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
+                         'set its cell, or its pbc to False')
+    _refuse_many(atoms, periods, cutoff)
     if not len(periods):
         # particles of a lattice fill space evenly, where balance and close boxes only take time
         tree = cKDTree(atoms.positions, balanced_tree=False, compact_nodes=False)
         i, j = tree.query_pairs(cutoff, output_type='ndarray').T
         return i, j, np.zeros((len(i), 3), np.int8), distances_between(atoms.positions, i, j)
-    if np.linalg.matrix_rank(periods) < len(periods):  # NumPy before 2.4.5 has no rank of an empty list
-        raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
-                         'set its cell, or its pbc to False')
     inverse = np.linalg.pinv(periods)
     home = np.floor(atoms.positions @ inverse).astype(int)
     fraction = atoms.positions @ inverse - home
@@ -99,6 +101,18 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     shift = np.zeros((len(found), 3), dtype=int)
     shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
     return i, j, shift, found['v']
+
+
+def _refuse_many(atoms, periods, cutoff):
+    """Refuse pairs that would not fit in memory, from their number if the particles fill their space evenly."""
+    n, across = len(atoms), np.linalg.svd(periods)[2][len(periods):] if len(periods) else np.eye(3)
+    thick = np.ptp(atoms.positions @ across.T, axis=0)
+    thick = thick[thick > 2 * cutoff]
+    ball = (1, 2, np.pi, 4 * np.pi / 3)[d := len(periods) + len(thick)] * cutoff**d
+    pairs = n**2 / 2 * ball / (np.sqrt(np.linalg.det(periods @ periods.T)) * thick.prod())
+    cells = np.prod(2 * cutoff * np.linalg.norm(np.linalg.pinv(periods), axis=0) + 3)
+    refuse_memory(f'about {pairs:.2g} pairs of {n} particles within {cutoff:g} mm', PAIR_bytes * pairs + SHIFT_bytes * cells,
+                  'take a smaller cutoff or fewer shells')
 
 
 def stretches(count: int) -> list[slice]:

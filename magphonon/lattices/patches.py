@@ -6,11 +6,12 @@ import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
 
-from ..errors import positive, whole
+from ..errors import positive, refuse_memory, whole
 from .bonds import Bonds, find_bonds
 
 RIM = 1
 """Tag of the particles on the rim of a patch; those inside have the tag 0."""
+PLACE_bytes = 110  # at the peak while a patch is cut, for each place of the parallelogram around it; measured
 
 
 def parallelogram(cell: Atoms, n1: int, n2: int) -> Atoms:
@@ -101,6 +102,7 @@ def ribbon(cell: Atoms, rows: int) -> Atoms:
         One cell of the ribbon, pbc (1, 0, 0).
     """
     rows = whole('rows', rows)
+    refuse_memory(f'a ribbon of {rows} rows', PLACE_bytes / 2 * rows * len(cell), 'take fewer')
     ribbon, shell = _planar(cell).repeat((1, rows, 1)), find_bonds(cell)
     ribbon.pbc = (True, False, False)
     neighbours = _neighbours(np.ones((1, rows, len(cell)), bool), shell, shell.shift * (0, 1, 0))
@@ -114,12 +116,15 @@ def _beyond_hexagon(x, y, side):
 def _cut(cell, radius, beyond):
     """Patch within a shape that fits in a circle of `radius`; `beyond(x, y)` is the distance outside its border."""
     rows = _planar(cell).cell.reciprocal()[:2]  # their inverse lengths are the distances between lattice rows
-    n1, n2 = 2 * np.ceil(radius * np.linalg.norm(rows, axis=1)).astype(int) + 3
+    n1, n2 = 2 * np.ceil(radius * np.linalg.norm(rows, axis=1)) + 3
     return _patch(cell, n1, n2, beyond)
 
 
 def _patch(cell, n1, n2, beyond):
     shell = find_bonds(_planar(cell))
+    places = len(cell) * float(n1) * float(n2)
+    refuse_memory(f'a patch cut from {n1:.6g} x {n2:.6g} cells', PLACE_bytes * places, 'make it smaller')
+    n1, n2 = int(n1), int(n2)
     corner = cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
     # as ase.Atoms.repeat, which places the cells one by one and would take most of the time
     rows, columns = (np.arange(n)[:, None] * vector for n, vector in zip((n1, n2), cell.cell.array[:2], strict=True))
