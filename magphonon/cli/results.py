@@ -151,10 +151,11 @@ class _Run:
     def __init__(self, options, scene, tables):
         self.folder, self.scene, self.tables = Path(options.output), None, {}
         self.name = ' '.join([options.command, *(Path(table).stem for table in tables if scene is not None)])
-        self.record = Run(command=shlex.join(['magphonon', *options.words]), date=datetime.now(UTC).isoformat(timespec='seconds'),
+        self.record = Run(command=_text(shlex.join(['magphonon', *options.words])),
+                          date=datetime.now(UTC).isoformat(timespec='seconds'),
                           versions={'magphonon': __version__, 'python': platform.python_version()}
                           | {package: version(package) for package in PACKAGES},
-                          inputs={str(table): _sum(table) for table in tables})
+                          inputs={_text(table): _sum(table) for table in tables})
         if scene is None:
             return
         self.source = source_of(options.scene)
@@ -162,8 +163,12 @@ class _Run:
         digests = {key: _digest(json.dumps(value, sort_keys=True).encode()) for key, value in tables.items()}
         self.scene = Origin(title=scene.title, shells=scene.law.shells, tables=digests)
         for key, named in tomllib.loads(self.source.text).items():
-            file = named.get('file', '') if key in ('law', 'lattice') else ''
-            if file and Path(file).name == file:  # it stands beside the scene, and is copied with it
+            path = Path(named.get('file', '') if key in ('law', 'lattice') else '')
+            if path.name and not path.is_absolute():  # it stands beside the scene, and is copied with it
+                file = str(path)  # without ./
+                if file != path.name:
+                    raise ValueError(f'{key}.file = "{file}" is in another folder than the scene, and the copy of the scene '
+                                     'among the results would not find it; put it beside the scene, or give its full path')
                 if file.lower() in (PROVENANCE, SCENE) or any(fnmatch(file.lower(), pattern) for pattern in options.results):
                     raise ValueError(f'{key}.file = "{file}" has the name of a result of "magphonon {self.name}", beside which '
                                      'it is copied; give the file another name')
@@ -197,6 +202,9 @@ class _Run:
 
     def move(self, stage):
         """Let the new files and copies of the scene take their names; return those of earlier runs that stay beside them."""
+        for path in (stage, *stage.iterdir()):
+            if path.is_symlink():
+                raise ValueError(f'{path} was made a link by another program while the command ran; nothing was written')
         if self.scene is not None:
             (stage / SCENE).write_bytes(self.source.content)
         for name, path in self.tables.items():
@@ -216,7 +224,7 @@ class _Run:
             _write(now, stage, self.folder)  # first, so that a run that is killed now can be repeated
             for name in moved:
                 if self.replaces(name, new[name], by[name], known):
-                    os.replace(stage / name, self.folder / name)
+                    _take(stage / name, self.folder / name)
             self.record.complete = True
             _write(now, stage, self.folder)
         except OSError as error:
@@ -252,6 +260,8 @@ def _provenance(folder):
     file = folder / PROVENANCE
     if not os.path.lexists(file):
         return Provenance()
+    if not file.stat().st_mode & S_IWUSR:
+        raise ValueError(f'{file} is read-only and is not replaced; {OTHERWISE}')
     with suppress(OSError, ValueError):
         known = Provenance.model_validate_json(text_of(file, 10 * MEGABYTE))
         if not file.is_symlink() and known.sha256 == known.checksum() and all(Path(name).name == name for name in known.files):
@@ -263,6 +273,24 @@ def _write(provenance, stage, folder):
     provenance.sha256 = provenance.checksum()
     (stage / PROVENANCE).write_text(provenance.model_dump_json(indent=1), encoding='utf-8')
     os.replace(stage / PROVENANCE, folder / PROVENANCE)
+
+
+def _take(file, place):
+    """Move a file to its place; a file of others that appears where there was none stays."""
+    if os.path.lexists(place):
+        os.replace(file, place)
+        return
+    try:
+        os.link(file, place)
+    except FileExistsError:
+        raise ValueError(f'{place} was made by another program while the command ran, and is not replaced; {OTHERWISE}') from None
+    except OSError:  # a file system without links
+        os.replace(file, place)
+
+
+def _text(name):
+    """A name as text, also one whose bytes are none."""
+    return str(name).encode(errors='backslashreplace').decode()
 
 
 def _digest(content):

@@ -34,6 +34,7 @@ DENSEST_kg_per_m3 = 5e4
 LEAST_SHARE = 1e-12
 """Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
 foundation."""
+HIGHEST_ON_POSTS_Hz = 1e6  # above it, not the spacing but the foundation is of another size
 SENSIBLE_SHARE = 1e-6
 """Stiffness of the repulsion, as a fraction of the foundation, above which a structure behaves as a lattice."""
 SPECTRUM_END = 1.4
@@ -314,7 +315,12 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
     if not calc.law.dphi(calc.bonds.lengths).any():
         mend = '' if scene.law.kind != 'hertz' else (
             f' than law.diameter_m = {scene.law.diameter_m!r}; spheres repel where they touch')
-        raise ValueError(f'{scene.lattice.spacing_given} is so large that no force acts; take a smaller one{mend}')
+        raise ValueError(f'{scene.lattice.spacing_given} is so large, or the law of so short a range ({_numbers(scene)}), that '
+                         f'no force acts; take a smaller spacing{mend}')
+    pillar = scene.foundation and scene.foundation.pillar
+    if pillar and 2 * pillar.radius_m > scene.lattice.spacing_m:
+        raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
+                         f'{scene.lattice.spacing_given}; it is in metres')
     density = _mass_kg(scene) / scene.lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
@@ -326,9 +332,9 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
                          f'check their units and exponents ({_numbers(scene)})')
     if not LEAST_SHARE * k <= repulsion:
         given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
-        raise ValueError(f'{scene.lattice.spacing_given}: the bonds then have a stiffness of '
-                         f'{lost:.1g} N/m, which is lost in the round-off of the foundation, {given:.3g} N/m'
-                         f'{_millimetres(scene, scene.law.potential(), k)}; check their units and exponents')
+        meant = _millimetres(scene, scene.law.potential(), k) if f < HIGHEST_ON_POSTS_Hz else ''
+        raise ValueError(f'the stiffness of the bonds, {lost:.1g} N/m at {scene.lattice.spacing_given}, is lost in the '
+                         f'round-off of [foundation], {given:.3g} N/m{meant}; check their units and exponents')
 
 
 def _numbers(scene: Scene) -> str:

@@ -164,7 +164,7 @@ def own_files(out, desk, rng):
 def law_named_like_a_result(out, desk, rng):
     name = ['bands.csv', 'bands.png', 'provenance.json', 'scene.toml', '.ready', 'zone.png'][rng.integers(6)]
     (desk / name).write_text(FORCES)
-    (desk / 'my.toml').write_text(TABLED.replace('law.csv', name))
+    (desk / 'my.toml').write_text(TABLED.replace('law.csv', ['', './'][rng.integers(2)] + name))
 
 
 def law_beside(out, desk, rng):

@@ -3,7 +3,9 @@
 import errno
 import json
 import os
+import pathlib
 import re
+import sys
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatch
 from hashlib import sha256
@@ -271,3 +273,89 @@ def test_unfinished_files_that_others_left_stay(tmp_path):
     with whole_file(tmp_path / 'x'):
         pass
     assert sorted(file.name for file in tmp_path.iterdir()) == sorted([*names, 'x'])
+
+
+# --- tables beside the scene, and what others do meanwhile -----------------------------------------------------------
+
+TABLED = CHAIN.partition('[law]')[0] + '[law]\nkind = "table"\nfile = "{}"\nshells = 1\n' + CHAIN[CHAIN.index('[bands]'):]
+
+
+def table_of_forces(path):
+    path.parent.mkdir(exist_ok=True)
+    path.write_text('r_m,f_N\n' + ''.join(f'{r},{2 * r**-4}\n' for r in (0.5, 0.8, 1.0, 1.3, 2.0, 3.0)))
+
+
+@pytest.mark.parametrize(('named', 'copied'), [('law.csv', True), ('./law.csv', True), ('{here}/law.csv', False)])
+def test_results_of_a_table_can_be_computed_again_from_the_scene_among_them(named, copied, tmp_path):
+    table_of_forces(tmp_path / 'law.csv')
+    scene, out = scene_file(tmp_path, TABLED.format(named.format(here=tmp_path))), tmp_path / 'out'
+    assert main(['bands', str(scene), '-o', str(out)]) == 0
+    assert (out / 'law.csv').is_file() == copied
+    assert main(['bands', str(out / 'scene.toml'), '-o', str(tmp_path / 'again')]) == 0
+    assert (tmp_path / 'again' / 'bands.csv').read_text() == (out / 'bands.csv').read_text()
+
+
+@pytest.mark.parametrize(('named', 'words'), [
+    ('./bands.csv', 'has the name of a result'), ('sub/law.csv', 'in another folder than the scene'),
+    ('../{name}/law.csv', 'in another folder than the scene')])
+def test_a_table_that_the_copy_of_the_scene_would_not_find_is_refused(named, words, tmp_path, capsys):
+    for name in ('law.csv', 'bands.csv', 'sub/law.csv'):
+        table_of_forces(tmp_path / name)
+    scene, out = scene_file(tmp_path, TABLED.format(named.format(name=tmp_path.name))), tmp_path / 'out'
+    assert main(['bands', str(scene), '-o', str(out)]) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, monkeypatch):
+    mine = tmp_path / 'out' / 'bands.csv'
+
+    def link(file, place):
+        if place == mine:
+            mine.write_text('mine')
+        raise FileExistsError if place == mine else OSError(errno.EPERM, 'no links here')
+
+    monkeypatch.setattr(os, 'link', link)
+    with pytest.raises(ValueError, match='was made by another program while the command ran'):
+        write(tmp_path / 'out', scene_file(tmp_path))
+    assert mine.read_text() == 'mine'
+    mine.unlink()
+    monkeypatch.setattr(os, 'link', lambda file, place: (_ for _ in ()).throw(OSError(errno.EPERM, 'no links here')))
+    write(tmp_path / 'out', scene_file(tmp_path))  # a file system without links
+    assert whole(tmp_path / 'out')
+
+
+@pytest.mark.parametrize('which', ['folder', 'file'])
+def test_links_put_into_the_place_of_results_take_nothing_of_a_user(which, tmp_path):
+    mine, scene = tmp_path / 'mine', scene_file(tmp_path)
+    mine.mkdir()
+    (mine / 'thesis.txt').write_text('thesis')
+    options = SimpleNamespace(output=str(tmp_path / 'out'), scene=str(scene), command='bands', words=['bands'], results=PATTERNS)
+
+    def planted(stage):
+        if which == 'folder':
+            stage.rmdir()
+            stage.symlink_to(mine)
+        else:
+            (stage / 'bands.csv').symlink_to(mine / 'thesis.txt')
+
+    with pytest.raises(ValueError, match='was made a link by another program'), results(options, read_scene(scene)) as stage:
+        planted(stage)
+    assert contents(mine) == {'thesis.txt': b'thesis'}
+
+
+def test_a_record_that_is_read_only_is_not_replaced(tmp_path):
+    scene, out = scene_file(tmp_path), tmp_path / 'out'
+    write(out, scene)
+    (out / 'provenance.json').chmod(0o444)
+    before = contents(out)
+    with pytest.raises(ValueError, match=r'provenance\.json is read-only'):
+        write(out, scene, version='2')
+    assert contents(out) == before
+
+
+@pytest.mark.skipif(sys.platform != 'linux', reason='names are bytes on Linux')
+def test_a_folder_whose_name_is_no_text(tmp_path):
+    out = os.fsdecode(os.fsencode(tmp_path) + b'/out\xff')
+    write(out, scene_file(tmp_path))
+    assert whole(pathlib.Path(out))
