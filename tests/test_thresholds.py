@@ -256,6 +256,19 @@ def test_just_what_is_needed_is_the_verge(name, repeat, L0):
             assert 'nan' not in str(judged)
 
 
+@pytest.mark.parametrize('repeat', [1, 2, 3])
+@pytest.mark.parametrize(('a', 'stable', 'grows'), [(3.0, False, False), (3.01, True, False), (2.99, False, True)])
+def test_waves_that_cost_nothing_without_a_foundation_are_the_verge(a, stable, grows, repeat):
+    """Rows of a triangular lattice slide at no cost where a = 3: the stiffness against shear goes as (a - 3) f/L0."""
+    atoms = lattices.triangular(2.0, 1.0).repeat((repeat, repeat, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(2.0**a, a))
+    judged = verdict(atoms)
+    assert (judged.stable, judged.case.unstable) == (stable, grows)
+    assert ('waves of finite length cost nothing' in judged.finding('buckling').words) == (a == 3)
+    atoms.calc.set(foundation=1e-3 if a == 3 else 0.0)
+    assert verdict(atoms).stable == (a >= 3)
+
+
 def shear_at_m(phonon, cell):
     omega = phonopy_bands(phonon, cell.cell.bandpath('M', npoints=1, pbc=cell.pbc)).omega[0, 0]
     return omega * abs(omega)

@@ -264,7 +264,17 @@ class Case:
     @property
     def verge(self) -> bool:
         """Whether the foundation is just what the structure needs."""
-        return on_the_verge(self.spring, self.softest.needed)
+        return on_the_verge(self.spring, self.softest.needed) or self.flat
+
+    @cached_property
+    def flat(self) -> bool:
+        """Whether a wave of finite length costs nothing in a lattice that nothing ties down, on a mesh over the zone."""
+        if self.spring or self.softest.needed or self.large or not self.atoms.pbc.any():
+            return False
+        along = [np.arange(6) / 6 if periodic else np.zeros(1) for periodic in self.atoms.pbc]
+        q = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 3)
+        squares = np.linalg.eigvalsh(self.system.bloch(q[q.any(axis=1)], 'complete'))
+        return bool(squares.min() <= VERGE * squares.max())
 
     @cached_property
     def grows(self) -> tuple[float, NDArray[np.float64]]:
@@ -325,6 +335,8 @@ class Buckling:
     spacing : float or None
         Shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is none, or it is not
         judged, such as for balls in contact.
+    flat : bool
+        Whether nothing ties a lattice down, and a wave of finite length costs nothing.
     """
 
     spring: float
@@ -332,6 +344,7 @@ class Buckling:
     softest: np.ndarray
     growth: float
     spacing: float | None = None
+    flat: bool = False
 
     @property
     def stable(self) -> bool:
@@ -341,7 +354,7 @@ class Buckling:
     @property
     def verge(self) -> bool:
         """Whether the foundation is just what is needed, to 1e-9 of it: then round-off would decide whether something grows."""
-        return on_the_verge(self.spring, self.needed)
+        return self.flat or on_the_verge(self.spring, self.needed)
 
 
 class Supports(NamedTuple):
@@ -375,12 +388,15 @@ def buckling(case: Case) -> Finding:
     scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
     unjudged = 'other spacings' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
-    found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing)
+    found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
     uneven = np.ndim(case.calc.foundation) > 0
     spring, needed = _stiffness(found.spring), _stiffness(found.needed)
     own = ' at its softest spring' if uneven else ''
-    if found.verge:
+    if found.flat:
+        words = (f'It is on the verge of buckling{where}: waves of finite length cost nothing, and round-off would decide. Give '
+                 'it a foundation.')
+    elif found.verge:
         words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, '
                  'and round-off would decide. Take a stiffer one.')
     elif not found.stable:
