@@ -31,6 +31,8 @@ def test_the_blocks_run(other, tmp_path, monkeypatch):
                 np.testing.assert_allclose(found[:, -2:], [[26.5507, 26.5507], [58.2327, 149.4763]], rtol=2e-6)
     plt.close('all')
     np.testing.assert_allclose(names['at_M'], [58.2327, 149.4763], rtol=2e-6)
+    np.testing.assert_allclose(names['found']['standard'], [[26.55, 26.55], [58.23, 149.48]], atol=0.005)
+    np.testing.assert_allclose(names['found']['Frederiksen'], [[0, 0], [51.83, 147.10]], atol=0.02)  # as the page says
     assert (names['again'].get_potential_energy(), names['ax'].get_ylabel()) == (0.0, 'frequency (Hz)')
     assert all(Path(file).stat().st_size > 1000 for file in ('patch.data', 'patch.cif', 'POSCAR', 'patch.xyz'))
     if other == 'pymatgen':
