@@ -105,9 +105,9 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
     symbols = atoms.get_chemical_symbols()
     kinds = sorted(set(symbols))
     laws = {(a, b): PairOf(atoms.calc, (kinds[a], kinds[b])) for a, b in combinations_with_replacement(range(len(kinds)), 2)}
-    here = _in_mm(atoms, [kinds.index(symbol) for symbol in symbols])
+    here = _in_mm(atoms, tags := [kinds.index(symbol) for symbol in symbols])
     reach = _reach(laws, _shortest(atoms) * MM) if cutoff is None else positive('cutoff', cutoff, 'Angstrom') * MM
-    _refuse_many_bodies(atoms, laws, reach)
+    _refuse_many_bodies(atoms, tags, laws, reach)
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='a mass of')  # atoms are denser than magnets, and their units are right
         here.calc = PairCalculator(here, laws if len(kinds) > 1 else laws[0, 0], cutoff=reach)
@@ -148,15 +148,14 @@ def _reach(laws: Mapping[Any, PairOf], shortest: float) -> float:
     return max(ends)
 
 
-def _refuse_many_bodies(atoms, laws, reach):
+def _refuse_many_bodies(atoms, tags, laws, reach):
     """Refuse a calculator whose forces on the shaken structure differ from the sum over its pairs."""
     shaken = atoms.repeat([2 if periodic else 1 for periodic in atoms.pbc])
     shaken.set_constraint()
-    kinds = sorted(set(atoms.get_chemical_symbols()))
     shaken.positions += SHAKEN * _shortest(atoms) * _moving(shaken) * np.random.default_rng(0).normal(size=(len(shaken), 3))
     shaken.calc = atoms.calc
     forces = shaken.get_forces() * MJ / MM
-    which = np.array([kinds.index(symbol) for symbol in shaken.get_chemical_symbols()])
+    which = np.tile(tags, len(shaken) // len(atoms))
     i, j, r, R = neighbor_list('ijdD', shaken, reach / MM)
     sums = np.zeros_like(forces)
     for (a, b), law in laws.items():

@@ -336,8 +336,10 @@ class OnSite(Springs):
 
 
 def foundation_to_dict(given: Any) -> Any:
-    """A foundation as files of ASE hold it."""
-    law = tie_of(given)
+    """A foundation as files of ASE hold it; of a law made of functions its name alone."""
+    law: Any = tie_of(given)
+    if isinstance(law, OnSite) and law.K is not None and law.g is None:
+        return {'kind': 'tensor', 'K': law.K, 'k': law.k, 'share': law.share}
     return {'kind': type(law).__name__} | {name: getattr(law, name) for name in law.saved} if law.known else law.k
 
 
@@ -345,6 +347,8 @@ def foundation_from_dict(given: Any) -> Any:
     """The foundation that `foundation_to_dict` wrote."""
     if not isinstance(given, dict):
         return given
+    if given.get('kind') == 'tensor' and given.keys() >= {'K', 'k', 'share'}:
+        return replace(OnSite.tensor(given['K']), k=given['k'], share=given['share'])
     law = {law.__name__: law for law in Springs.__subclasses__() if law.saved}.get(given.get('kind', Travelling.__name__))
     if law is None:
         raise ValueError('the law of the sites is made of functions in Python, which no file holds; make the calculator again')

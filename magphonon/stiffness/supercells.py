@@ -121,7 +121,7 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
         before = own.positions
     if len(atoms) != len(own) or not abs(atoms.positions - before).max(initial=0.0) > calc.near:  # asked at each call
         return
-    if atoms.has('momenta') and atoms.get_momenta().any():  # violent motion may lead to the sites of others
+    if calc.seen is not None and atoms.has('momenta') and atoms.get_momenta().any():  # motion may lead to the sites of others
         return
     if atoms.cell.rank != own.cell.rank or (atoms.pbc != own.pbc).any() or not strayed(calc, atoms):
         return
