@@ -40,16 +40,16 @@ function patchOf(data, gone = new Set()) {
     i: Int32Array.from(bonds, bond => bond[0]), j: Int32Array.from(bonds, bond => bond[1]), kind: bonds.map(bond => bond[2])};
 }
 
-/** Vectors of the bonds in m, and their stiffness along and across in N/m, when the particles are at `rest` (m, from the lattice). */
+/** Directions of the bonds, their stiffness along and across in N/m, and lengths in m, of particles at `rest` (m, from the lattice). */
 function bondsAt(patch, data, state, rest) {
   const given = bondStiffness(data, state), {force_N, spacing_m} = data.law;
   return patch.kind.map((kind, b) => {
     const {direction: [nx, ny], length} = data.bonds[kind], r0 = length * state.spacing_m;
-    if (!rest) return [nx, ny, ...given[kind]];
+    if (!rest) return [nx, ny, ...given[kind], r0];
     const p = 2 * patch.i[b], q = 2 * patch.j[b];
     const x = r0 * nx + rest[q] - rest[p], y = r0 * ny + rest[q + 1] - rest[p + 1], r = Math.hypot(x, y);
     const force = force_N * (r / spacing_m) ** -state.exponent;
-    return [x / r, y / r, state.exponent * force / r, -force / r];
+    return [x / r, y / r, state.exponent * force / r, -force / r, r];
   });
 }
 
@@ -84,8 +84,8 @@ function relaxed(patch, data, state) {
   for (let round = 0; round < 30; round++) {
     const bonds = bondsAt(patch, data, state, rest);
     for (let k = 0; k < F.length; k++) F[k] = -state.foundation_N_per_m * rest[k];
-    bonds.forEach(([nx, ny, , across], b) => {
-      const p = 2 * patch.i[b], q = 2 * patch.j[b], p0 = bondLength(patch, data, state, rest, b), f = -across * p0;
+    bonds.forEach(([nx, ny, , across, r], b) => {
+      const p = 2 * patch.i[b], q = 2 * patch.j[b], f = -across * r;
       F[p] -= f * nx;
       F[p + 1] -= f * ny;
       F[q] += f * nx;
@@ -99,11 +99,6 @@ function relaxed(patch, data, state) {
     for (let k = 0; k < rest.length; k++) rest[k] += part * step[k];
   }
   return null;
-}
-
-function bondLength(patch, data, state, rest, b) {
-  const {direction, length} = data.bonds[patch.kind[b]], p = 2 * patch.i[b], q = 2 * patch.j[b];
-  return Math.hypot(...[0, 1].map(c => length * state.spacing_m * direction[c] + rest[q + c] - rest[p + c]));
 }
 
 /** K^-1 F of the free particles by conjugate gradients; null where K is not positive definite. */

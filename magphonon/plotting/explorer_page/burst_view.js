@@ -86,9 +86,15 @@ class BurstView {
     this.draw();
   }
 
-  /** When the patch is as full of echoes as it gets: ten bursts after the push. */
+  /** When the patch is as full of echoes as it gets: six bursts after the push. */
   get over() {
     return this.bursts.complete.t > 6 * this.drive.cycles / this.drive.carrier_Hz;
+  }
+
+  /** Pixels per spacing of a canvas, and half the height of the patch in spacings. */
+  scaleOf(canvas) {
+    const [wide, high] = [this.patch.x, this.patch.y].map(places => Math.max(...places.map(Math.abs)) + 0.6);
+    return {unit: canvas.clientWidth / 2 / wide, high};
   }
 
   draw() {
@@ -97,7 +103,7 @@ class BurstView {
     const scale = BRIGHTEST * free.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
     for (const model of MODELS) {
       const canvas = this.canvases[model], width = canvas.clientWidth, dense = devicePixelRatio || 1, burst = this.bursts[model];
-      const reach = Math.max(...x.map(Math.abs)) + 0.6, high = Math.max(...y.map(Math.abs)) + 0.6, unit = width / 2 / reach;
+      const {unit, high} = this.scaleOf(canvas);
       canvas.style.height = `${2 * high * unit}px`;
       if (canvas.width !== Math.round(width * dense)) canvas.width = Math.round(width * dense);
       if (canvas.height !== Math.round(2 * high * unit * dense)) canvas.height = Math.round(2 * high * unit * dense);
@@ -136,8 +142,7 @@ class BurstView {
 
   /** The particle nearest to a point of a canvas, in pixels. */
   nearest(canvas, px, py) {
-    const {x, y} = this.patch, width = canvas.clientWidth, height = canvas.clientHeight;
-    const reach = Math.max(...x.map(Math.abs)) + 0.6, unit = width / 2 / reach;
+    const {x, y} = this.patch, width = canvas.clientWidth, height = canvas.clientHeight, {unit} = this.scaleOf(canvas);
     const far = x.map((_, p) => Math.hypot(width / 2 + unit * x[p] - px, height / 2 - unit * y[p] - py));
     return far.indexOf(Math.min(...far));
   }
@@ -174,7 +179,7 @@ class BurstView {
     for (const canvas of Object.values(this.canvases)) {
       canvas.addEventListener('pointerdown', event => {
         const box = canvas.getBoundingClientRect(), [px, py] = [event.clientX - box.left, event.clientY - box.top];
-        const {x} = this.patch, unit = canvas.clientWidth / 2 / (Math.max(...x.map(Math.abs)) + 0.6);
+        const {unit} = this.scaleOf(canvas);
         this.cursor = null;
         this.act(this.nearest(canvas, px, py), [(px - canvas.clientWidth / 2) / unit, (canvas.clientHeight / 2 - py) / unit]);
       });
