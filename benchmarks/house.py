@@ -69,7 +69,7 @@ CALCULATORS = {'MagneticRepulsion', 'AllNeighbours', 'type(calc)', 'type(self)',
 
 
 def functions_of(tree):
-    """(lines without the docstring, node) of each function of a module."""
+    """(lines of the body without the docstring, node) of each function of a module."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
             body = node.body[1:] if ast.get_docstring(node) is not None else node.body
@@ -162,11 +162,9 @@ def route(root, name, before, call):
     files = {file for file, _ in entered}
     yield f'files entered by {name}', len(files)
     if before.startswith(CELL):
-        nodes = [(file, node) for file in files for node in ast.walk(ast.parse(Path(file).read_text(encoding='utf-8')))
-                 if isinstance(node, ast.FunctionDef)]
-        firsts = [min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)]) for _, node in nodes]
-        yield f'lines of functions in {name}', sum(node.end_lineno - first + 1 for (file, node), first
-                                                   in zip(nodes, firsts, strict=True) if (file, first) in entered)
+        lengths = {(file, min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])): length
+                   for file in files for length, node in functions_of(ast.parse(Path(file).read_text(encoding='utf-8')))}
+        yield f'lines of code in {name}', sum(lengths.get(place, 0) for place in entered)
 
 
 def at(revision, folder):

@@ -41,9 +41,7 @@ def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import MODELS
-    from ..waves.wave_report import report
     from .costs import refuse_costly
-    from .neighbours import neighbours
     from .results import results
 
     engine = _engine(options)
@@ -63,16 +61,23 @@ def run(options: Namespace) -> None:
         places = patch.calc.reference.positions[site.row, :2].T / units.m
         write_columns(folder / 'row.csv', ['step', 'particle', 'x_m', 'y_m'], [range(len(site.row)), site.row, *places])
         write_ridges(folder / 'ridges.csv', records)
-        unstable = _unstable(cell)
-        rest = [] if (found := scene.relaxation()) is None else [str(found)]
-        amplitudes, decays = _amplitudes(cell, largest, loud=not unstable), _decays(plan, cell, records)
-        others = neighbours(scene, brief=True)
-        text = '\n'.join([scene.title, *rest, '', report(records), *amplitudes, *decays, *unstable, '', *others])
+        text, short = _told(scene, cell, records, largest)
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
-        loud = [line for line in amplitudes if 'WARNING' in line]
-        short = '\n'.join([scene.title, *rest, '', *_conclusion(records), *loud, *decays, *unstable, '', *others])
     print(text if options.verbose else short)
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
+
+
+def _told(scene, cell, records, largest):
+    """What the bursts show: every ridge, and the conclusion of them."""
+    from ..waves.wave_report import report
+    from .neighbours import neighbours
+
+    unstable, found = _unstable(cell), scene.relaxation()
+    rest, others = [] if found is None else [str(found)], neighbours(scene, brief=True)
+    amplitudes, decays = _amplitudes(cell, largest, loud=not unstable), _decays(scene.burst, cell, records)
+    loud = [line for line in amplitudes if 'WARNING' in line]
+    return ('\n'.join([scene.title, *rest, '', *said, *decays, *unstable, '', *others])
+            for said in ([report(records), *amplitudes], [*_conclusion(records), *loud]))
 
 
 def _engine(options):

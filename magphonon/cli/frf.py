@@ -32,54 +32,74 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..plotting.response import plot_response, plot_transfer
-    from ..response.frf import receptance
     from ..scenes.scene import read_scene
-    from ..stiffness.rest import LinearSystem
     from .costs import refuse_costly
     from .neighbours import neighbours
     from .results import results
 
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf')
-    plan, axes, lines = scene.wanted('frf'), None, [scene.title]
-    pushed = plan.base_deg is None and plan.wall is None
-    unit = units.m / units.N if pushed else 1.0
-    measured = []
-    if options.measured is not None:
-        from ..response.transfer_functions import read_transfer
-        from ..scenes.frf_fits import responses_of, suspect_units, with_dofs  # which loads time steps
-
-        measured = with_dofs(scene, read_transfer(options.measured, options.estimator))
+    tables = [] if options.measured is None else [options.measured]
+    plan, measured, lines = scene.wanted('frf'), _measured(scene, options), [scene.title]
     if (relaxation := scene.relaxation()) is not None:
         lines.append(str(relaxation))
-    tables = [] if options.measured is None else [options.measured]
     with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
-        names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
-        for model, style in (('complete', '-'), ('conventional', '--')):
-            atoms, source, answer = scene.shaken(model, bench=True, wall=True)
-            system = LinearSystem.of(atoms, gyrating=True)
-            if plan.wall is not None and model == 'complete':
-                moved = np.count_nonzero(source.any(axis=1))
-                lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees, '
-                             f'all that lie farther towards {plan.wall.side_deg:g} degrees than those that are free')
-            result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
-            result.save(folder / f'frf_{model}.npz')
-            names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
-            columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]
-            natural, told = _natural(system, plan.omega)
-            axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
-            lines += ['', model, *told, *(_scattered(scene, system, plan.omega) if len(natural) else []), *_peaks(result, unit)]
-        write_columns(folder / 'frf.csv', names, columns)
-        save(axes[0].figure, 'frf')
-        if measured:
-            curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
-            save(plot_transfer(measured, curves), 'frf_measured')
-            lines += ['', *_compared(measured, curves)]
-            if (doubt := suspect_units(scene, measured)) is not None:
-                lines[-1] = f'They look like {doubt}: mend the table, or the name of its column, first.'
+        lines += _responses(scene, plan, folder, save)
+        lines += _beside(scene, measured, save)
     print('\n'.join([*lines, *neighbours(scene, brief=True)]))
     print(f'picture and data are in {options.output}')
+
+
+def _measured(scene, options):
+    """The transfer functions of --measured, at the points and drives that their file names; none without it."""
+    if options.measured is None:
+        return []
+    from ..response.transfer_functions import read_transfer
+    from ..scenes.frf_fits import with_dofs  # which loads time steps
+
+    return with_dofs(scene, read_transfer(options.measured, options.estimator))
+
+
+def _responses(scene, plan, folder, save):
+    """Write and draw the responses of both models, and say where they have peaks."""
+    from ..plotting.response import plot_response
+    from ..response.frf import receptance
+    from ..stiffness.rest import LinearSystem
+
+    axes, lines = None, []
+    pushed = plan.base_deg is None and plan.wall is None
+    unit = units.m / units.N if pushed else 1.0
+    names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
+    for model, style in (('complete', '-'), ('conventional', '--')):
+        atoms, source, answer = scene.shaken(model, bench=True, wall=True)
+        system = LinearSystem.of(atoms, gyrating=True)
+        if plan.wall is not None and model == 'complete':
+            moved = np.count_nonzero(source.any(axis=1))
+            lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees, '
+                         f'all that lie farther towards {plan.wall.side_deg:g} degrees than those that are free')
+        result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
+        result.save(folder / f'frf_{model}.npz')
+        names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
+        columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]
+        natural, told = _natural(system, plan.omega)
+        axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
+        lines += ['', model, *told, *(_scattered(scene, system, plan.omega) if len(natural) else []), *_peaks(result, unit)]
+    write_columns(folder / 'frf.csv', names, columns)
+    save(axes[0].figure, 'frf')
+    return lines
+
+
+def _beside(scene, measured, save):
+    """Draw what was measured over what is computed, and say how far they are from each other."""
+    if not measured:
+        return []
+    from ..plotting.response import plot_transfer
+    from ..scenes.frf_fits import responses_of, suspect_units
+
+    curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
+    save(plot_transfer(measured, curves), 'frf_measured')
+    lines, doubt = ['', *_compared(measured, curves)], suspect_units(scene, measured)
+    return lines if doubt is None else [*lines[:-1], f'They look like {doubt}: mend the table, or the name of its column, first.']
 
 
 def _compared(functions, curves):

@@ -8,7 +8,7 @@ at k = 7 zeta(3)/2 in units of Q^2/a^3, 4.207.  All of it is D*: for D0 alone io
 
 import numpy as np
 
-from magphonon import AllNeighbours, InversePower, analytic_bands, foundation_needed, lattices
+from magphonon import AllNeighbours, InversePower, analytic_bands, critical_foundation, lattices
 from magphonon.plotting import legend_above, new_axes
 
 chain = lattices.chain(spacing=1.0, mass=1.0)
@@ -19,7 +19,7 @@ for k, line in ((6.0, '-'), (7 * 1.2020569 / 2, '--')):
     across = analytic_bands(chain, q).omega[:, 0]
     ax.plot(2 * q[:, 0], across, line, label=f'$D^0 + D^*$, k = {k:.3f}')
     ax.plot(2 * q[:, 0], np.full(len(q), np.sqrt(k)), line, label=f'$D^0$ alone, k = {k:.3f}')
-print(f'the chain is straight above k = {foundation_needed(chain).k:.6f}')
+print(f'the chain is straight above k = {critical_foundation(chain).k:.6f}')
 ax.set(xlabel=r'$q a/\pi$', ylabel=r'$\omega$ across the axis', xlim=(0, 1), ylim=0)
 legend_above(ax)
 ax.figure.savefig('zigzag.png')
