@@ -27,7 +27,7 @@ METHODS = 'gradient', 'finite differences', 'Nelder-Mead', 'random search'
 REPEATS = 7
 
 
-class Enough(Exception):
+class ConvergedShells(Exception):
     """The time is over."""
 
 
@@ -54,7 +54,7 @@ def race(method, seconds, seed=0):
 
     def better(x, value):
         if process_time() - start > seconds:
-            raise Enough
+            raise ConvergedShells
         if not found or value > found[-1][1]:
             found.append((process_time() - start, value))
 
@@ -77,7 +77,7 @@ def race(method, seconds, seed=0):
         else:
             while True:
                 down(rng.uniform(-1, 1, len(variables)))
-    except Enough:
+    except ConvergedShells:
         pass
     return [*found, (seconds, found[-1][1])]
 
