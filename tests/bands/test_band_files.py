@@ -1,5 +1,6 @@
 """Files of bands: interrupted and spoiled; test_saved.py has what holds for files of all results."""
 
+import errno
 import json
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from cells import cell_of
 
 from magphonon import Bands, analytic_bands
+from magphonon.files import room_for
 
 
 def test_interrupted_writing_leaves_what_was_there(tmp_path, monkeypatch):
@@ -68,3 +70,9 @@ def test_files_whose_arrays_do_not_fit_are_refused(name, spoil, words, tmp_path)
     np.savez(file, **arrays)
     with pytest.raises(ValueError, match=rf'no complete file of bands \(.*{words}.*\); compute them again'):
         Bands.load(file)
+
+
+@pytest.mark.parametrize(('number', 'words'), [(errno.ENOSPC, 'make room'), (errno.EACCES, 'as it was')])
+def test_a_full_disk_and_nothing_else_is_told_in_our_words(number, words):
+    with pytest.raises(OSError, match=words), room_for('bands.npz'):
+        raise OSError(number, 'as it was')

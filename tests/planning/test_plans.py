@@ -143,6 +143,7 @@ def test_the_step_of_a_peak_is_half_the_limit_or_what_the_tolerance_asks_for():
     for tolerance, dt in ((0.5, 1 / omega[-1]), (1e-3, np.sqrt(24 * 0.6 * 1e-3) / omega[0])):
         plan = plan_peak(atoms, place, place, np.linspace(0.9, 1.1, 200) * omega[0], 0.05, tolerance, 1e-5)
         assert plan.methods[-1].dt == pytest.approx(dt, rel=1e-3)  # the peak is that of a grid of frequencies
+        assert plan.methods[-1].error == pytest.approx((omega[0] * dt) ** 2 / 24, rel=5e-3)
 
 
 def test_a_peak_that_leaves_the_range_without_dstar_is_unbounded():
