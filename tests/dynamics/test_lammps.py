@@ -194,7 +194,7 @@ def on_a_line(atoms):
 
 @pytest.mark.parametrize(('spoil', 'message'), [
     (conventional, "model='complete', not 'conventional'"),
-    (no_calculator, 'must be a MagneticRepulsion, not None'),
+    (no_calculator, 'must be a PairCalculator, not None'),
     (periodic, r'pbc \(1, 1, 0\)'),
     (displaced, 'at rest in their reference positions'),
     (moving, 'at rest in their reference positions'),
