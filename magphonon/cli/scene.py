@@ -24,13 +24,15 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     import re
     import sys
+    import tomllib
     from pathlib import Path
     from shutil import get_terminal_size
 
-    from ..scenes.keys import scene_keys
-    from ..scenes.scene import read_scene, ready_scene, ready_scenes
+    from ..scenes.sources import ready_scene, ready_scenes  # without what reads scenes
 
     if options.keys is not None:
+        from ..scenes.keys import scene_keys
+
         width, last = min(WIDEST, get_terminal_size().columns) if sys.stdout.isatty() else WIDEST, ''
         for key in scene_keys(options.keys or None):
             if key.table != last:
@@ -39,7 +41,7 @@ def run(options: Namespace) -> None:
             print(_described(key, width))
     elif options.name is None:
         for name, file in ready_scenes().items():
-            print(f'{name:15}{read_scene(str(file)).title}')
+            print(f'{name:15}{tomllib.loads(file.read_text(encoding="utf-8"))["title"]}')
     else:
         path = Path(str(ready_scene(options.name)))
         beside = re.compile('^(file = )"(.*?)"', re.MULTILINE)  # a copy of the scene stands elsewhere

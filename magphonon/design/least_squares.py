@@ -74,9 +74,9 @@ class ParameterFit:
     @property
     def chance(self) -> float:
         """Probability of so large a chi2 if the model holds; 1 without degrees of freedom."""
-        from scipy.stats import chi2
+        from scipy.special import chdtrc  # scipy.stats has it too, and takes most of a second to import
 
-        return float(chi2.sf(self.chi2, self.freedom)) if self.freedom else 1.0
+        return float(chdtrc(self.freedom, self.chi2)) if self.freedom else 1.0
 
     @property
     def scatter(self) -> float:

@@ -252,7 +252,7 @@ def _solved(H):
             return lambda b: linalg.cho_solve(factors, b, check_finite=False), True
         except linalg.LinAlgError:
             return lambda b: linalg.solve(H, b, assume_a='sym'), False
-    factors = factorised(H)
+    factors = factorised(H, definite=True)
     return factors.solve, factors.negative() == 0
 
 

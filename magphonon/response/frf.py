@@ -186,9 +186,11 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     M, C = root @ root, root @ system.B(rate) @ root
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
     round_off = RESONANT * abs(system.K).sum(axis=1).max()
+    order = None  # of elimination, the same for all frequencies
     for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
         try:
-            solve = inverse(system.stiffness - w**2 * M + 1j * w * C)
+            solve = inverse(system.stiffness - w**2 * M + 1j * w * C, order)
+            order = solve.factors.order
         except RuntimeError as error:
             raise _infinite(w) from error
         if rate.min() * abs(w) <= round_off:  # no damping keeps resonances away: two steps of inverse iteration find the nearest

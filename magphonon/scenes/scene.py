@@ -44,9 +44,10 @@ from .fields import Table, Text, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell, Trap
 from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
-from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
+from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import Defects, Disorder, FileLattice
 from .tolerances import Uncertainty
+from .written_atoms import checked_atoms, tables_of
 
 PAIRS = 3e-4
 """Largest relative change of a frequency by the neighbours that are left out where shells = 'all' has to be a number."""

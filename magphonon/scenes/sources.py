@@ -1,4 +1,4 @@
-"""Where a scene comes from: the text of a file, a ready scene or a stream such as the standard input; or atoms in Python."""
+"""Where a scene comes from: the text of a file, a ready scene or a stream such as the standard input."""
 
 from __future__ import annotations
 
@@ -9,24 +9,16 @@ from importlib.resources.abc import Traversable
 from io import StringIO
 from os import PathLike
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from ase import Atoms
-
-from ..bands.bands import band_path
-from ..bands.force_constants import enough_cells
 from ..errors import nearest, one_of
 from ..files import MEGABYTE, refuse_endless
-from ..interactions.bond_laws import laws_from_dict, laws_to_dict
-from ..stiffness.repulsion import Repulsion
 
 MOST_BYTES = 10 * MEGABYTE
 """Largest size of a scene in bytes; the ready scenes have 3 kB."""
 LIKENESS = 0.7
 """Least ratio of likeness of two names of files, which are freer than those of keys: 'mine' and 'wigner' have 0.6."""
 LIST = '"magphonon scene" lists scenes to start from'
-POINTS = 200
-"""Wavevectors along the path of the bands."""
 
 
 @dataclass(frozen=True)
@@ -120,29 +112,3 @@ def ready_scene(name: str) -> Traversable:
     """
     scenes = ready_scenes()
     return scenes[one_of('the scene', name, tuple(scenes))]
-
-
-def checked_atoms(atoms: Atoms) -> Atoms:
-    """The atoms, if a scene can hold them."""
-    calc: Any = getattr(atoms, 'calc', None)
-    if not isinstance(calc, Repulsion):
-        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach one')
-    laws_from_dict(laws_to_dict(calc.laws))
-    calc.displacements(atoms)  # refuses atoms that are not those of the calculator
-    return atoms
-
-
-def tables_of(atoms: Atoms, title: str | None, file: str) -> dict[str, Any]:
-    """The tables of the scene of some atoms; periodic ones have bands along ASE's path through their zone."""
-    held = '' if not atoms.constraints else ', some of them held'
-    tables = {'title': title or f'{len(atoms)} particles from Python{held}', 'lattice': {'kind': 'file', 'file': file},
-              'law': {'kind': 'saved'}}
-    if atoms.pbc.any():
-        try:
-            path = band_path(atoms, None, POINTS)
-        except ValueError:  # ASE knows no path through this zone
-            return tables
-        calc: Any = atoms.calc
-        cells = [int(n) for n, periodic in zip(enough_cells(calc), atoms.pbc, strict=True) if periodic]
-        tables['bands'] = {'path': path.path, 'points': POINTS, 'supercell': cells}
-    return tables

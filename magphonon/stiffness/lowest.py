@@ -129,7 +129,7 @@ def _factors_close_below(D, highest):
     # Those on an inverse converge.  The first shift is below all discs of Gershgorin, so that no sign of a pivot needs to be
     # seen, the second close below the first estimate, which is not below the eigenvalue.
     far = float((2 * D.diagonal().real - abs(D).sum(axis=1)).min()) - SHIFT * highest
-    return _closer(D, far, factorised(_shifted(D, -far)), highest)[:2]
+    return _closer(D, far, factorised(_shifted(D, -far), definite=True), highest)[:2]
 
 
 def _closer(D, far, factors, highest):
@@ -232,7 +232,7 @@ def _shifted(D, shift):
 def _positive_factors(D, shift, order=None):
     """Factors of D + shift if all its eigenvalues are positive, which the signs of the pivots prove; otherwise None."""
     try:
-        factors = factorised(_shifted(D, shift), order)
+        factors = factorised(_shifted(D, shift), order, definite=True)
     except RuntimeError:  # a pivot is zero
         return None
     return factors if factors.negative() == 0 else None

@@ -188,7 +188,7 @@ def _waves(system, cell, q, particles):
 def _compliant(system, waves):
     """Static displacements by forces like `waves`, shape (wavevectors, rows, rows of the structure), the last two swapped."""
     P, forces = system.free, waves.reshape(-1, waves.shape[-1]).T
-    moved = P @ factorised(system.stiffness).solve(P.T @ forces)
+    moved = P @ factorised(system.stiffness, definite=True).solve(P.T @ forces)
     return moved.T.reshape(waves.shape).swapaxes(1, 2)
 
 
