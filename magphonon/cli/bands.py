@@ -48,12 +48,12 @@ def run(options: Namespace) -> None:
 
 
 def _bands(scene, atoms, path):
-    """The bands of both models and of phonopy, and phonopy's object, which is None for particles that gyrate."""
+    """The bands of both models and of phonopy, and phonopy's object, which is None where the velocity turns forces."""
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
 
     bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
-    if np.any(atoms.calc.gyration):  # forces alone do not show it
+    if np.any(atoms.calc.rate):  # displacements alone do not show it
         return bands, None
     try:
         phonon = finite_displacements(atoms, scene.supercell())

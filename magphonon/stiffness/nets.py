@@ -35,7 +35,7 @@ def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms
     members : sequence of (i, j, law) or (i, j, shift, law)
         The nodes that a member joins, the periodic cell of j (default 0 0 0), and its law: `Spring`, `Cable` or any other.
     **sites
-        What else `PairCalculator` takes: foundation, load, gyration, model, dim.
+        What else `PairCalculator` takes: foundation, load, model, dim and so on.
 
     Returns
     -------

@@ -88,7 +88,7 @@ def warn_of_hertz(calc: Repulsion, omega: NDArray[np.float64]) -> None:
     """Warn of angular frequencies in rad/ms that are far above those of a structure, and among them if Hz were typed."""
     if omega.size and (w := float(np.median(abs(omega)))):
         hertz = 2 * np.pi * units.Hz
-        scale = hertz * frequency_scale(calc) + np.max(abs(calc.gyration))
+        scale = hertz * frequency_scale(calc) + np.max(abs(calc.rate))
         if w > FAST[0] * scale > 0 and abs(omega).max() * hertz < FAST[1] * scale:
             warnings.warn(f'omega = {w:.4g} rad/ms is {w / hertz:.4g} Hz, far above the frequencies of the structure, about '
                           f'{scale / hertz:.3g} Hz; if {w:.4g} Hz was meant, give {w:.4g} * 2 * pi * units.Hz, which is '

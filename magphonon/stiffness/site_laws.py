@@ -338,7 +338,7 @@ class OnSite(Springs):
 def foundation_to_dict(given: Any) -> Any:
     """A foundation as files of ASE hold it; of a law made of functions its name alone."""
     law: Any = tie_of(given)
-    if isinstance(law, OnSite) and law.K is not None and law.g is None:
+    if getattr(law, 'K', None) is not None and not law.changes:  # a tensor
         return {'kind': 'tensor', 'K': law.K, 'k': law.k, 'share': law.share}
     return {'kind': type(law).__name__} | {name: getattr(law, name) for name in law.saved} if law.known else law.k
 
