@@ -55,6 +55,15 @@ def test_every_key_stands_in_a_table_of_five_cells(generate, tmp_path):
     assert all('<br>`dipoles`: Point dipoles' in row for row in rows if 'Point dipoles' in row)  # kinds one below the other
 
 
+def test_every_tool_has_a_row_and_every_trait_a_column(generate):
+    from magphonon.traits import TOOLS, TRAITS
+
+    rows = re.findall(r'^\| `(\w+)` \|(.*)\|$', generate.traits.page(generate.traits.loaded()), re.MULTILINE)
+    found = {name: {trait for trait, cell in zip(TRAITS, cells.split('|'), strict=True) if cell.strip()} for name, cells in rows}
+    assert found == {tool.name: tool.takes for tool in TOOLS.values()}
+    assert len(rows) > 45
+
+
 def test_thresholds_are_those_of_the_source(generate):
     tree = ast.parse('MOST = 2**53\n"""Largest count."""\nNAMES = ("a", "b")\n"""No number."""\nHALF = 0.5  # not described\n')
     assert list(generate.thresholds.constants(tree)) == [('MOST', '2 ** 53', 'Largest count.')]

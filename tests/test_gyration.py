@@ -21,7 +21,6 @@ from magphonon import (
     chern_numbers,
     complex_bands,
     edge_flow,
-    finite_displacements,
     frequency_response,
     group_velocities,
     lattices,
@@ -29,28 +28,20 @@ from magphonon import (
     read_scene,
     ready_scene,
     relaxed,
-    sound_speeds,
-    stability,
     verdict,
     write_scene,
 )
-from magphonon.bands import band_gaps, bloch_modes, edge_weights, gruneisen_parameters, lattice_density
+from magphonon.bands import band_gaps, bloch_modes, edge_weights, lattice_density
 from magphonon.cli.main import main
-from magphonon.design import foundation_for
-from magphonon.dynamics import Diverged, Harmonic, highest_frequency, write_lammps_input
+from magphonon.dynamics import Diverged, Harmonic, highest_frequency
 from magphonon.plotting import mode_frames, plot_shape
 from magphonon.response import (
     Dof,
     compared,
-    count_modes_below,
-    density_of_states,
-    local_modes,
     natural_frequencies,
     receptance,
-    series_response,
 )
-from magphonon.stability.buckling import softest_of
-from magphonon.stiffness import LinearSystem, elastic_moduli, for_ase_tools
+from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.matrices import gyrating_modes
 from magphonon.waves import burst_setup, run_burst
 
@@ -162,12 +153,12 @@ def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine
 
 def test_orders_above_two_are_refused_when_anything_turns():
     patch = drawn(np.random.default_rng(0))
-    with pytest.raises(ValueError, match='steps of order 4 and 6 know no gyration'):
+    with pytest.raises(ValueError, match='a step of order 4 or 6 does not take particles that gyrate'):
         DrivenVerlet(patch, 0.01, order=4)
     patch.calc.set(gyration=0.0)
     dyn = DrivenVerlet(patch, 0.01, order=4)
     patch.calc.set(gyration=1.0)
-    with pytest.raises(ValueError, match='know no gyration'):
+    with pytest.raises(ValueError, match='does not take particles that gyrate'):
         dyn.run(1)
 
 
@@ -182,52 +173,6 @@ def test_gyration_is_shown_checked_and_set():
     for bad, words in (([1.0], 'one for each of the 2'), (np.nan, 'gyration'), ('x', 'gyration')):
         with pytest.raises(ValueError, match=words):
             cell.calc.set(gyration=bad)
-
-
-Q = np.array([[0.1, 0.2, 0.0]])
-REFUSED = {
-    'system': LinearSystem.of,
-    'nearest': LinearSystem.nearest,
-    'handed on': lambda atoms: LinearSystem.of(LinearSystem.of(atoms, gyrating=True)),
-    'other tools': for_ase_tools,
-    'phonopy': lambda atoms: finite_displacements(atoms, (3, 3, 1)),
-    'sound': sound_speeds,
-    'moduli': elastic_moduli,
-    'Grueneisen': lambda atoms: gruneisen_parameters(atoms, Q),
-    'softest': softest_of,
-    'needed': stability.critical_foundation,
-    'support': stability.critical_support,
-    'amplitude': stability.frequency_shifts,
-    'cut-off': lambda atoms: foundation_for(atoms, 2.0),
-    'supercell': lambda cell: _displaced(cell),
-}
-REFUSED_PATCH = {
-    'LAMMPS': lambda atoms: write_lammps_input('unwritten', atoms, 0.01, 1),
-    'counted': lambda atoms: count_modes_below(atoms, 3.0),
-    'local': lambda atoms: local_modes(atoms, [3.0, 4.0]),
-    'density': density_of_states,
-    'series': lambda atoms: series_response(LinearSystem.of(atoms, gyrating=True), np.ones(2), np.ones(1), 0.1, [0], 1e-9),
-    'amplitude': stability.frequency_shifts,
-}
-
-
-def _displaced(cell):
-    """A supercell as other tools make it."""
-    large = cell.repeat((2, 2, 1))
-    large.calc = cell.calc
-    return large.get_forces()
-
-
-@pytest.mark.parametrize('tool', [*REFUSED, *(f'{name} of a patch' for name in REFUSED_PATCH)])
-def test_what_knows_no_gyration_refuses_it(tool):
-    """The rows of docs/reference/beyond_stiffness.md."""
-    cell = lattices.triangular(1.0, 1.0)
-    ask = REFUSED.get(tool)
-    if ask is None:
-        cell, ask = lattices.hexagon(cell, 3.0), REFUSED_PATCH[tool.removesuffix(' of a patch')]
-    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=1.0)
-    with pytest.raises(ValueError, match=r'know no gyration.*1000 rad/s'):
-        ask(cell)
 
 
 def test_gyration_is_one_of_lists_of_bonds():
@@ -381,7 +326,7 @@ def test_the_strip_has_no_wave_in_the_gap_where_d0_alone_has_one_that_runs_one_w
         w = []
         for x in (q - h, q + h):
             K = strip.calc.bloch_matrix(np.array([[x, 0, 0]]), 'conventional')[0]
-            keep = np.repeat(LinearSystem.of(strip, gyrating=True).mobile, 2)
+            keep = np.repeat(LinearSystem.of(strip, 'gyration').mobile, 2)
             roots = quadratic(K[np.ix_(keep, keep)], 1.55, np.ones(keep.sum() // 2)).real
             w.append(roots[abs(roots - np.mean(gaps[1])).argmin()])
         assert abs((w[1] - w[0]) / (2 * h) * np.sqrt(3) / (2 * np.pi) - v) < 1e-4
@@ -421,8 +366,6 @@ def test_modes_of_drawn_patches_are_the_roots_and_none_of_them_works_on_another(
     assert np.allclose(np.sort(eigvals(A).imag)[P.shape[1] :], found.omega, rtol=1e-10)
     assert np.allclose(natural_frequencies(patch), found.omega, rtol=1e-12)
     assert np.allclose(modes(patch, 3).omega, found.omega[:3])
-    with pytest.raises(ValueError, match='know no gyration'):
-        count_modes_below(patch, 3.0)
 
 
 def hill(g):
@@ -437,7 +380,7 @@ def hill(g):
 @pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
 def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
     atoms = hill(g)
-    K = LinearSystem.of(atoms, gyrating=True).K.toarray()
+    K = LinearSystem.of(atoms, 'gyration').K.toarray()
     assert np.allclose(K, -0.5 * np.eye(2))
     judged = verdict(atoms)
     assert judged.stable is stable
@@ -447,7 +390,7 @@ def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
     assert ('too slow' in str(judged)) is not stable
     rates = np.roots([1, -1j * g, -0.5])  # s^2 + i g s - 1/2 of z = x + i y, by hand
     assert abs(judged.buckling.growth - max(abs(rates.real)) * (not stable)) < 1e-9
-    system = LinearSystem.of(atoms, gyrating=True)
+    system = LinearSystem.of(atoms, 'gyration')
     assert (system.growth() == 0) is stable
     assert system.growth(0.01) > 0  # losses undo it (Kelvin, Tait, Chetaev)
     start = atoms.copy()
@@ -474,7 +417,7 @@ def bounded(atoms, dt):
     """Whether a run of the free particles stays where it began."""
     run = atoms.copy()
     run.calc = atoms.calc
-    free = LinearSystem.of(run, gyrating=True).mobile
+    free = LinearSystem.of(run, 'gyration').mobile
     run.positions[free, :2] += 1e-9 * np.random.default_rng(0).normal(size=(free.sum(), 2))
     dyn = DrivenVerlet(run, dt, engine='numpy', allow_unstable=True)
     try:
@@ -680,7 +623,7 @@ def test_modes_of_a_patch_fill_the_middle_gap_by_d0_alone():
         inside = (low < found.omega) & (found.omega < high)
         assert bool(inside.any()) is bool(between)
         if between:
-            free = LinearSystem.of(patch, gyrating=True).mobile
+            free = LinearSystem.of(patch, 'gyration').mobile
             near = free & (KDTree(patch.positions[~free]).query(patch.positions)[0] < 2.1)
             shares = (abs(found.shapes) ** 2).sum(axis=2)[:, near].sum(axis=1)
             assert shares[inside].mean() > 1.15 * np.median(shares)

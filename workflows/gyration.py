@@ -112,7 +112,7 @@ def sent(patch, omega, model):
     """Places, the source in the middle of the lower rim, and the energy of each magnet at the end of the burst."""
     patch = with_magnets(patch, model=model)
     place = patch.positions[:, :2] - patch.positions[:, :2].mean(axis=0)
-    free = np.flatnonzero(LinearSystem.of(patch, gyrating=True).mobile)
+    free = np.flatnonzero(LinearSystem.of(patch, 'gyration').mobile)
     source = free[np.argmin(abs(place[free, 0]) + 10 * place[free, 1])]
     run = DrivenVerlet(patch, 0.06, [ToneBurst(source, (0, 1), FORCE, omega, cycles=CYCLES)], engine='numpy')
     run.run(round(CYCLES * 2 * np.pi / omega / run.dt))

@@ -21,6 +21,7 @@ from ..results import InHertz
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.site_laws import each_spring
+from ..traits import LIKE, LINEAR, takes
 from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:
@@ -156,6 +157,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
         return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes, decay)
 
 
+@takes(*LINEAR, 'all neighbours')
 def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: str | None = None, vectors: bool = False,
                    branches: int | None = None, damping: ArrayLike | None = None) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
@@ -294,6 +296,7 @@ class GroupVelocities(NamedTuple):
     velocity: np.ndarray
 
 
+@takes(*LINEAR)
 def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = None) -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
@@ -316,7 +319,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | Non
     >>> found.omega.shape, found.velocity.shape
     ((1, 2), (1, 2, 2))
     """
-    system = LinearSystem.of(atoms, gyrating=True)
+    system = LinearSystem.of(atoms)
     calc, masses = system.calc, system.masses
     K, B = calc.rest_stiffness(model), (system.free @ system.B() @ system.free.T).toarray()
     omegas, slopes = [], []
@@ -334,6 +337,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | Non
     return GroupVelocities(omega, velocity)
 
 
+@takes('all neighbours', 'gyration', *LIKE)
 def cut_off(atoms: Atoms) -> float | None:
     """The cut-off frequency of a lattice on a foundation or between walls: the lowest one at Gamma, below which long waves do not
     propagate.
@@ -362,6 +366,7 @@ def cut_off(atoms: Atoms) -> float | None:
     return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
 
 
+@takes('all neighbours', 'site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
 def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str | None = None) -> NDArray[np.float64]:
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 
@@ -391,7 +396,7 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str | 
     >>> (sound_speeds(cell) ** 2 * 8 / 3).round(9)  # a - 3 and 3 a - 1, times f L0/m
     array([ 2., 14.])
     """
-    system = LinearSystem.of(atoms).unheld('speeds of sound are those')
+    system = LinearSystem.of(atoms)
     calc: Any = system.atoms.calc
     along = finite('direction', np.eye(calc.dim)[0] if direction is None else direction, (calc.dim,))
     if not along.any():
@@ -417,6 +422,7 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str | 
     return np.sort(np.append(signed_root(np.linalg.eigvalsh(regular.T @ squares @ regular)), ends))
 
 
+@takes(*LINEAR, 'all neighbours')
 def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDArray[np.float64]:
     """Share of the kinetic energy of each mode in the rows at the two edges of a ribbon, from 0 to 1.
 
@@ -438,7 +444,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
         The edge on the right of the periodic direction comes first, then that on the left: for a ribbon along x the lower edge
         comes first.
     """
-    calc: Any = LinearSystem.of(atoms, gyrating=True).atoms.calc
+    calc: Any = LinearSystem.of(atoms).atoms.calc
     if atoms.pbc.sum() != 1:
         raise ValueError(f'only a ribbon has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
                          'lattices.ribbon cuts one out of a lattice')

@@ -16,6 +16,7 @@ from ..stiffness.matrices import companion, eigenvalues_of_two, gyrating_modes, 
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import site_damping
+from ..traits import LINEAR, takes
 
 BATCH_BYTES = 2**22
 """Size in bytes of the largest array of the wavevectors that are treated at a time.  A large zone then need not fit in memory,
@@ -27,6 +28,7 @@ DIVIDE = 400
 (relatively robust representations); at 800 it takes 1.3 times as long, at 1200 2.5 times."""
 
 
+@takes(*LINEAR, 'all neighbours')
 def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = None, vectors: bool = False,
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
@@ -65,7 +67,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = N
     >>> omega.shape, shapes.shape
     ((2, 2), (2, 2, 1, 2))
     """
-    system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
+    system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     count = every = system.directions
     alone = len(system) == 1 and every == 2 == system.dim and calc.pairwise and not vectors and not system.turning
@@ -85,6 +87,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = N
     return omega, modes.reshape(*omega.shape, len(system), system.dim)
 
 
+@takes(*LINEAR, 'all neighbours')
 def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str | None = None,
                  vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies and decays of a periodic structure with losses, whose modes move as `e^{-(decay + i omega) t}`.
@@ -94,7 +97,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str | No
     grows; decay in 1/ms, of the two of an overdamped mode the slower one; both of shape (wavevectors, modes); and the vectors of
     `bloch_modes`.
     """
-    system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
+    system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     gamma = site_damping(damping, len(system))
     if not (np.ptp(gamma) or system.turning):  # every mode loses the same

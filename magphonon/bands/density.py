@@ -27,6 +27,7 @@ from ..results import InHertz
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
+from ..traits import LINEAR, takes
 from .bloch import bloch_modes
 
 POINTS = 400  # number of frequencies where the caller gives none
@@ -81,6 +82,7 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
         return self.density / self.modes * 2 * np.pi * units.Hz
 
 
+@takes(*LINEAR, 'all neighbours')
 def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | None = None,
                     model: str | None = None) -> DensityOfStates:
     """Density of states of an infinite lattice, by linear interpolation between the points of a mesh over its zone.
@@ -124,6 +126,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     return DensityOfStates(middles, counted / np.diff(edges), float(branches), np.diff(edges) / 2, np.zeros(len(middles)))
 
 
+@takes(*LINEAR, 'all neighbours')
 def band_ranges(atoms: Atoms, steps: int | None = None, model: str | None = None) -> NDArray[np.float64]:
     """Ranges of frequency in which an infinite lattice has modes; overlapping branches make one range.
 
@@ -144,7 +147,7 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: str | None = None
     >>> band_gaps(read_scene(ready_scene('honeycomb')).atoms()).shape  # from, to
     (1, 2)
     """
-    system, frequencies = LinearSystem.of(atoms, gyrating=True), _on_mesh(atoms, steps, model)
+    system, frequencies = LinearSystem.of(atoms), _on_mesh(atoms, steps, model)
     every = frequencies.reshape(-1, frequencies.shape[-1])
     tops, bottoms, touching = every.max(axis=0), every.min(axis=0), GAP * abs(every).max()
     for below in np.flatnonzero(bottoms[1:] - tops[:-1] > touching):  # two branches may cross between the points of the mesh
@@ -178,6 +181,7 @@ def _nearest_approach(system, frequencies, below, model):
     return ends
 
 
+@takes(*LINEAR, 'all neighbours')
 def band_gaps(atoms: Atoms, steps: int | None = None, model: str | None = None) -> NDArray[np.float64]:
     """Gaps between the bands of an infinite lattice, shape (gaps, 2); see `band_ranges`."""
     ranges = band_ranges(atoms, steps, model)

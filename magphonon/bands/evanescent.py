@@ -33,6 +33,7 @@ from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..stiffness.site_laws import site_blocks
 from ..stiffness.sites import site_damping
+from ..traits import LINEAR, takes
 
 LINK = 1e-11
 """Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to
@@ -159,6 +160,7 @@ class ComplexBands(InHertz):
             return 1 / np.imag(self.xi)
 
 
+@takes(*LINEAR)
 def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: str | None = None,
                   damping: ArrayLike = 0.0) -> ComplexBands:
     """All waves along a direction at given frequencies, propagating and evanescent.
@@ -189,7 +191,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     >>> complex(inside.xi[0, 0].round(3))
     (1.318+0.052j)
     """
-    system = LinearSystem.of(atoms, gyrating=True).moving()
+    system = LinearSystem.of(atoms).moving()
     free = system.free.toarray()
     direction = finite('direction', direction, (3,))
     omega, bonds = asked_frequencies(system.calc, omega), system.calc.bonds

@@ -22,6 +22,7 @@ from ..stiffness.matrices import companion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, on_foundation
 from ..stiffness.sites import site_damping
+from ..traits import LIKE, takes
 from .bloch import wavevectors
 
 MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
@@ -57,6 +58,7 @@ class FloquetBands(InHertz):
         return np.imag(self.omega).max(axis=1)
 
 
+@takes('modulation', 'gyration', *LIKE)
 def floquet_bands(atoms: Atoms, q: ArrayLike, model: str | None = None, damping: ArrayLike = 0.0,
                   tolerance: float = 1e-8) -> FloquetBands:
     """Quasi-frequencies of a lattice on a `Travelling` foundation, by Hill's method.
@@ -126,7 +128,7 @@ class Hill:
             raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of {calc!r}; give the '
                              'calculator foundation=Travelling(k, eps, W, kap)')
         mean = on_foundation(atoms, calc.tie.k)
-        self.system, self.model, self.W = LinearSystem.of(mean, gyrating=True).moving(), model, wave.W
+        self.system, self.model, self.W = LinearSystem.of(mean).moving(), model, wave.W
         self.modes = self.system.directions
         self.kap = mean.cell.array @ wave.kap / (2 * np.pi) * mean.pbc  # in fractions of the reciprocal vectors
         n, dim = len(mean), self.system.dim

@@ -25,6 +25,7 @@ from ..interactions.bond_laws import groups
 from ..interactions.pair_laws import STEEPEST
 from ..stiffness.matrices import signed_root
 from ..stiffness.rest import LinearSystem, freedom
+from ..traits import STIFF, takes
 from .bands import Bands, analytic_bands, path_of
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ SAME_PLACE = 1e-6
 of any unit of length."""
 
 
+@takes(*STIFF, 'all neighbours')
 def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, distance: float | None = None) -> Phonopy:
     """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
 
@@ -258,6 +260,7 @@ def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)
 
 
+@takes('site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
 def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     """What the static forces add to each bond, taken from phonopy's force constants: `D* = -FC - D0`.
 
@@ -282,7 +285,7 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     >>> Dstar.shape  # one matrix for each bond
     (3, 2, 2)
     """
-    calc = LinearSystem.of(atoms).unheld('D* is that of the bonds').calc
+    calc = LinearSystem.of(atoms).calc
     FC = force_constants_of(phonon)
     home = phonon.primitive.p2s_map
     supercell = calc.on(_supercell_atoms(phonon, calc.reference.pbc))
@@ -311,6 +314,7 @@ def foundation_recovered(phonon: Phonopy) -> NDArray[np.float64]:
     return force_constants_of(phonon).sum(axis=1)
 
 
+@takes(*STIFF, 'all neighbours')
 def displacement_errors(atoms: Atoms, path: BandPath, distances: Sequence[float]) -> NDArray[np.float64]:
     """Error of phonopy's bands against the analytic ones for different displacements.
 

@@ -23,6 +23,7 @@ from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_
 from ..stiffness.bond import interaction_along
 from ..stiffness.matrices import bloch_matrix, gyrating_modes, hermitian_eigenvalues, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
+from ..traits import takes
 from .bloch import bloch_modes
 
 REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
@@ -58,6 +59,7 @@ class NeighbourShifts:
         return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
 
 
+@takes('all neighbours', 'gyration', 'constraints', 'out of plane', 'attraction', 'oblique', 'unlike')
 def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     """How the frequencies of a lattice change if all neighbours repel each other.
 
@@ -76,7 +78,7 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     >>> round(float(shear), 3), round(float(longitudinal), 3)  # M: 58.2 Hz become 67.5, and 149.5 become 150.5
     (0.158, 0.007)
     """
-    atoms, q = _in_plane(LinearSystem.of(atoms, gyrating=True).atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
+    atoms, q = _in_plane(LinearSystem.of(atoms).atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
     omega = bloch_modes(atoms, q, 'complete')[0]
     if not atoms.calc.pairwise:
         return NeighbourShifts(omega, omega, True)
@@ -105,6 +107,7 @@ class ConvergedShells:
     clear: bool
 
 
+@takes('all neighbours', 'gyration', 'constraints', 'out of plane', 'attraction', 'oblique', 'unlike')
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
     """The least number of shells with which, and with more of which, each frequency is right within a tolerance.
 

@@ -18,6 +18,7 @@ from ..errors import positive
 from ..stiffness.matrices import bloch_gradient, first_order, mass_weighted
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
+from ..traits import LINEAR, takes
 from .bloch import in_batches
 
 COARSE, FINE = 24, 192
@@ -29,6 +30,7 @@ STEPS = 120  # wavevectors along a strip, 0 and 1/2 among them, between which a 
 CLEAR = 0.8  # least share of the motion in one half of the strip for a wave to belong to its edge
 
 
+@takes(*LINEAR)
 def chern_numbers(cell: Atoms | LinearSystem, model: str | None = None) -> NDArray[np.int_]:
     """Chern number of each band of a planar lattice; all are zero unless particles gyrate.
 
@@ -61,7 +63,7 @@ def chern_numbers(cell: Atoms | LinearSystem, model: str | None = None) -> NDArr
     >>> chern_numbers(cell), chern_numbers(cell, 'conventional')
     (array([ 1, -1,  1, -1]), array([ 1,  0,  0, -1]))
     """
-    system = LinearSystem.of(cell, gyrating=True).moving()
+    system = LinearSystem.of(cell).moving()
     if tuple(system.atoms.pbc) != (True, True, False):
         raise ValueError('bands over two wavevectors have Chern numbers; take one cell of a planar lattice, pbc (1, 1, 0)')
     turn = np.sign(np.linalg.det(system.atoms.cell.array[:2, :2]))
@@ -119,6 +121,7 @@ class EdgeFlow(NamedTuple):
     at_right: np.ndarray
 
 
+@takes(*LINEAR)
 def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str | None = None) -> EdgeFlow:
     """The waves along the edges of a strip at a frequency within a gap of its lattice, and how many more run one way.
 
@@ -148,7 +151,7 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str | None = Non
     >>> edge_flow(strip, 3.26)[:2]
     (0, 0)
     """
-    system = LinearSystem.of(strip, gyrating=True).moving()
+    system = LinearSystem.of(strip).moving()
     atoms, calc = system.atoms, system.calc
     omega = float(asked_frequencies(calc, positive('omega', omega, 'rad/ms'))[0])
     if atoms.pbc.sum() != 1:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import whole
 from ..files import Saved
 from ..results import InHertz
+from ..traits import LINEAR, takes
 from .bands import group_velocities
 
 PLANAR = (True, True, False)
@@ -83,6 +84,7 @@ class ZoneMap(InHertz, Saved, kind='frequencies over the zone', units={
         return 2 * np.pi * (self.q @ Cell(self.cell).reciprocal().array)[..., :2]
 
 
+@takes(*LINEAR)
 def zone_map(atoms: Atoms, steps: int = 96, model: str | None = None) -> ZoneMap:
     """Frequencies and group velocities over the first Brillouin zone.
 

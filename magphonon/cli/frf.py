@@ -72,7 +72,7 @@ def _responses(scene, plan, folder, save):
     names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
     for model, style in (('complete', '-'), ('conventional', '--')):
         atoms, source, answer = scene.shaken(model, bench=True, wall=True)
-        system = LinearSystem.of(atoms, gyrating=True)
+        system = LinearSystem.of(atoms, 'gyration')
         if plan.wall is not None and model == 'complete':
             moved = np.count_nonzero(source.any(axis=1))
             lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees, '

@@ -124,7 +124,7 @@ def _of_patch(folder, save, lattice, patch, scene, options):
     from ..response.normal_modes import localisation
     from ..stiffness.rest import LinearSystem
 
-    system, defects = LinearSystem.of(patch, gyrating=True).moving(), scene.defect_places()
+    system, defects = LinearSystem.of(patch, 'gyration').moving(), scene.defect_places()
     ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
     (found, every), filmed = _modes(system, ranges), options.animate
     if filmed is not None and not 1 <= filmed <= len(found.omega):

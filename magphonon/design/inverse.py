@@ -15,9 +15,9 @@ from ase import Atoms
 
 from ..errors import PhysicsError, finite, positive
 from ..stability.buckling import common_spring, critical_foundation
-from ..stiffness.repulsion import Repulsion, masses_of
+from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import refuse_gyration
+from ..traits import takes
 from .objectives import Objective, Rest
 from .scatter import SiteSlopes
 
@@ -56,6 +56,7 @@ def _by_spacing(atoms, target):
     return value, SiteSlopes(rest.system).of(slope)['spacing']
 
 
+@takes('all neighbours', 'modulation', 'site law', 'conventional', 'attraction', 'oblique', 'unlike')
 def foundation_for(atoms: Atoms, cut_off: float) -> float:
     """Foundation stiffness in N/mm that gives uniform motion the frequency `cut_off` in rad/ms.
 
@@ -73,8 +74,6 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     >>> round(k / (u.N / u.m), 4)
     19.6757
     """
-    if isinstance(atoms.calc, Repulsion):
-        refuse_gyration(atoms.calc, 'formulas of the cut-off')
     masses = masses_of(atoms)
     if np.ptp(masses) > EQUAL_MASSES * masses.max():
         raise ValueError(f'the masses range from {masses.min():g} to {masses.max():g} g: on a common foundation they swing at '

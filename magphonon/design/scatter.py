@@ -36,6 +36,7 @@ from ..stiffness.defects import Scatter, scattered
 from ..stiffness.factors import inverse
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem, freedom
+from ..traits import LIKE, takes
 from .sensitivities import LawDerivative, exponent_change
 
 SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
@@ -240,6 +241,7 @@ class ModeScatter(NamedTuple):
     std: NDArray[np.float64]
 
 
+@takes(*LIKE)
 def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int | Modes | None = None) -> ModeScatter:
     """Natural frequencies of a structure, and their standard deviation from one sample to the next.
 

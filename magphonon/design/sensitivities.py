@@ -31,6 +31,7 @@ from ..stiffness.factors import inverse
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED, LinearSystem
 from ..stiffness.site_laws import Foundation
+from ..traits import STIFF, takes
 
 CROSSING = 1e-9
 """Difference of two branches, as a fraction of the highest frequency, below which they cross."""
@@ -103,6 +104,7 @@ def spacing_change(law: PairLaw) -> LawDerivative:
     return LawDerivative(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
 
 
+@takes(*STIFF)
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[StiffnessDerivative],
                             model: str | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies by the logarithms of parameters.
@@ -168,6 +170,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     return omega, slopes
 
 
+@takes(*STIFF)
 def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega: NDArray[np.float64], damping: ArrayLike,
                            changes: Collection[StiffnessDerivative]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Steady displacements under a harmonic force, and their derivatives by the logarithms of parameters.
@@ -202,6 +205,7 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
     return u, slopes
 
 
+@takes(*STIFF)
 def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivative]) -> list[sparse.csr_array]:
     """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, each with the motion of the rest that the parameter causes.
 

@@ -33,7 +33,7 @@ from ..stiffness.factors import factorised
 from ..stiffness.matrices import hessian
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import refuse_gyration
+from ..traits import takes
 from .objectives import Crossing, Objective, Rest, soft_minimum
 from .scatter import FULL, SiteSlopes
 
@@ -103,10 +103,10 @@ class Variables:
     spacing does not vary.
     """
 
+    @takes('constraints', 'attraction', 'oblique', 'out of plane', 'unlike')
     def __init__(self, atoms: Atoms, over: Mapping[str, tuple[float, float]], sites: ArrayLike | None = None,
                  groups: ArrayLike | None = None) -> None:
         self.atoms, self.calc = atoms, repulsion_of(atoms).about(atoms, model='complete')
-        refuse_gyration(self.calc, 'designs')
         self.system = LinearSystem.about(self.calc, atoms).moving()
         self.springs = np.broadcast_to(self.calc.foundation, (len(atoms), self.calc.dim))
         self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(np.asarray(sites, int))

@@ -28,6 +28,7 @@ from ..response.transfer_functions import TransferFunction
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem
+from ..traits import STIFF, takes
 from .least_squares import BLIND, FITS, MOST_FACTOR, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
 
@@ -119,13 +120,14 @@ def responses(built: ParametricLattice, functions: Sequence[TransferFunction], w
     return np.concatenate(found)
 
 
+@takes(*STIFF)
 def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """The same, shape (points,), with their slopes by the logarithms of parameters, shape (parameters, points).
 
     The `names` are 'damping', 'mass', 'gain' (of all responses) or among the `built.changes`.
     """
-    system, dim = built.system.still('fits of transfer functions'), built.system.dim
+    system, dim = built.system, built.system.dim
     omega, where = _frequencies(functions)
     damping, mass = built.damping + widened, np.repeat(system.masses, dim)
     bent = [name for name in names if name in built.changes]

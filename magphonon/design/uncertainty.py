@@ -19,6 +19,7 @@ from ..errors import finite, whole
 from ..files import Saved
 from ..response.frf import Dof
 from ..stiffness.rest import LinearSystem
+from ..traits import STIFF, takes
 from .scatter import NO_SCATTER, ROWS, SiteScatter, response_scatter
 from .sensitivities import StiffnessDerivative, frequency_sensitivities, response_sensitivities
 
@@ -135,6 +136,7 @@ def _std(covariance, slopes):
     return np.sqrt(np.maximum(np.einsum('p...,pr,r...->...', slopes, covariance, slopes), 0.0))
 
 
+@takes(*STIFF)
 def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: str | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
@@ -168,6 +170,7 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     return Spread(tuple(tolerances.changes), tolerances.covariance, omega, slopes)
 
 
+@takes(*STIFF)
 def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64], damping: ArrayLike,
                     tolerances: Tolerances) -> ResponseSpread:
     """Amplitude of a frequency response and its uncertainty.

@@ -21,7 +21,8 @@ from ..stiffness.bond import stiffest
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS
 from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
-from ..stiffness.sites import out_of_plane, refuse_gyration
+from ..stiffness.sites import out_of_plane
+from ..traits import LINEAR, all_but, refuse, takes
 from .bond_increments import RANGES, TOLERANCE, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, constant_push, forces_and_walls
@@ -75,6 +76,7 @@ def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitt
                          'magphonon.propagate; allow_unstable=True runs anyway')
 
 
+@takes('modulation', *LINEAR)
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
@@ -97,7 +99,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """
     from ..stiffness.lowest import DENSE
 
-    system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
+    system = LinearSystem.nearest(_stiffest(atoms))
     if _held_by_gyration(system):
         bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.turning)
         if system.directions > DENSE or system.growth():
@@ -139,6 +141,7 @@ def _held_by_gyration(system):
     return system.turning and not system.stable
 
 
+@takes('modulation', *LINEAR)
 def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency, at no higher cost than a verdict on the time step `dt` (ms) needs; in rad/ms.
 
@@ -154,7 +157,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
     True
     """
-    system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
+    system = LinearSystem.nearest(_stiffest(atoms))
     if _held_by_gyration(system):
         return highest_frequency(system)
     bounds = (lambda: _particle_bound(system),
@@ -212,10 +215,10 @@ def half_step(damping: NDArray[np.float64], rate: Any, guided: NDArray[np.int_],
     return np.exp(-(damping + 1j * g) * dt / 2)
 
 
-def refuse_turns(atoms: Atoms, splitting: Splitting) -> None:
-    """Refuse splittings of order 4 and 6, which suppose that nothing but positions makes forces, for particles that gyrate."""
-    if splitting.stages > 1 and isinstance(atoms.calc, PairCalculator):
-        refuse_gyration(atoms.calc, 'steps of order 4 and 6')
+def refuse_order(atoms: Atoms, splitting: Splitting) -> None:
+    """Splittings of order 4 and 6 take forces by positions alone."""
+    if splitting.stages > 1:
+        refuse(atoms, all_but('a step of order 4 or 6', 'gyration'))
 
 
 def refusal(atoms: Atoms) -> str | None:

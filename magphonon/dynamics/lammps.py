@@ -33,7 +33,7 @@ from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..interactions.bond_laws import groups
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.sites import refuse_gyration
+from ..traits import takes
 from .drives import Drives, ToneBurst
 from .motion import Motion
 
@@ -110,6 +110,7 @@ FRAME = 'ITEM: TIMESTEP\n'
 HEADER = 8  # number of header lines between FRAME and the particles of a frame
 
 
+@takes('constraints', 'out of plane', 'attraction', 'unlike')
 def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
                        drives: Sequence[ToneBurst] = (), damping: float = 0.0, interval: int | None = None,
                        interpolation: str = 'spline', points: int = 20_000,
@@ -211,13 +212,10 @@ def _scene(atoms):
     calc = atoms.calc
     if not isinstance(calc, PairCalculator):
         raise ValueError(f'atoms.calc must be a PairCalculator, not {calc!r}')
-    if calc.parameters.model != 'complete':
-        raise ValueError(f"LAMMPS updates the bond directions: model='complete', not {calc.parameters.model!r}")
     if atoms.pbc.any():
         raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
-    law = calc.central('LAMMPS runs')
-    refuse_gyration(calc, 'LAMMPS runs')
+    law = calc.law
     if not len(calc.bonds):
         raise ValueError('no two particles are bonded, so there is nothing for LAMMPS to compute')
     if calc.displacements(atoms).any() or atoms.get_momenta().any():

@@ -36,10 +36,11 @@ from ..stiffness.calculator import PairCalculator
 from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import freedom
 from ..stiffness.sites import site_damping
+from ..traits import LINEAR, takes
 from .cages import Cages, Diverged
 from .compiled import can_compile
 from .drives import check_drives, forces_and_walls
-from .engine import Blocks, half_step, highest_frequency, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_turns
+from .engine import Blocks, half_step, highest_frequency, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_order
 from .splittings import SPLITTINGS, STEPS_SHARE
 from .thermostat import Bath
 
@@ -123,6 +124,7 @@ class DrivenVerlet(VelocityVerlet):
     10.0
     """
 
+    @takes('all neighbours', 'modulation', *LINEAR)
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
                  order: int | None = None, allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None,
                  loginterval: int = 1, threads: int | None = None, temperature_mJ: float = 0.0, seed: int = 0,
@@ -141,7 +143,7 @@ class DrivenVerlet(VelocityVerlet):
         if isinstance(atoms.calc, PairCalculator):
             masses_of(atoms)  # before ASE warns of one that is zero
         check_drives(self._drives, atoms)
-        refuse_turns(atoms, self.splitting)
+        refuse_order(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and (find_spec('numba') is None or not can_compile()):
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
@@ -379,7 +381,7 @@ class DrivenVerlet(VelocityVerlet):
                                  'of drives and records is the number of steps times the time step; set it back, or go on with a '
                                  'new DrivenVerlet(atoms, ...), whose time begins at zero')
             self._omega = self._refuse_steps()
-            refuse_turns(self.atoms, self.splitting)
+            refuse_order(self.atoms, self.splitting)
             self._bath = self._new_bath()
         if rough and self.asked_order is None:
             self.splitting = SPLITTINGS[self._order_for(phase)]

@@ -21,6 +21,7 @@ from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
 from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
 from ..stability.amplitude_shifts import DEGENERACY, StronglyNonlinear, vibration
 from ..stiffness.rest import LinearSystem
+from ..traits import STIFF, takes
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, percent
 
 ROUND_OFF = 1e-12  # relative difference of two frequencies that is round-off
@@ -92,6 +93,7 @@ def _turned(linear, source):
     return Modes(linear.omega, shapes)
 
 
+@takes(*STIFF)
 def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDArray[np.float64], damping: float,
               tolerance: float, force: float = 0.0) -> Plan:
     """Plan for the frequency of the highest peak of a response.

@@ -28,6 +28,7 @@ from ..dynamics.verlet import DrivenVerlet
 from ..response.propagation import propagate
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem
+from ..traits import STIFF, takes
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, percent
 
 FRAMES = 12  # number of times compared and written in each period of the carrier: harmonics up to the fifth are resolved
@@ -50,6 +51,7 @@ HALVINGS = 3
 error is no square of the step: the last run takes eight times as long as the first."""
 
 
+@takes(*STIFF)
 def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping: float, duration: float,
                   tolerance: float) -> Plan:
     """Plan for the displacements of a row while a burst passes.

@@ -21,6 +21,7 @@ from ..stiffness.factors import inverse
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
+from ..traits import LINEAR, STIFF, takes
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
@@ -106,6 +107,7 @@ class FrequencyResponse(InHertz, Saved, kind='frequency responses', units={
         return self.omega[abs(self.response).argmax(axis=0)]
 
 
+@takes(*LINEAR)
 def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: ArrayLike) -> FrequencyResponse:
     """Steady response to a harmonic force, by direct solution of the linear equations of motion at each frequency.
 
@@ -140,7 +142,7 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     >>> bool(np.allclose(solved.response, frequency_response(patch, force, [1.0], damping=0.1).response))
     True
     """
-    system = LinearSystem.of(atoms, gyrating=True)
+    system = LinearSystem.of(atoms)
     force, omega = _force_on(system, force), asked_frequencies(system.calc, omega)
     return FrequencyResponse(omega, _one_by_one(system, force, omega, damping))
 
@@ -177,7 +179,7 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     """
     from scipy import sparse
 
-    system = LinearSystem.of(atoms, gyrating=True).moving()
+    system = LinearSystem.of(atoms, 'gyration').moving()
     n = len(system)
     omega = finite('omega', np.atleast_1d(omega))
     rate = site_damping(damping, n)
@@ -204,6 +206,7 @@ def _infinite(omega):
     return ValueError(f'the undamped response at omega = {omega:.9g} rad/ms is infinite; damp it or move the frequency')
 
 
+@takes(*LINEAR)
 def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, omega: ArrayLike, damping: ArrayLike,
                        particles: ArrayLike | None = None, tolerance: float = 1e-9,
                        walls: ArrayLike | None = None) -> FrequencyResponse:
@@ -249,7 +252,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     >>> answer.response.shape  # frequencies, particles, x y z
     (3, 1, 3)
     """
-    system = LinearSystem.of(atoms, gyrating=True).moving()
+    system = LinearSystem.of(atoms).moving()
     omega, rates = asked_frequencies(system.calc, omega), site_damping(damping, len(system))
     positive('tolerance', tolerance)
     particles = system.recorded(particles)
@@ -298,6 +301,7 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
     per_bench = True
 
 
+@takes(*LINEAR)
 def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], answer: Dof, omega: ArrayLike,
                damping: ArrayLike, gyration_seen_from: str = 'bench') -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one, each along its own direction.
@@ -335,7 +339,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
     >>> bool(np.allclose(there.response, back.response))  # reciprocity
     True
     """
-    system, omega = LinearSystem.of(atoms, gyrating=True), np.atleast_1d(omega)
+    system, omega = LinearSystem.of(atoms), np.atleast_1d(omega)
 
     def seen(force, walls=None):
         found = frequency_response(system, force, omega, damping, [answer.particle], walls=walls)
@@ -393,6 +397,7 @@ def _series_length(w, tolerance):
     return np.log(tolerance) / np.log(largest) if largest < 1 - EPS else np.inf
 
 
+@takes(*STIFF)
 def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.float64], gamma: float, particles: NDArray[np.int_],
                     tolerance: float, K: Products | None = None) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
     """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).
@@ -418,7 +423,7 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     products : int
         Matrix-vector products taken.
     """
-    K = products_of(system.still('series in powers of one matrix')) if K is None else K
+    K = products_of(system) if K is None else K
     interval, z = _scaled(K, omega, gamma)
     rows, shapes = system.rows(particles)
     w = _inner(z)

@@ -19,6 +19,7 @@ from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_betw
 from ..stiffness.matrices import gyrating_modes, signed_root
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
+from ..traits import LINEAR, STIFF, takes
 
 SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
@@ -48,6 +49,7 @@ class Modes(InHertz, Saved, kind='modes', units={
     shapes: np.ndarray
 
 
+@takes(*LINEAR)
 def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     """Natural frequencies and mode shapes about rest, within the constraints.
 
@@ -68,7 +70,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     >>> found.shapes.shape  # modes, particles, x and y: 19 particles are free, the rim is held
     (38, 37, 2)
     """
-    system = LinearSystem.of(atoms, gyrating=True).moving()
+    system = LinearSystem.of(atoms).moving()
     size = system.K.shape[0]
     count = size if count is None else whole('count', count)
     if count > size:
@@ -109,6 +111,7 @@ def _fixed(squares, shapes, system):
     return found.reshape(len(shapes), len(system), system.dim)
 
 
+@takes(*LINEAR)
 def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     """Frequencies of all `modes` without their shapes, in a third of the time; ascending, in rad/ms, shape (modes,).
 
@@ -121,11 +124,12 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     >>> natural_frequencies(patch).shape
     (38,)
     """
-    system = LinearSystem.of(atoms, gyrating=True).moving()
+    system = LinearSystem.of(atoms).moving()
     _refuse_all(system)
     return modes(system).omega if system.turning else signed_root(np.linalg.eigvalsh(system.K.toarray()))
 
 
+@takes(*STIFF)
 def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     """Number of modes below an angular frequency in rad/ms, counted by one sparse factorisation, without any mode.
 
@@ -238,6 +242,7 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     return Localisation(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))
 
 
+@takes(*STIFF)
 def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     """All modes with frequencies within a gap of the lattice: the local modes of defects, in structures of any size.
 

@@ -31,6 +31,7 @@ from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive
 from ..stiffness.rest import LinearSystem, components, static_forces
 from ..stiffness.sites import site_damping
+from ..traits import LINEAR, takes
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, products_of, sizes, stable_interval, whole_interval
 from .first_order import NODES, POINTS, WEIGHTS, FirstOrder
 
@@ -176,6 +177,7 @@ class Transient(Motion, kind='transients', units=MOTION_UNITS | {'error': ('mm',
     products: int = 0
 
 
+@takes(*LINEAR)
 def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), damping: ArrayLike = 0.0,
               particles: ArrayLike | None = None, tolerance: float = 1e-9) -> Transient:
     """Motion of the linearised structure from its present state at t = 0, at any later times.
@@ -221,9 +223,9 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     drives = list(drives)
     check_drives(drives, atoms)
     push = constant_push(drives, len(atoms))
-    system = LinearSystem.nearest(atoms, gyrating=True).moving()
+    system = LinearSystem.nearest(atoms).moving()
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
-        system, push = LinearSystem.nearest(atoms, push, gyrating=True).balanced(), 0.0
+        system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
     particles = system.recorded(particles)
     rows, shapes = system.rows(particles)
     load = _Load(system, drives, push, tolerance)

@@ -22,6 +22,7 @@ from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
+from ..traits import LIKE, takes
 from .frf import Dof, FrequencyResponse
 
 TRANSIENT_FRACTION = 1e-3
@@ -34,6 +35,7 @@ HEADSTART = 1e3
 """Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 
 
+@takes('gyration', *LIKE)
 def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, damping: float, force: float,
                      dt: float) -> FrequencyResponse:
     """The response at a finite force, in time: a replica of the structure for each frequency, run until it is steady.
@@ -55,7 +57,7 @@ def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, d
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
         raise ValueError(f'a response in time steps is seen along x or y, not along {answer.direction}; turn [frf.response]')
-    many = replicas(len(omega) * [LinearSystem.of(atoms, gyrating=True).atoms])
+    many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
     first = len(atoms) * np.arange(len(omega))
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
     dyn = DrivenVerlet(many, dt, [drive], damping)

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
-from scipy import sparse
 
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import PhysicsError, positive, whole
 from ..results import InHertz
 from ..stiffness.rest import LinearSystem
+from ..traits import STIFF, takes
 from .amplitude_shifts import forces_at
 
 HARMONICS = 6
@@ -68,6 +68,7 @@ class NonlinearModes(InHertz):
         return self.growth == 0
 
 
+@takes(*STIFF)
 def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, points: int = 20) -> NonlinearModes:
     """Follow one mode of a finite structure, or of a supercell, from small amplitudes on.
 
@@ -137,15 +138,11 @@ class _Balance:
         theta = np.pi * (np.arange(2 * HARMONICS + 2) + 0.5) / (2 * HARMONICS + 2)  # half a period; the other is its mirror image
         self.cosines, self.norm = np.cos(np.outer(h, theta)), np.where(h > 0, 2, 1)[:, None] / len(theta)
         self.h2 = h[:, None] ** 2
-        calc = system.calc
-        self.bonds = sparse.csr_array(sparse.kron(calc.bonds.incidence, np.eye(system.dim)) @ system.shapes)
-        self.springs = system.K - self.bonds.T @ _blocks(calc.rest_stiffness()) @ self.bonds
 
     def stiffness(self, y):
         """K(y) of free directions, rad^2/ms^2."""
-        calc = self.system.calc
-        vectors = calc.bond_vectors + (self.bonds @ y).reshape(-1, self.system.dim)
-        return self.bonds.T @ _blocks(sum(calc.interaction.stiffness(vectors))) @ self.bonds + self.springs
+        u = (self.system.shapes @ y).reshape(len(self.system), -1)
+        return self.system.shapes.T @ self.system.calc.hessian_at(u) @ self.system.shapes
 
     def residual(self, c, W):
         """R of all harmonics in a row."""
@@ -194,8 +191,3 @@ class _Balance:
         mu = np.linalg.eigvals(np.concatenate([x, v / W]))
         mu = mu[np.argsort(-abs(mu - 1))]
         return np.concatenate([mu[:-2][np.argsort(-abs(mu[:-2]))], mu[-2:]])
-
-
-def _blocks(K):
-    count = np.arange(len(K) + 1)
-    return sparse.bsr_array((K, count[:-1], count))

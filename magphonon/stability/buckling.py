@@ -26,7 +26,8 @@ from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
 from ..stiffness.site_laws import Foundation
-from ..stiffness.sites import Sites, refuse_gyration
+from ..stiffness.sites import Sites
+from ..traits import LIKE, STIFF, all_but, refuse, takes
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
@@ -90,6 +91,7 @@ def _over_zone(matrix, cell, pbc, particles, steps):
     return SoftMode(*softest_wave(matrix, cell, pbc, steps))
 
 
+@takes('all neighbours', *STIFF)
 def softest_of(atoms: Atoms | LinearSystem, model: str | None = None, scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> SoftMode:
     """`softest` of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
@@ -97,14 +99,14 @@ def softest_of(atoms: Atoms | LinearSystem, model: str | None = None, scale: flo
     The part of the calculator's foundation that is common to all particles, `common_spring`, is not included, but replaced by
     `foundation` in N/mm; the additional stiffness of stiffer springs is.  If `weighted`, eigenvalues are squared frequencies.
     """
-    refuse_gyration(atoms.calc, 'softest waves')  # pyright: ignore[reportArgumentType]  of either it is a Repulsion
     if isinstance(atoms, Atoms):
         if not atoms.calc.pairwise:
             return _softest_of_sums(atoms, model, foundation, weighted, steps)
         atoms = LinearSystem.about(atoms.calc, atoms)  # pyright: ignore[reportArgumentType]  it is pairwise
     calc, cell = atoms.calc, atoms.atoms
     K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model or calc.model)
-    springs = calc.foundation - common_spring(atoms) + foundation
+    added = foundation - common_spring(atoms)
+    springs = calc.site_stiffness + (added * np.eye(calc.dim) if np.ndim(calc.site_stiffness) == 3 else added)
     return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
 
 
@@ -126,8 +128,10 @@ def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
 
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
-    """The softest spring of the foundation of any particle that is not held, in N/mm."""
-    return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim)))
+    """The softest spring of the foundation of any particle that is not held, or least curvature of its law, in N/mm."""
+    springs = atoms.calc.site_stiffness
+    springs = np.linalg.eigvalsh(springs) if np.ndim(springs) == 3 else springs
+    return _softest_spring(atoms, np.broadcast_to(springs, (len(atoms), atoms.calc.dim)))
 
 
 def _softest_spring(atoms, springs):
@@ -214,6 +218,7 @@ class CriticalFoundation(NamedTuple):
     q: NDArray[np.float64]
 
 
+@takes('all neighbours', *STIFF)
 def critical_foundation(atoms: Atoms | LinearSystem, model: str | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
@@ -252,6 +257,7 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: str | None = None, s
     return CriticalFoundation(found.needed, found.q)
 
 
+@takes(*STIFF)
 def critical_spacing(atoms: Atoms | LinearSystem, model: str | None = None) -> float | None:
     """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
 
@@ -300,7 +306,8 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: str | None = None) -> f
 def _settled(atoms):
     """The linear system of the atoms; a cell with AllNeighbours unchanged, if it is at rest."""
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
-        return LinearSystem.of(atoms).unheld('the foundation that AllNeighbours need is that').atoms
+        refuse(atoms, all_but('critical_foundation with AllNeighbours', 'constraints'))
+        return LinearSystem.of(atoms).atoms
     return LinearSystem.of(atoms).moving()
 
 
@@ -319,6 +326,7 @@ class CriticalSupport(NamedTuple):
     alone: float
 
 
+@takes('site law', 'constraints', 'conventional', 'attraction', 'unlike')
 def critical_support(atoms: Atoms | LinearSystem, magnets: bool = True) -> CriticalSupport:
     """Stiffness out of the plane that the supports of planar particles must provide.
 
@@ -370,6 +378,7 @@ class StabilityBoundary:
     needed: np.ndarray
 
 
+@takes(*LIKE)
 def stability_boundary(atoms: Atoms, scales: ArrayLike) -> StabilityBoundary:
     """The foundation needed if all bonds are stretched by the same factor.
 
@@ -394,6 +403,7 @@ def stability_boundary(atoms: Atoms, scales: ArrayLike) -> StabilityBoundary:
     return StabilityBoundary('spacing', scales, needed)
 
 
+@takes('constraints', 'conventional', 'out of plane')
 def stability_boundary_of_exponents(atoms: Atoms, exponents: ArrayLike) -> StabilityBoundary:
     """The foundation needed with other exponents of an inverse power that has the same force at the shortest bond.
 

@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 
 from ..bands.floquet import Hill
 from ..stiffness.matrices import poles
+from ..traits import LIKE, takes
 
 LINES = {1: 400, 2: 24, 3: 8}  # points of the mesh along each period, by the number of periods
 ORDERS = 3  # largest n; growth goes as eps^n, and what is damped at all is damped more than by eps^4
@@ -43,6 +44,7 @@ class ParametricGrowth:
     q: np.ndarray
 
 
+@takes('modulation', 'gyration', *LIKE)
 def parametric_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> ParametricGrowth | None:
     """The wave that a `Travelling` foundation makes grow fastest; None for a finite structure of too many particles.
 

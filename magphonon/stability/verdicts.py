@@ -30,6 +30,7 @@ from ..interactions.pair_laws import Hertz, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, on_foundation
+from ..traits import LINEAR, all_but, refuse, takes
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     VERGE,
@@ -130,6 +131,7 @@ class Verdict:
     __repr__ = __str__
 
 
+@takes('all neighbours', 'modulation', *LINEAR)
 def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
             distance: float | None = None, damping: ArrayLike = 0.0) -> Verdict:
     """Judge a structure before it runs.
@@ -172,17 +174,18 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     law = atoms.calc.tie if isinstance(atoms.calc, Repulsion) else None
     pumped = law is not None and law.modulated
     atoms = on_foundation(atoms, law.k) if pumped else atoms
+    refuse(atoms, all_but('a verdict of motion in the plane', 'oblique', 'modulation'))  # of a law g(t) V(u)
     run: dict[str, Any] = {'layer': layer, 'damping': damping, 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
-        LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
+        refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
+        LinearSystem.of(atoms)
         return Verdict(Case(atoms, atoms, np.zeros(1), **run))
     calc = repulsion_of(atoms)
-    calc.tie.springs('a verdict')
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
-    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)), gyrating=True).moving()
+    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms))).moving()
     if pumped:
         run['pumped'] = on_foundation(system.atoms, law)
     if system.turning:
@@ -292,7 +295,8 @@ class Case:
         """Stability of a flat layer out of its plane, and the highest angular frequency of this motion in rad/ms."""
         if self.layer is None:
             return None
-        structure = LinearSystem.nearest(self.layer, gyrating=True) if self.listed else self.layer  # it turns nothing out of it
+        # gyration turns nothing out of the plane
+        structure = LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else self.layer
         spring, soft = common_support(structure), softest_out_of_plane(structure)
         moving = softest_out_of_plane(structure, spring, weighted=True)
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
@@ -390,7 +394,7 @@ def buckling(case: Case) -> Finding:
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
-    uneven = np.ndim(case.calc.foundation) > 0
+    uneven = np.ndim(case.calc.site_stiffness) > 0
     spring, needed = _stiffness(found.spring), _stiffness(found.needed)
     own = ' at its softest spring' if uneven else ''
     if found.flat:
@@ -491,7 +495,7 @@ def timestep_limit(case: Case) -> Finding:
     whole: Any = case.gyrating if gyrates else case.system
     if case.pumped is not None:  # on its springs where they are stiffest
         stiffest = on_foundation(case.pumped, case.pumped.calc.tie.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
-        whole = LinearSystem.nearest(stiffest, gyrating=True)
+        whole = LinearSystem.nearest(stiffest, None, 'gyration')
     system = whole.without_gyration() if gyrates else whole
     if not waves:
         highest = highest_frequency(whole)

@@ -343,16 +343,24 @@ class PairCalculator(Repulsion):
             In N/mm, with the components in ASE's order.  Rows along z are empty for planar particles.
         """
         one_of('part', part, HESSIAN_PARTS)
-        u = self.displacements(atoms)
+        H = self.hessian_at(self.displacements(atoms), part)
+        to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
+        return sparse.csr_array(to_space @ H @ to_space.T)
+
+    def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
+        """`get_hessian` at displacements `u` from rest in mm, shape (particles, dim), of these components alone."""
         vectors, _ = self._displaced(u)
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
         k = self.site_stiffness_at(u) if part in ('all', 'foundation') else 0.0
-        H = hessian(self.bonds, K, k)
-        to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
-        return sparse.csr_array(to_space @ H @ to_space.T)
+        return hessian(self.bonds, K, k)
+
+    def forces_beyond_rest(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What displacements `u` from rest add to the forces: N, both of shape (particles, dim)."""
+        gradient = self._repulsion(u)[1] - self._repulsion(0 * u)[1]
+        return sum((term.force(u) for term in self.terms), -self.bonds.net(gradient))
 
 
 MagneticRepulsion = PairCalculator

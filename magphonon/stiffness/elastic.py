@@ -30,6 +30,7 @@ from .. import units
 from ..errors import finite
 from ..files import Saved
 from ..interactions.pair_laws import PairLaw
+from ..traits import takes
 from .all_neighbours import AllNeighbours
 from .calculator import PairCalculator, bond_virial, measure, same_cell
 from .matrices import signed_root
@@ -193,13 +194,14 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     return bond_virial(calc, calc.displacements(atoms)) / measure(atoms)
 
 
+@takes('all neighbours', 'site law', 'out of plane', 'attraction', 'unlike')
 def elastic_moduli(atoms: Atoms) -> Moduli:
     """Stress and elastic moduli of a lattice at rest, without its foundation.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its PairCalculator or AllNeighbours.  Constraints are ignored.
+        One cell with its PairCalculator or AllNeighbours.
 
     Examples
     --------
@@ -219,7 +221,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
         if calc.load.any() or calc.spring_forces.any():
             raise ValueError('a dead load or stretched springs of the foundation hold the particles, and the lattice has no '
                              'moduli without them; relax it with a calculator that has neither')
-        slopes = _of_bonds(calc, calc.central('moduli'))
+        slopes = _of_bonds(calc, calc.law)
     elif calc.singular(along).any():
         raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '
                          'moduli of its own; use a law that falls faster, or a number of shells')

@@ -19,11 +19,10 @@ from ase import Atoms
 from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
 from ase.data import atomic_masses
 
+from ..traits import takes
 from .calculator import stress_per_volume
 from .repulsion import Repulsion, masses_of
 from .rest import freedom
-from .site_laws import refuse_changes
-from .sites import refuse_gyration
 from .supercells import fitted, sites_of, strayed
 
 GRAM = 9.64853082147604e-3
@@ -57,6 +56,9 @@ class _Rescaled(Calculator):
         self.results = {name: self.scale * value for name, value in found.items()}
 
 
+@takes('all neighbours', 'site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike',
+       constraints='the supercells of other tools do not keep constraints; take analytic_bands, finite_displacements or modes, '
+                   'or remove them with atoms.set_constraint()')
 def for_ase_tools(atoms: Atoms) -> Atoms:
     """The same atoms for tools that suppose eV, Angstrom and amu: what they call Angstrom is mm, what they call THz is Hz.
 
@@ -103,12 +105,7 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     calc: Any = atoms.calc
     if not isinstance(calc, Repulsion):
         raise ValueError(f'the atoms carry {calc!r} as calculator; attach atoms.calc = PairCalculator(atoms, law, ...) first')
-    refuse_gyration(calc, 'tools that see forces alone')
-    refuse_changes(calc, 'tools that see forces alone')
-    mobile, guided, _ = freedom(atoms)
-    if len(guided) or not mobile.all():
-        raise ValueError(f'the atoms hold the constraint {atoms.constraints[0]}, which the supercells of other tools do not '
-                         'keep; take analytic_bands, finite_displacements or modes, or remove it with atoms.set_constraint()')
+    freedom(atoms)  # refuses constraints that are not supported
     masses = GRAM * masses_of(atoms)
     scales = atomic_masses[atoms.numbers] / masses
     if np.ptp(scales) > SAME_MASS * scales[0]:

@@ -17,6 +17,7 @@ from scipy import sparse
 
 from ..errors import Unstable, positive, whole
 from ..lattices.bonds import Bonds, pairs_within
+from ..traits import LINEAR, takes
 from ..units import hertz
 from .bond import model_stiffness, sizes
 from .factors import inverse
@@ -93,6 +94,7 @@ class Relaxation:
 
 
 
+@takes(*LINEAR)
 def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Relaxation:
     """Move the free particles of a structure to a stable equilibrium.
 
@@ -249,7 +251,7 @@ class _Descent:
         rest.calc = self.given
         if steps:
             rest.positions[:, : self.calc.dim] += u
-        rest.calc = LinearSystem.of(rest, gyrating=True).calc  # statics know nothing of it
+        rest.calc = LinearSystem.of(rest).calc  # statics know nothing of it
         moved = np.linalg.norm(u, axis=1) if steps else np.zeros(len(u))
         rms = np.sqrt((moved[freedom(self.source)[0]] ** 2).mean())
         return Relaxation(rest, before, self.residual(y), float(moved.max()), float(rms), steps, saddles, float(lowest))

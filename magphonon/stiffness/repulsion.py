@@ -102,7 +102,7 @@ class Repulsion(Restartable):
         own = {f.name: f.metadata['checked'](parameters[f.name], self.reference, self.dim) for f in fields(Sites)
                if f.name in parameters}
         self._sites = replace(self._sites, **own)
-        for made_of_sites in ('terms', 'tie', 'offset', 'site_stiffness'):
+        for made_of_sites in ('terms', 'tie', 'offset', 'site_stiffness', '_asked'):
             vars(self).pop(made_of_sites, None)
         self.supercells.clear()
         changed = super().set(**parameters | own)
@@ -127,20 +127,15 @@ class Repulsion(Restartable):
         """The pair law of every bond, for arrays of distances whose first axis is that of the bonds.
 
         A `magphonon.interactions.bond_laws.BondLaws`; or the law itself, if all bonds have the same law and all strengths are 1.
-        Of magnets that leave their plane it is the law in the plane; what supposes forces along the bonds asks `central`.
+        Of magnets that leave their plane it is the law in the plane.
         """
         found = self.interaction.central(self.dim)
         found = self.interaction.central(2) if found is None else found
-        return self.central('tools that ask for calc.law') if found is None else found
-
-    def central(self, what: str) -> PairLaw:
-        """The law of every bond for `what` supposes that forces are along the bonds, or ValueError where they are not."""
-        law = self.interaction.central(self.dim)
-        if law is None:
+        if found is None:
             names = ', '.join(sorted({type(law).__name__ for law in laws_of(self.laws)}))
-            raise ValueError(f'{what} suppose forces along the line between two particles, which those of {names} are not; for '
-                             'UprightMagnets take the motion in the plane, atoms.calc = atoms.calc.in_plane()')
-        return law
+            raise ValueError(f'the forces of {names} are not along the line between two particles: they have no law of the '
+                             'distance')
+        return found
 
     @property
     def strengths(self) -> NDArray[np.float64]:

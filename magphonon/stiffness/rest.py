@@ -20,13 +20,12 @@ from scipy import sparse
 
 from ..errors import NotAtRest
 from ..lattices.bonds import lengths_of
+from ..traits import refuse, running
 from .bond import sizes
 from .calculator import PairCalculator, same_cell
 from .matrices import growth, mass_weighted
 from .plausibility import warn_of_symbols
 from .repulsion import Repulsion, masses_of, repulsion_of
-from .site_laws import refuse_changes
-from .sites import refuse_gyration
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
 BALANCED = 1e-6  # largest force left, in largest bond forces; it changes a linear result by about the same fraction
@@ -35,7 +34,6 @@ ELSEWHERE = 1e-3
 """Distance from the reference, as a fraction of the shortest bond, from which balanced particles are at another rest; closer ones
 may be displaced so little that their forces only seem balanced."""
 TILT = 1e-12  # relative component of a direction that is round-off, as after a rotation in the plane or about the normal
-SUCH_TOOLS = 'tools of this kind'
 HELD = 1e-12  # relative component of a blocked force below which it is round-off of the direction
 
 
@@ -74,10 +72,11 @@ class LinearSystem:
     atoms: Atoms
 
     @classmethod
-    def of(cls, atoms: Atoms | LinearSystem, gyrating: bool = False) -> LinearSystem:
+    def of(cls, atoms: Atoms | LinearSystem, *also: str) -> LinearSystem:
         """The system about the present positions; a system is returned unchanged.
 
-        Particles that gyrate are refused unless the caller says that it knows them, by `gyrating=True`.
+        Traits that the tool that calls does not declare (`magphonon.traits.takes`) are refused.  A caller without a declaration
+        takes what masses and stiffness describe, and the traits that it names `also`, such as 'gyration'.
 
         With AllNeighbours, whose stiffness is not known bond by bond, it has only `bloch` matrices.
 
@@ -86,12 +85,11 @@ class LinearSystem:
         NotAtRest
             If the forces do not balance: the message says by how much, on which particle, and what to do.
         ValueError
-            For another calculator, or a constraint other than FixAtoms, FixedLine and FixedPlane.
+            For another calculator, a constraint other than FixAtoms, FixedLine and FixedPlane, or a trait that is refused.
         """
+        refuse(atoms, running(*also))
         if isinstance(atoms, LinearSystem):
-            return atoms if gyrating else atoms.still()
-        if isinstance(atoms.calc, Repulsion):
-            refuse_changes(atoms.calc, 'linear tools')
+            return atoms
         if not getattr(atoms.calc, 'pairwise', True) and isinstance(atoms.calc, Repulsion):  # the latter alone takes 0.1 ms
             freedom(atoms)
             sums: Any = atoms.calc
@@ -101,8 +99,6 @@ class LinearSystem:
                                 'only there; make another one at these positions')
             return cls.about(sums, atoms).balanced()
         calc = repulsion_of(atoms)
-        if not gyrating:
-            refuse_gyration(calc, SUCH_TOOLS)
         freedom(atoms)  # refuses other constraints
         there = same_cell(calc, atoms) and np.array_equal(atoms.positions, calc.reference.positions)
         moved = not there and (not same_cell(calc, atoms) or calc.displacements(atoms).any())
@@ -114,8 +110,7 @@ class LinearSystem:
         return system.balanced()
 
     @classmethod
-    def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None,
-                gyrating: bool = False) -> LinearSystem:
+    def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None, *also: str) -> LinearSystem:
         """The system about the rest of a moving structure, whose positions are its state; the forces need not balance there.
 
         The rest is the reference if the forces balance there; the present positions, if the forces are smaller there, or if they
@@ -127,15 +122,13 @@ class LinearSystem:
             With PairCalculator; a system is returned unchanged.
         push : ndarray, shape (particles, 3), optional
             Constant forces of drives, in N, that become part of the dead load.
-        gyrating : bool
+        *also : str
             As of `of`.
         """
+        refuse(atoms, running(*also))
         if isinstance(atoms, LinearSystem):
-            return atoms if gyrating else atoms.still()
+            return atoms
         calc = repulsion_of(atoms)
-        refuse_changes(calc, 'linear tools')
-        if not gyrating:
-            refuse_gyration(calc, SUCH_TOOLS)
         calc = calc if same_cell(calc, atoms) else calc.about(atoms)
         calc = calc if push is None else calc.about(calc.reference, calc.load + push)
         reference, away = cls.about(calc, atoms), abs(calc.displacements(atoms)).max(initial=0.0)
@@ -176,22 +169,10 @@ class LinearSystem:
             raise ValueError('the constraints hold every particle; free one')
         return self
 
-    def still(self, what: str = SUCH_TOOLS) -> Self:
-        """The same system, or ValueError if its particles gyrate, of which `what` know nothing."""
-        refuse_gyration(self.atoms.calc, what)  # pyright: ignore[reportArgumentType]  which `about` sets
-        return self
-
     def without_gyration(self) -> LinearSystem:
         """The system at the same rest with g = 0."""
         calc: Any = self.atoms.calc
         return LinearSystem.about(calc.about(calc.reference, gyration=0.0), self.atoms)
-
-    def unheld(self, what: str) -> Self:
-        """The same system, or ValueError if it has constraints; `what` begins a sentence that ends with 'of free particles'."""
-        if self.atoms.constraints:
-            raise ValueError(f'the cell holds the constraint {self.atoms.constraints[0]}, but {what} of free particles; '
-                             'remove it with atoms.set_constraint()')
-        return self
 
     def __len__(self) -> int:
         return len(self.atoms)

@@ -35,7 +35,7 @@ class Shared(Calculator):
         return RLock()
 
     def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name not in ('_lock', 'supercells', 'seen')}
+        return {name: value for name, value in vars(self).items() if name not in ('_asked', '_lock', 'supercells', 'seen')}
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
         with self._lock:

@@ -123,12 +123,6 @@ def kept(law: Springs) -> Any:
     return law if law.known else law.k
 
 
-def refuse_changes(calc: Any, what: str) -> None:
-    """Refuse a foundation that changes with time, of which `what` sees nothing."""
-    if calc.tie.changes:
-        raise ValueError(f'{what} know no time, but {calc.tie!r} changes with it: {calc.tie.known}')
-
-
 def site_springs(foundation: Any, particles: int, dim: int) -> Foundation:
     """The foundation in N/mm as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only."""
     if np.ndim(foundation) == 0:

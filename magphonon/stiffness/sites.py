@@ -176,16 +176,6 @@ def site_gyration(gyration: ArrayLike, particles: int, dim: int) -> Foundation:
     return given
 
 
-def refuse_gyration(calc: Repulsion, what: str) -> None:
-    """Refuse particles that gyrate, for `what` (of several things) stiffness and masses alone decide."""
-    largest = np.max(abs(np.asarray(calc.gyration)))
-    if largest:
-        raise ValueError(f'{what} know no gyration, but these particles have up to {1e3 * largest:.4g} rad/s of it; '
-                         'analytic_bands, modes, frequency_response, propagate, DrivenVerlet and verdict do, and the '
-                         'commands bands, burst, check, frf and modes. To leave it out: atoms.calc.set(gyration=0), and in a '
-                         'scene take gyration_rad_per_s out')
-
-
 def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
     """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError."""
     given = finite('damping', damping)

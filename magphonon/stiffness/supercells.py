@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..lattices.bonds import lengths_of
-from .site_laws import refuse_changes
-from .sites import refuse_gyration
+from ..traits import KNOWN, Tool, refuse_of
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -90,6 +89,9 @@ def own_cell(calc: Repulsion, atoms: Atoms) -> Atoms:
     return here
 
 
+OTHERS = Tool('a tool that displaces particles of its own supercells', __name__, frozenset(KNOWN))
+
+
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     """The calculator for `atoms` and these with its periodicity: `calc` itself, or one for the supercell that they are."""
     own = calc.reference
@@ -98,8 +100,7 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     T = whole_multiple(own, atoms)
     if T is None:
         return calc, atoms
-    refuse_gyration(calc, 'other tools, which displace particles of supercells of their own,')
-    refuse_changes(calc, 'other tools, which displace particles of supercells of their own,')
+    refuse_of(own, calc, OTHERS)
     atoms = atoms.copy()
     atoms.pbc = own.pbc
     for on in calc.supercells:

@@ -25,7 +25,6 @@ from ..scenes.scene import Scene, parts_of, scene_of
 from ..stability.amplitude_shifts import frequency_shifts
 from ..stability.buckling import common_spring, critical_foundation, critical_spacing, softest_of
 from ..stability.verdicts import LINEAR_ERROR, Verdict, verdict
-from ..stiffness.rest import LinearSystem
 
 BORDER = 1e-9
 """Fraction of the needed foundation within which a lattice is on the border of buckling, its softest frequency round-off."""
@@ -82,7 +81,7 @@ class Situation:
         """Frequency in Hz and amplitude in m/N of the highest response of [frf], among its frequencies."""
         plan = self.scene.wanted('frf')
         atoms, source, answer = self.scene.shaken()
-        found = receptance(LinearSystem.of(atoms), source, answer, plan.omega, plan.damping_of(atoms))
+        found = receptance(atoms, source, answer, plan.omega, plan.damping_of(atoms))
         amplitude = abs(found.response)
         return float(u.hertz(found.omega[amplitude.argmax()])), float(amplitude.max() / (u.m / u.N))
 

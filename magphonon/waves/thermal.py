@@ -32,6 +32,7 @@ from ..lattices.bonds import image_of
 from ..results import InHertz
 from ..stiffness.factors import factorised
 from ..stiffness.rest import LinearSystem
+from ..traits import LINEAR, takes
 from .fields import hull_window
 
 SEGMENTS = 20  # of a record: their scatter knows the error to 1/sqrt(2 SEGMENTS) of itself
@@ -72,6 +73,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     linear: np.ndarray
 
 
+@takes(*LINEAR)
 def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, temperature_mJ: float, cell: Atoms, q: ArrayLike,
                   dt: float = 0.0, particles: ArrayLike | None = None, still: ArrayLike | None = None) -> ThermalBands:
     """Stiffness of waves from a record of thermal motion.
@@ -115,14 +117,14 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     >>> bool((abs(found.omega - found.linear) < 4 * found.error).all())
     True
     """
-    system, q = LinearSystem.nearest(atoms, gyrating=True).balanced(), wavevectors(q)  # a record ends with moved atoms
+    system, q = LinearSystem.nearest(atoms).balanced(), wavevectors(q)  # a record ends with moved atoms
     particles, u = system.recorded(particles), finite('displacements', displacements)
     if u.shape[1:] != (len(particles), system.dim):
         raise ValueError(f'displacements must have the shape (frames, {len(particles)}, {system.dim}), not {u.shape}')
     if len(u) < FEWEST * SEGMENTS:
         raise ValueError(f'{len(u)} frames are too few for an error; record {FEWEST * SEGMENTS} or more')
     waves, masses = _waves(system, cell, q, particles), np.repeat(cell.get_masses(), system.dim)
-    linear, shapes = bloch_modes(LinearSystem.of(cell, gyrating=True).without_gyration(), q, vectors=True)
+    linear, shapes = bloch_modes(LinearSystem.of(cell).without_gyration(), q, vectors=True)
     for k in np.flatnonzero(linear.min(axis=1) <= SLACK * linear.max())[:1]:
         raise PhysicsError(f'nothing resists a wave at q = ({q[k, 0]:.4g}, {q[k, 1]:.4g}, {q[k, 2]:.4g}), as at Gamma without a '
                            'foundation; leave this wavevector out')
@@ -192,6 +194,7 @@ def _compliant(system, waves):
     return moved.T.reshape(waves.shape).swapaxes(1, 2)
 
 
+@takes(*LINEAR)
 def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: ArrayLike, steps: int = STEPS,
                 seed: int = 0) -> ThermalBands:
     """The thermal bands of a planar lattice, from a run of a supercell in a bath, and one in a bath that is all but cold.
@@ -221,7 +224,7 @@ def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: Array
     >>> thermal_run(cell, (2, 2, 1), 0.01, [(0.5, 0, 0)], steps=2000).omega.shape
     (1, 2)
     """
-    LinearSystem.of(cell, gyrating=True)  # refuses what has no rest or changes with time, before the runs
+    LinearSystem.of(cell)  # refuses what has no rest or changes with time, before the runs
     atoms, records = cell.repeat(np.asarray(repeats)), []
     atoms.calc = cell.calc.on(atoms)  # pyright: ignore[reportOptionalMemberAccess]  which `thermal_bands` refuses
     fastest = highest_frequency(atoms)

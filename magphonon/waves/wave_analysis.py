@@ -26,6 +26,7 @@ from ..bands.bloch import bloch_modes
 from ..dynamics.motion import Motion
 from ..errors import finite, one_of
 from ..results import InHertz
+from ..traits import LINEAR, takes
 from .rows import Row, row_of
 from .scans import Scan
 from .spectrum import LEAST_POWER, NORMAL, RESOLVED, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
@@ -60,6 +61,7 @@ class Branch(InHertz):
     omega: np.ndarray
 
 
+@takes(*LINEAR, 'all neighbours')
 def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str | None = None) -> Branch:
     """Branch of the analytic bands for the waves that a row of particles sees, from xi = 0 to pi.
 

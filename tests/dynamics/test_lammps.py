@@ -14,7 +14,6 @@ from magphonon.dynamics.drives import Harmonic, ToneBurst
 from magphonon.dynamics.lammps import lammps_session, read_lammps_displacements, write_lammps_input
 from magphonon.dynamics.recorder import Recorder
 from magphonon.dynamics.verlet import DrivenVerlet
-from magphonon.interactions import UprightMagnets
 
 pytestmark = pytest.mark.peer
 
@@ -77,13 +76,6 @@ def test_motion_out_of_the_plane_is_that_of_lammps_in_space(lammps, prototype, t
     stiffer = atoms.copy()
     stiffer.calc = MagneticRepulsion(atoms, law, foundation=[[k, k, 1.3 * needed + k]])  # control: supports of other stiffness
     assert difference(theirs, by_magphonon(stiffer, drive, engine='ase')) > 1e-2
-
-
-def test_upright_magnets_out_of_the_plane_are_refused(prototype, tmp_path):
-    atoms = lattices.parallelogram(prototype, N, N)
-    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(prototype.calc.laws), foundation=[[0.1, 0.1, 1.0]])
-    with pytest.raises(ValueError, match='in_plane'):
-        write_lammps_input(tmp_path, atoms, TIMESTEP, STEPS)
 
 
 def test_forces_at_random_displacements(lammps, patch, tmp_path):
@@ -165,10 +157,6 @@ def test_missing_lammps_names_the_extra(tmp_path, monkeypatch):
         pass
 
 
-def conventional(atoms):
-    atoms.calc.set(model='conventional')
-
-
 def no_calculator(atoms):
     atoms.calc = None
 
@@ -193,7 +181,6 @@ def on_a_line(atoms):
 
 
 @pytest.mark.parametrize(('spoil', 'message'), [
-    (conventional, "model='complete', not 'conventional'"),
     (no_calculator, 'must be a PairCalculator, not None'),
     (periodic, r'pbc \(1, 1, 0\)'),
     (displaced, 'at rest in their reference positions'),

@@ -21,7 +21,6 @@ from magphonon import (
     phonopy_bands,
     sound_speeds,
 )
-from magphonon.bands.bands import group_velocities
 from magphonon.bands.bloch import bloch_modes
 from magphonon.lattices.bonds import bonds_within
 from magphonon.scenes.scene import reference
@@ -264,11 +263,6 @@ def test_parts_that_diverge_are_refused():
         sound_speeds(cell, model='conventional')
     with pytest.raises(ValueError, match='model must be one of'):
         bloch_modes(cell, [[0, 0, 0]], model='D0')
-
-
-def test_functions_of_bonds_refuse_all_neighbours():
-    with pytest.raises(ValueError, match='PairCalculator'):
-        group_velocities(with_all(lattices.square(1.0, 1.0), DIPOLES), [[0.1, 0, 0]])
 
 
 def test_foundation_that_all_neighbours_ask_for():

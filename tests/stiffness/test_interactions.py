@@ -17,8 +17,7 @@ from magphonon.bands import gruneisen_parameters
 from magphonon.design import SiteScatter, mode_scatter
 from magphonon.dynamics import refusal
 from magphonon.interactions import PairInteraction, UprightMagnets, Yukawa
-from magphonon.stability import frequency_shifts
-from magphonon.stiffness import cauchy_stress, elastic_moduli
+from magphonon.stiffness import cauchy_stress
 from magphonon.stiffness.bond import Central, interaction_of, stiffness_change
 
 C = 2000.0  # mu0 m^2/(4 pi), mJ mm^3
@@ -158,14 +157,6 @@ def test_tools_that_were_for_central_forces_answer_for_any(law):
     supercell.calc = cell.calc.on(supercell)
     _, std = mode_scatter(supercell, SiteScatter(strength=0.01))
     assert np.isfinite(std).all()
-
-
-def test_tools_that_suppose_a_law_of_the_distance_refuse_in_words():
-    cell = lattices.triangular(10.0, 0.7)
-    cell.calc = MagneticRepulsion(cell, TiltedDipoles(0.4), foundation=1.0)
-    for tool in elastic_moduli, frequency_shifts:
-        with pytest.raises(ValueError, match='suppose forces along the line between two particles, which those of TiltedDipoles'):
-            tool(cell)
 
 
 def test_they_relax_and_move_in_ases_loop():

@@ -10,9 +10,7 @@ from magphonon import (
     InversePower,
     MagneticRepulsion,
     OnSite,
-    Travelling,
     complex_bands,
-    for_ase_tools,
     frequency_response,
     lattices,
     modes,
@@ -108,18 +106,7 @@ def test_bands_of_tensors():
     assert np.isfinite(w.xi).any()
 
 
-def test_who_does_not_know_it_says_so():
-    patch, _ = drawn(0)
-    with pytest.raises(ValueError, match=r'OnSite.*bands, modes, responses'):
-        verdict(patch)
-    changing, _ = drawn(0, lambda t: np.cos(t))
-    for tool in (modes, lambda atoms: propagate(atoms, [1.0])):
-        with pytest.raises(ValueError, match='linear tools know no time'):
-            tool(changing)
-    cell = lattices.square(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, LAW, foundation=Travelling(9.0, 0.1, 1.0, (0, 0)))
-    with pytest.raises(ValueError, match='forces alone know no time'):
-        for_ase_tools(cell)
+def test_a_tensor_is_symmetric():
     with pytest.raises(ValueError, match='symmetric'):
         OnSite.tensor([[1.0, 2.0], [0.0, 1.0]])
 

@@ -108,7 +108,7 @@ def test_gyration_about_drawn_axes(seed):
     each = np.broadcast_to(g, (n, 3))
     atoms.calc = atoms.calc.about(atoms, gyration=g)
     H, C = stiffness(atoms), velocity_matrix(each, m)
-    system = LinearSystem.of(atoms, gyrating=True)
+    system = LinearSystem.of(atoms, 'gyration')
     assert_allclose(system.B().toarray(), C / np.repeat(m, 3)[:, None], atol=1e-15)
     assert system.turning == pytest.approx(np.linalg.norm(each, axis=1).max(), rel=1e-14)
     assert_allclose(modes(atoms).omega, frequencies(H, C, m), rtol=1e-9)

@@ -255,7 +255,7 @@ def test_a_modulation_is_refused_before_the_run(monkeypatch):
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=Travelling(3.0, 0.1, 1.0, (0, 0)))
     monkeypatch.setattr(DrivenVerlet, 'run', lambda *_: pytest.fail('it ran'))
-    with pytest.raises(ValueError, match='know no time'):
+    with pytest.raises(ValueError, match='thermal_run does not take a foundation that changes'):
         thermal_run(cell, (2, 2, 1), 1e-3, [(0.5, 0, 0)])
 
 

@@ -1,0 +1,226 @@
+"""What a structure may have beyond masses, bonds and constant springs, and which tools take it.
+
+    @takes('gyration', 'constraints')
+    def tool(atoms, ...):
+
+A tool takes the traits that it declares and refuses all others, so a new trait is refused everywhere on its first day.  All
+linear theory goes through `LinearSystem.of` and `LinearSystem.nearest`, which ask once more for the tool that runs, and refuse a
+new trait for tools that declare nothing.  The tables of the documentation and the test of every tool with every trait read
+`TRAITS` and `TOOLS`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache, wraps
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from ase.constraints import FixedPlane
+from numpy.typing import NDArray
+
+P = ParamSpec('P')
+R = TypeVar('R')
+HOLDERS = 'atoms', 'cell', 'strip', 'system', 'built'  # arguments that hold a structure
+NAMED = 4  # number of other tools that a refusal names
+
+
+@dataclass(frozen=True)
+class Trait:
+    """Something that a structure may have.
+
+    Attributes
+    ----------
+    name : str
+    has : callable
+        Whether the atoms and their calculator, its arguments, have it.
+    words : str
+        Completes "... does not take".
+    mend : callable
+        What to do instead, in words: of the calculator.
+    """
+
+    name: str
+    has: Callable[[Any, Any], bool]
+    words: str
+    mend: Callable[[Any], str]
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A function or class that declares what it takes, by its module and the names of traits."""
+
+    name: str
+    module: str
+    takes: frozenset[str]
+
+
+TRAITS: dict[str, Trait] = {}
+TOOLS: dict[str, Tool] = {}
+MENDS: dict[tuple[str, str], str] = {}
+"""Better advice than that of the trait, by the names of tool and trait."""
+_running: ContextVar[Tool | None] = ContextVar('the declared tool that runs', default=None)
+
+
+def takes(*names: str, **mends: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Declare that a tool takes structures with these traits, and no others; of its arguments the first among HOLDERS is asked.
+
+    Parameters
+    ----------
+    *names : str
+        Of `TRAITS`.
+    **mends : str
+        What to do instead where the tool refuses a trait, in place of what the trait says; '_' stands for a space.
+    """
+    taken = frozenset(names)
+
+    def declared(tool: Callable[P, R]) -> Callable[P, R]:
+        arguments = [*inspect.signature(tool).parameters]
+        own = tool.__qualname__.removesuffix('.__init__')
+        given = next(name for name in arguments if name in HOLDERS)
+        place = arguments.index(given)
+        one = TOOLS[own] = Tool(own, tool.__module__, taken)
+        MENDS.update({(own, name.replace('_', ' ')): words for name, words in mends.items()})
+
+        @wraps(tool)
+        def run(*args: P.args, **kwargs: P.kwargs) -> R:
+            refuse(args[place] if len(args) > place else kwargs.get(given), one)
+            before = _running.set(one)
+            try:
+                return tool(*args, **kwargs)
+            finally:
+                _running.reset(before)
+
+        return run
+    return declared
+
+
+def refuse(given: Any, tool: Tool) -> None:
+    """Refuse atoms, a linear system of them or what holds one, if they have a trait that the tool does not take."""
+    given = getattr(given, 'system', given)
+    atoms = getattr(given, 'atoms', given)
+    calc = getattr(atoms, 'calc', None)
+    if hasattr(calc, 'sites'):  # without a calculator of this package, which the tool misses in its own words
+        refuse_of(atoms, calc, tool)
+
+
+def all_but(what: str, *names: str) -> Tool:
+    """What a tool does in a special case, named by `what`, and in which it does not take the traits of these names."""
+    return Tool(what, __name__, frozenset(TRAITS) - frozenset(names))
+
+
+def refuse_of(atoms: Any, calc: Any, tool: Tool) -> None:
+    """The same for atoms and a calculator that they do not carry."""
+    if 'constraints' not in tool.takes and atoms.constraints and _held(atoms):
+        raise ValueError(refusal(calc, tool, TRAITS['constraints']))
+    count, answers = vars(calc).get('_asked', (0, {}))  # which its copies do not have, and `set` clears
+    if count != len(TRAITS):
+        count, answers = calc._asked = len(TRAITS), {}
+    if tool.takes not in answers:
+        others = (one for one in TRAITS.values() if one.name not in tool.takes and one.name != 'constraints')
+        answers[tool.takes] = next((one for one in others if one.has(atoms, calc)), None)
+    if (found := answers[tool.takes]) is not None:
+        raise ValueError(refusal(calc, tool, found))
+
+
+def refusal(calc: Any, tool: Tool, trait: Trait) -> str:
+    """The words with which a tool refuses a trait, and which tools near to it take it."""
+    def apart(other):
+        """First those of the same file, then of the same room."""
+        return other.module != tool.module, other.module.split('.')[1] != tool.module.split('.')[1], other.name
+
+    others = [other.name for other in sorted(TOOLS.values(), key=apart) if trait.name in other.takes]
+    instead = f' ({", ".join(others[:NAMED])} do)' if others else ''
+    return f'{tool.name} does not take {trait.words}{instead}; {MENDS.get((tool.name, trait.name)) or trait.mend(calc)}'
+
+
+@cache
+def caller(*also: str) -> Tool:
+    """A caller that declares nothing: it takes what masses and stiffness describe, and what it says `also`."""
+    return Tool('a tool without a declaration', __name__, frozenset((*KNOWN, *also)))
+
+
+def running(*also: str) -> Tool:
+    """The declared tool that runs, or a `caller` without a declaration."""
+    return _running.get() or caller(*also)
+
+
+def trait(name: str, words: str, mend: str | Callable[[Any], str]) -> Callable[[Callable[[Any, Any], Any]], Trait]:
+    """Declare a trait by the function of atoms and calculator that finds it."""
+    def declared(has):
+        told = mend if callable(mend) else lambda calc: str(mend)
+        TRAITS[name] = Trait(name, lambda atoms, calc: bool(has(atoms, calc)), words, told)
+        return TRAITS[name]
+    return declared
+
+
+def attracting(calc: Any) -> NDArray[np.intp]:
+    """The bonds that pull, by their indices; none where forces are not along the bonds."""
+    law = calc.interaction.central(calc.dim)
+    return np.zeros(0, int) if law is None else np.flatnonzero(law.dphi(calc.bonds.lengths) > 0)
+
+
+def _held(atoms):
+    """Whether constraints do more than keep planar particles in their plane."""
+    return any(not isinstance(one, FixedPlane) or one.dir[:2].any() for one in atoms.constraints)
+
+
+def _gyrating(calc):
+    return (f'they turn at up to {1e3 * np.max(abs(np.asarray(calc.gyration))):.4g} rad/s; to leave that out: atoms.calc.set('
+            'gyration=0), and in a scene take gyration_rad_per_s out')
+
+
+def _attracted(calc):
+    b, bonds = attracting(calc)[0], calc.bonds
+    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths one sign'
+
+
+def _mixed(calc):
+    return (calc.strengths != 1).any() or hasattr(calc.laws, 'items')
+
+
+def _uneven(calc):
+    return np.ndim(calc.tie.k) and np.ptp(calc.tie.k, axis=0).any()
+
+
+def _differing(calc):
+    what = 'laws or strengths' * bool(_mixed(calc)), 'foundations' * bool(_uneven(calc))
+    return f'these have different {" and ".join(filter(None, what))}'
+
+
+def _known(calc):
+    return f'for {calc.tie!r}: {calc.tie.known}'
+
+
+trait('all neighbours', 'the sum over all neighbours (AllNeighbours), in which bonds are not known one by one',
+      'attach atoms.calc = PairCalculator(atoms, law, ...) with a number of shells; in a scene give shells a number')(
+    lambda atoms, calc: not calc.pairwise)
+trait('gyration', 'particles that gyrate', _gyrating)(lambda atoms, calc: np.any(calc.gyration))
+trait('modulation', 'a foundation that changes with time', _known)(
+    lambda atoms, calc: calc.tie.changes)
+trait('site law', 'ties other than constant springs', _known)(
+    lambda atoms, calc: calc.tie.known and not calc.tie.modulated)
+trait('constraints', 'particles that are held or guided', 'remove the constraints with atoms.set_constraint()')(
+    lambda atoms, calc: _held(atoms))
+trait('out of plane', 'motion out of the plane', 'take the motion in the plane, atoms.calc = atoms.calc.in_plane()')(
+    lambda atoms, calc: calc.layer)
+trait('conventional', "a calculator with model='conventional'", "set model='complete', as in atoms.calc.set(model='complete')")(
+    lambda atoms, calc: calc.model != 'complete')
+trait('attraction', 'particles that attract each other', _attracted)(lambda atoms, calc: len(attracting(calc)))
+trait('oblique', 'forces that are not along the line between two particles',
+      'of UprightMagnets take the motion in the plane, atoms.calc = atoms.calc.in_plane()')(
+    lambda atoms, calc: calc.interaction.central(calc.dim) is None)
+trait('unlike', 'particles of different laws, strengths or springs', _differing)(
+    lambda atoms, calc: _mixed(calc) or _uneven(calc))
+
+LIKE = 'constraints', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike'
+"""What a tool takes that knows a structure by its masses, its bonds and springs."""
+STIFF = 'site law', *LIKE
+"""What a tool takes that knows a structure by its masses and its stiffness K alone."""
+LINEAR = 'gyration', *STIFF
+"""What a tool takes that knows a structure by M, B and K."""
+KNOWN = 'all neighbours', *STIFF
+"""What callers without a declaration take, such as users' own tools."""

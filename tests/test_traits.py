@@ -1,0 +1,327 @@
+"""Every tool with every trait of a structure: it refuses in words what it does not declare, and ignores nothing that it does.
+
+That the answers are right is compared with oracles in the tests of the rooms; here the answer must change with the trait.
+"""
+
+import inspect
+import re
+import zlib
+from dataclasses import fields, is_dataclass
+from functools import partial
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.constraints import FixAtoms, FixedPlane
+
+import magphonon as mp
+from magphonon import (
+    DrivenVerlet,
+    InversePower,
+    MagneticRepulsion,
+    OnSite,
+    Travelling,
+    bands,
+    design,
+    lattices,
+    response,
+    stability,
+    stiffness,
+    waves,
+)
+from magphonon.dynamics import highest_frequency, write_lammps_input
+from magphonon.dynamics.engine import frequency_bound
+from magphonon.interactions import UprightMagnets
+from magphonon.response import Dof
+from magphonon.stiffness import AllNeighbours, LinearSystem
+from magphonon.traits import TOOLS, TRAITS, takes, trait
+
+LAW, K = InversePower(16.0, 4.0), 80.0
+Q = np.array([[0.3, 0.1, 0.0], [0.45, 0.2, 0.0]])
+CELL, PATCH = lattices.honeycomb(1.0, 1.0), lattices.triangular(1.0, 1.0).repeat((3, 3, 1))
+PATCH.pbc = False
+"""A lattice, and a patch with free rim, at rest by dead loads."""
+
+
+def made(atoms, law=LAW, k=K, **given):
+    """The atoms with a calculator, at rest."""
+    atoms = atoms.copy()
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=k, **given)
+    if not atoms.pbc.any():
+        atoms.calc = atoms.calc.balanced(range(len(atoms)))
+    return atoms
+
+
+def travelling(k=K):
+    return Travelling(k, 0.3, W=18.0, kap=(0.5, 0))
+
+
+def every(atoms, **given):
+    atoms = atoms.copy()
+    atoms.calc = AllNeighbours(atoms, LAW, foundation=K)
+    return atoms
+
+
+def held(atoms, **given):
+    atoms = made(atoms, **given)
+    atoms.set_constraint(FixAtoms([1]))
+    return atoms
+
+
+def among(k, other):
+    """Other springs, modulated if the first ones are."""
+    return travelling(other) if isinstance(k, Travelling) else other
+
+
+HAVE = {  # how a structure on springs k comes by a trait
+    'all neighbours': every,
+    'gyration': partial(made, gyration=2.0),
+    'modulation': lambda atoms, k=K: made(atoms, k=travelling()),
+    'site law': lambda atoms, k=K: made(atoms, k=OnSite.tensor(np.diag([70.0, 95.0]))),
+    'constraints': held,
+    'out of plane': lambda atoms, k=K: made(atoms, k=among(k, [[K, K, 500.0]]), dim=3),
+    'conventional': partial(made, model='conventional'),
+    'attraction': lambda atoms, k=K: made(atoms, k=k, strengths=np.resize([1.0, -0.1, 1.2], len(atoms))),
+    'oblique': lambda atoms, k=K: made(atoms, UprightMagnets(LAW), among(k, [[K, K, 500.0]]), dim=3),
+    'unlike': lambda atoms, k=K: made(atoms, k=among(k, K + 5.0 * np.arange(len(atoms)))),
+}
+
+
+def path(atoms):
+    return bands.band_path(atoms, 'GMK', 4)
+
+
+def numbers(found):
+    """All numbers of a result, in one row."""
+    if isinstance(found, (Atoms, str)) or found is None:
+        return found.positions.ravel() if isinstance(found, Atoms) else np.zeros(0)
+    if is_dataclass(found):
+        return numbers([getattr(found, f.name) for f in fields(found) if f.name not in ('path', 'case', 'system')])
+    if isinstance(found, (tuple, list)):
+        return np.concatenate([np.zeros(0), *map(numbers, found)])
+    values = np.ravel(found)
+    return np.nan_to_num(values.astype(complex)) if values.dtype.kind in 'biufc' else np.zeros(0)
+
+
+def judged(atoms):
+    found = mp.verdict(atoms, damping=0.01)
+    assert str(found)  # for which every check is made
+    return *vars(found.buckling).values(), found.timestep_limit
+
+
+def lammps(atoms, tmp_path):
+    write_lammps_input(tmp_path, atoms, 0.01, 10)
+    return [zlib.crc32(file.read_bytes()) for file in sorted(tmp_path.iterdir())]
+
+
+def moved(atoms):
+    dyn = DrivenVerlet(atoms, 0.01, engine='numpy')
+    dyn.atoms.positions[0, 0] += 0.01
+    dyn.run(20)
+    return dyn.atoms.positions - PATCH.positions
+
+
+def displaced(atoms):
+    atoms.positions[1, :2] += 0.01, 0.02
+    return atoms
+
+
+def pushed(atoms):
+    force = np.zeros((len(atoms), 3))
+    force[4, :2] = 1e-3, 2e-3
+    return force
+
+
+def relaxed(atoms):
+    """Without its dead load the patch grows."""
+    atoms.calc = atoms.calc.about(atoms, load=np.zeros((len(atoms), 3)))
+    return mp.relaxed(atoms).atoms
+
+
+UP, DOWN, HARDER = Dof(4, (0, 1, 0)), Dof(5, (0.6, 0.8, 0)), [design.StiffnessDerivative(foundation=1.0, mass=0.2)]
+SPREAD = design.Tolerances({'p': HARDER[0]}, np.eye(1))
+CELLS = {
+    'analytic_bands': lambda a: mp.analytic_bands(a, path(a)),
+    'bloch_modes': lambda a: bands.bloch_modes(a, Q)[0],
+    'damped_modes': lambda a: bands.bloch.damped_modes(a, Q, [0.1, 0.2])[0],
+    'group_velocities': lambda a: mp.group_velocities(a, Q).omega,
+    'cut_off': bands.cut_off,
+    'sound_speeds': mp.sound_speeds,
+    'lattice_density': lambda a: bands.lattice_density(a, steps=6),
+    'band_ranges': lambda a: bands.band_ranges(a, 6),
+    'zone_map': lambda a: bands.zone_map(a, 6).omega,
+    'complex_bands': lambda a: abs(mp.complex_bands(a, (0, 1, 0), [9.5]).xi[:, :2]),
+    'gruneisen_parameters': lambda a: bands.gruneisen_parameters(a, Q),
+    'neighbour_shifts': lambda a: bands.neighbour_shifts(a, Q),
+    'converged_shells': lambda a: bands.converged_shells(a, Q, 1e-3),
+    'finite_displacements': lambda a: mp.phonopy_bands(mp.finite_displacements(a), path(a)).omega,
+    'floquet_bands': lambda a: np.sort(mp.floquet_bands(a, Q, tolerance=1e-4).omega.real),
+    'parametric_growth': lambda a: stability.parametric_growth(a, damping=0.01).rate,
+    'critical_foundation': lambda a: mp.critical_foundation(a).k,
+    'softest_of': lambda a: stability.buckling.softest_of(a).lowest,
+    'critical_spacing': stability.critical_spacing,
+    'critical_support': stability.critical_support,
+    'stability_boundary': lambda a: stability.stability_boundary(a, [0.5, 1.0]).needed,
+    'stability_boundary_of_exponents': lambda a: stability.stability_boundary_of_exponents(a, [2.0]).needed,
+    'frequency_shifts': lambda a: stability.frequency_shifts(a),
+    'verdict': judged,
+    'elastic_moduli': stiffness.elastic_moduli,
+    'for_ase_tools': lambda a: displaced(mp.for_ase_tools(a)).get_forces(),
+    'foundation_for': lambda a: design.foundation_for(a, 2.0),
+    'frequency_sensitivities': lambda a: design.frequency_sensitivities(a, Q, HARDER),
+    'frequency_spread': lambda a: design.frequency_spread(a, Q, SPREAD).std,
+    'branch': lambda a: waves.branch(a, (0, 1, 0), 0).omega,
+}
+PATCHES = {
+    'modes': lambda a: mp.modes(a).omega,
+    'natural_frequencies': response.natural_frequencies,
+    'count_modes_below': lambda a: response.count_modes_below(a, 9.2),
+    'local_modes': lambda a: response.local_modes(a, (0.0, 9.5)).omega,
+    'frequency_response': lambda a: mp.frequency_response(a, pushed(a), [5.0, 9.0], 0.1),
+    'harmonic_response': lambda a: response.harmonic_response(a, pushed(a), [5.0, 9.0], 0.1),
+    'receptance': lambda a: response.receptance(a, UP, DOWN, [5.0, 9.0], 0.1),
+    'propagate': lambda a: mp.propagate(a, [0.5, 1.0], [mp.ToneBurst(4, (0, 1), 1e-4, omega=5.0)]),
+    'density_of_states': lambda a: response.density_of_states(a, np.linspace(5, 12, 9)),
+    'critical_foundation': lambda a: mp.critical_foundation(a).k,
+    'frequency_shifts': lambda a: stability.frequency_shifts(a),
+    'nonlinear_modes': lambda a: stability.nonlinear_modes(a, 3, 0.01, points=1).omega,
+    'mode_scatter': lambda a: design.mode_scatter(a, design.SiteScatter(strength=0.01))[1],
+    'response_sensitivities': lambda a: design.response_sensitivities(a, pushed(a), np.array([5.0]), 0.1, HARDER),
+    'write_lammps_input': lammps,
+    'DrivenVerlet': moved,
+    'highest_frequency': highest_frequency,
+    'frequency_bound': lambda a: frequency_bound(a, 1e-3),
+    'verdict': judged,
+    'relaxed': relaxed,
+}
+TOGETHER = 'floquet_bands', 'parametric_growth'  # of foundations that are modulated, other traits among them
+ABOVE = {'out of plane', 'oblique'}  # here motion in the plane is the same with these, and all motion out of it is faster
+SEEN = {'analytic_bands', 'bloch_modes', 'damped_modes', 'group_velocities', 'lattice_density', 'band_ranges', 'modes',
+        'propagate', 'natural_frequencies', 'density_of_states', 'finite_displacements', 'floquet_bands', 'frequency_spread',
+        'verdict'}
+"""Tools whose answers show motion out of the plane."""
+SAME = {  # traits that change no answer, by the tool
+    'cut_off': {'all neighbours', 'conventional'},  # all particles move alike
+    'sound_speeds': {'site law', 'unlike'}, 'elastic_moduli': {'site law', 'unlike'},  # of the lattice without its springs
+    'converged_shells': {'all neighbours'},
+    'foundation_for': TRAITS.keys(),  # m w^2, whatever holds the particles apart
+    'critical_support': {'unlike', 'site law', 'conventional'},  # of the bonds alone
+    'stability_boundary_of_exponents': {'unlike'},
+    'verdict': {'gyration', 'constraints', 'conventional', 'oblique'},  # stiffness holds it, by the complete model
+    'highest_frequency': {'gyration'},  # the limit of a step is that of stiffness
+    'frequency_bound': {'gyration', 'constraints', 'conventional'},
+    'relaxed': {'gyration', 'conventional'},  # statics are those of the complete model
+}
+OWN = {  # what a tool that takes a trait refuses of it in words of its own, and what these begin with
+    'complex_bands': {'constraints': 'no bond leads'}, 'neighbour_shifts': {'attraction': 'strengths'},
+    'converged_shells': {'attraction': 'strengths'}, 'DrivenVerlet': {'out of plane': 'engine=', 'oblique': 'engine='},
+}
+
+
+def asked(ask, atoms, tmp_path):
+    return numbers(ask(atoms, tmp_path) if 'tmp_path' in inspect.signature(ask).parameters else ask(atoms))
+
+
+@pytest.mark.parametrize(('tool', 'base'), [*((name, CELL) for name in CELLS), *((name, PATCH) for name in PATCHES)])
+def test_no_trait_is_ignored(tool, base, tmp_path):
+    ask, k = (CELLS if base is CELL else PATCHES)[tool], travelling() if tool in TOGETHER else K
+    plain = asked(ask, made(base, k=k), tmp_path)
+    taken = TOOLS[tool].takes
+    for name, have in HAVE.items():
+        if (name == 'all neighbours' and base is PATCH) or (name in ('modulation', 'site law') and tool in TOGETHER):
+            continue
+        atoms = have(base, k=k)
+        if name not in taken:
+            words = '|'.join(re.escape(one.words) for one in TRAITS.values() if one.has(atoms, atoms.calc))
+            with pytest.raises(ValueError, match=f'{tool} does not take ({words})'):
+                asked(ask, atoms, tmp_path)
+        elif name in OWN.get(tool, ()):
+            with pytest.raises(ValueError, match=OWN[tool][name]):
+                asked(ask, atoms, tmp_path)
+        elif name not in SAME.get(tool, set()) | (set() if tool in SEEN else ABOVE):
+            found = asked(ask, atoms, tmp_path)
+            assert found.shape != plain.shape or not np.allclose(found, plain, rtol=1e-6, atol=1e-9), name
+
+
+HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'displacement_errors', 'hessian_changes', 'response_slopes',
+           'series_response', 'stepped_response', 'thermal_bands', 'thermal_run', 'response_spread', 'spectral_function',
+           'plan_peak', 'plan_waveform', 'Variables', 'chern_numbers', 'edge_flow', 'vibration'}
+"""Declared, and asked in the tests of their rooms: they take more than a structure."""
+
+
+def test_every_declared_tool_is_asked():
+    assert not TOOLS.keys() - CELLS.keys() - PATCHES.keys() - HELPERS
+
+
+@pytest.fixture
+def new_trait(monkeypatch):
+    """All structures have it."""
+    made_up = trait('painted', 'particles that are painted', 'wash them')(lambda atoms, calc: calc.painted)
+    monkeypatch.setattr(MagneticRepulsion, 'painted', True, raising=False)
+    yield made_up
+    del TRAITS['painted']
+
+
+@pytest.mark.parametrize(('tool', 'base'), [*((name, CELL) for name in CELLS), *((name, PATCH) for name in PATCHES)])
+def test_a_new_trait_is_refused_everywhere_on_its_first_day(tool, base, new_trait, tmp_path):
+    ask = (CELLS if base is CELL else PATCHES)[tool]
+    atoms = made(base, k=travelling() if tool in TOGETHER else K)
+    with pytest.raises(ValueError, match='does not take particles that are painted; wash them'):
+        asked(ask, atoms, tmp_path)
+
+
+def test_also_by_tools_that_declare_nothing(new_trait):
+    """At the door to linear theory, for atoms and for systems that others have made."""
+    atoms = made(CELL)
+    system = LinearSystem.of(atoms, 'painted')
+    for door in LinearSystem.of, LinearSystem.nearest:
+        for given in atoms, system:
+            with pytest.raises(ValueError, match='a tool without a declaration does not take particles that are painted'):
+                door(given)
+            assert door(given, *((None,) if door == LinearSystem.nearest else ()), 'painted') is not None
+
+
+def test_a_declaration_holds_for_all_that_a_tool_calls():
+    @takes('gyration')
+    def own(atoms):
+        return LinearSystem.of(atoms).K.toarray()
+
+    try:
+        gyrating = HAVE['gyration'](CELL)
+        assert own(gyrating).shape == (4, 4)
+        with pytest.raises(ValueError, match=r'a tool without a declaration does not take particles that gyrate.*2000 rad/s'):
+            LinearSystem.of(gyrating)
+        assert LinearSystem.of(gyrating, 'gyration').turning
+        with pytest.raises(ValueError, match="own does not take a calculator with model='conventional'"):
+            own(HAVE['conventional'](CELL))
+    finally:
+        del TOOLS[next(name for name in TOOLS if name.endswith('own'))]
+
+
+def test_supercells_that_other_tools_displace_are_asked_too():
+    for name in ('gyration', 'modulation'):
+        cell = HAVE[name](CELL)
+        large = cell.repeat((2, 2, 1))
+        large.calc = cell.calc
+        words = f'a tool that displaces particles of its own supercells does not take {TRAITS[name].words}'
+        with pytest.raises(ValueError, match=words):
+            large.get_forces()
+
+
+def test_what_is_set_later_is_asked_again():
+    patch = made(PATCH)
+    assert response.count_modes_below(patch, 11.0) >= 0
+    patch.calc.set(gyration=1.0)
+    with pytest.raises(ValueError, match='count_modes_below does not take particles that gyrate'):
+        response.count_modes_below(patch, 11.0)
+    patch.calc.set(gyration=0.0)
+    assert response.count_modes_below(patch, 11.0) >= 0
+
+
+def test_planes_that_keep_particles_in_their_plane_hold_nothing():
+    cell = made(CELL)
+    cell.set_constraint(FixedPlane([0, 1], (0, 0, 1)))
+    assert np.array_equal(mp.sound_speeds(cell), mp.sound_speeds(made(CELL)))
+    cell.set_constraint(FixedPlane([0, 1], (0, 1, 0)))
+    with pytest.raises(ValueError, match='sound_speeds does not take particles that are held or guided'):
+        mp.sound_speeds(cell)
