@@ -250,7 +250,11 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
     if isinstance(path, str):
         return band_path(atoms, path)
     if not isinstance(path, BandPath):
-        return BandPath(atoms.cell, wavevectors(path))
+        try:
+            return BandPath(atoms.cell, wavevectors(path))
+        except ValueError as error:
+            raise ValueError(f"the path must be a BandPath, names such as 'GMKG' or wavevectors, not {type(path).__name__} "
+                             f'({error}); get one from atoms.cell.bandpath(...)') from None
     axes = np.flatnonzero(atoms.pbc)
     ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
     off = {order: abs(ours - theirs[np.ix_(order, order)]).max() / abs(ours).max() for order in permutations(range(len(axes)))}

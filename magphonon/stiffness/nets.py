@@ -52,7 +52,7 @@ def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms
     >>> from ase import Atoms
     >>> from magphonon import Spring
     >>> from magphonon.stiffness import net
-    >>> pair = net(Atoms('H2', [[0, 0, 0], [10, 0, 0]]), [(0, 1, Spring(2.0, 9.5))])
+    >>> pair = net(Atoms('H2', [[0, 0, 0], [10, 0, 0]], masses=[1, 1]), [(0, 1, Spring(2.0, 9.5))])
     >>> float(pair.get_forces()[0, 0])  # N: a spring of 2 N/mm, stretched by 0.5 mm, pulls the first node along x
     1.0
     """

@@ -103,7 +103,8 @@ def test_forces_hessian_modes_and_stability_are_those_of_sums_over_members(seed)
 def test_tensions_of_a_self_stress_balance_and_their_number_is_that_of_maxwell(seed):
     rng = np.random.default_rng(seed)
     dim, n = int(rng.choice([2, 3])), 7
-    nodes = Atoms(f'H{n}', rng.uniform(0, 5, (n, 3)) * [1, 1, dim == 3], constraint=FixAtoms([0]) if seed % 2 else None)
+    nodes = Atoms(f'H{n}', rng.uniform(0, 5, (n, 3)) * [1, 1, dim == 3], masses=np.ones(n),
+                  constraint=FixAtoms([0]) if seed % 2 else None)
     pairs = [pair for pair in combinations(range(n), 2) if rng.random() < 0.9]
     held = net(nodes, [(*pair, Spring(1.0, 1.0)) for pair in pairs], dim=dim)
     states = self_stress(held)
@@ -119,7 +120,8 @@ def test_tensions_of_a_self_stress_balance_and_their_number_is_that_of_maxwell(s
 
 
 def test_a_cable_that_is_slack_has_neither_force_nor_stiffness():
-    square = Atoms('H4', [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], constraint=FixAtoms([0, 1, 2, 3]))
+    square = Atoms('H4', [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], masses=[1, 1, 1, 1],
+                   constraint=FixAtoms([0, 1, 2, 3]))
     with_slack = net(square, [(0, 2, Cable(5.0, 1.5)), (1, 3, Cable(5.0, 1.2))])
     t = 5.0 * (np.sqrt(2) - 1.2)
     with_slack.set_constraint()
@@ -148,7 +150,7 @@ def _bent():
 
 def _nets_and_ions_refused():
     """What tools say where they refuse ions and nets, or judge them."""
-    row = Atoms('H3', np.arange(3)[:, None] * [1.0, 0, 0])
+    row = Atoms('H3', np.arange(3)[:, None] * [1.0, 0, 0], masses=[1, 1, 1])
     ions = row.copy()
     ions.calc = PairCalculator(ions, InversePower.coulomb(1.0), bonds=[(0, 1), (1, 2), (0, 2)], dim=3)
     taut = net(row, [(0, 1, Spring(1.0, 0.5)), (1, 2, Spring(1.0, 0.5))])
