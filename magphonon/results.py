@@ -8,6 +8,7 @@ from html import escape
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import shown
 from .units import hertz
@@ -53,6 +54,6 @@ class InHertz(Result):
     omega: Any
 
     @property
-    def frequencies_Hz(self) -> Any:
+    def frequencies_Hz(self) -> NDArray[np.float64]:
         """Frequencies in Hz, in the shape of `omega`."""
         return hertz(self.omega)
