@@ -186,7 +186,9 @@ def test_a_magnet_has_the_density_of_a_magnet(mass, fine, scene_file):
 @pytest.mark.parametrize('spacing', [2e-6, 3e-4, 5e5])
 def test_lattices_of_every_size(spacing, scene_file):
     """Frequencies depend on b r^-(a+1) alone; ASE knows no lattice of 2 um, and the path is made for it all the same."""
-    small = {'lattice.spacing_m': spacing, 'law.b_N_m_a': 1.6209e-10 * (spacing / 0.01) ** 5.5824}
+    k = read_scene(ready_scene('prototype')).foundation.pillar.stiffness_N_per_m  # such pillars would overlap in a small lattice
+    small = {'lattice.spacing_m': spacing, 'law.b_N_m_a': 1.6209e-10 * (spacing / 0.01) ** 5.5824,
+             'foundation': {'stiffness_N_per_m': k}}
     expected = analytic_bands(read_scene(ready_scene('prototype')).atoms(), read_scene(ready_scene('prototype')).band_path())
     scene = read_scene(scene_file(small))
     numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path())
@@ -267,7 +269,7 @@ def test_a_mass_in_another_unit(changes, words, scene_file):
      r'defects.substitutions[0].relative_strength must lie between -1e+06 and 1e+06'),
     ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.2 ',
      'lattice.spacing_m = 0.019997, law.diameter_m = 0.2, law.shells = 1: spheres of the diameter'),
-    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'take a smaller one than law.diameter_m = 0.002'),
+    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'take a smaller spacing than law.diameter_m = 0.002'),
 ])
 def test_bounds_of_ready_scenes(name, old, new, words, tmp_path):
     text = ready_scene(name).read_text()
