@@ -86,7 +86,11 @@ class Situation:
         return float(u.hertz(found.omega[amplitude.argmax()])), float(amplitude.max() / (u.m / u.N))
 
     def refuse_buckling(self) -> None:
-        """Raise ValueError if the lattice buckles."""
+        """Raise ValueError if the lattice buckles; that gyration may hold the verdict knows."""
+        if np.any(self.atoms.calc.gyration):  # pyright: ignore[reportOptionalMemberAccess]  scenes attach one
+            if not self.judged[0].stable:
+                raise ValueError(f'the lattice buckles: {self.judged[0].finding("buckling").words}')
+            return
         if self.margin < -BORDER * self.needed:
             needed, given = (k / (u.N / u.m) for k in (self.needed, common_spring(self.atoms)))
             raise ValueError(f'the lattice buckles: it needs a foundation of {needed:.4g} N/m and has {given:.4g} N/m')

@@ -52,6 +52,17 @@ def test_a_scene_is_asked_at_every_point(prototype, seed):
     assert found['foundation.pillar.height_m'].attrs['units'] == 'm'
 
 
+def test_gyration_splits_what_moves_alike(prototype):
+    """All magnets in a circle on springs k: w^2 -+ g w = k/m; the control is what the two frequencies are without g."""
+    g = np.array([0.0, 40.0, 160.0])
+    found = sweep(prototype, {'lattice.gyration_rad_per_s': g}, ['bands.G.1', 'bands.G.2'])
+    squared = prototype.foundation.pillar.stiffness_N_per_m / prototype.lattice.mass_kg
+    for branch, sign in ((1, -1), (2, 1)):
+        w = np.sqrt(squared + g**2 / 4) + sign * g / 2
+        assert_allclose(found[f'bands.G.{branch}'], w / (2 * np.pi), rtol=1e-9)
+    assert abs(found['bands.G.1'][2] / found['bands.G.1'][0] - 1) > 0.2
+
+
 def test_buckled_and_refused_points_are_recorded(prototype):
     scene = read_scene(ready_scene('ideal'))
     found = sweep(scene, {'law.a': [2.5, 4.0], 'lattice.mass_kg': [1.0, 1e-60]}, ['bands.K.1', 'stability.needed'])
