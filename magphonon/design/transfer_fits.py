@@ -7,15 +7,15 @@ With the displacements x = G e under a unit force where the response is seen, an
 so that one solution for each place serves all parameters.  A shaken bench is the drive F = w^2 M d (`magphonon.response.frf`).
 
 Real magnets and their places scatter, and the mean lattice cannot follow that.  Where the residuals exceed the noise, lattices
-are drawn whose sites scatter by as much as makes such residuals, and what one step of the fit answers to each of them is the
-covariance, and the bias, that the scatter gives to the parameters.
+are drawn whose sites scatter by as much as makes such residuals, and each is fitted in turn: what comes out, less the mean of its
+own sites, is the covariance, and the bias, that the scatter gives to the parameters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +46,9 @@ FIRST, MOST_SCATTER = 0.02, 0.1
 PLACES, SPRINGS = 0.5, 2.0
 """Scatter of places, in spacings, and of springs, in shares of that of strengths: the stiffness of a pillar goes with the fourth
 power of its radius and the third of its height."""
-DRAWS, ROUNDS = 24, 2  # lattices that are drawn, and how often with a better scatter
+SIZED, ROUNDS, DRAWS = 8, 2, 20
+"""Lattices that are drawn to find the scatter, how often with a better one, and how many are fitted with the last one."""
+REFITTED, MOST_TRIES = 1e-3, 200  # share of chi2 below which a gain ends the fit of a drawn lattice, and steps of any fit
 DENSE = 1500  # free directions up to which all modes cost less than factors at each of some hundred frequencies
 ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a thousand times as large
 
@@ -74,8 +76,8 @@ class TransferFit(ParameterFit):
         Scatter of the strengths from site to site (relative) that the residuals ask for, with that of springs (twice) and places
         (half, in spacings); zero where the lattice follows the data to within the noise.
     bias : ndarray, shape (parameters,)
-        What this scatter adds to the logarithms of the parameters; it is taken out of the `factors`, and half of it counts as
-        an uncertainty.
+        What this scatter adds to the logarithms of the parameters; it is taken out of the `factors`, and it is as uncertain as
+        the scatter that one lattice shows.
     """
 
     noise: float
@@ -226,46 +228,22 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     >>> round(float(fit_transfer(build, ('foundation',), [measured]).factors[0]), 6)
     1.2
     """
-    from scipy.optimize import least_squares
-
     known = all(one.sigma is not None for one in functions)
     centre, spread = np.array([(priors or {}).get(name, (1.0, np.inf)) for name in names]).T
     points = sum(len(one.omega) for one in functions)
     free = 2 * points - len(names)
     if free <= 0:
         raise ValueError(f'{2 * points} measured numbers are too few for {len(names)} parameters ({", ".join(names)})')
-    progress = tqdm(desc='lattices tried', delay=2, disable=None, leave=False)
-
-    def solved(x, functions, tolerance, widened=0.0):
-        weight, measured = _weights(functions), np.concatenate([one.response for one in functions])
-
-        @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
-        def at(x):
-            progress.update()
-            factors = dict(zip(names, np.exp(x).tolist(), strict=True))
-            h, slopes = response_slopes(build(factors), functions, names, widened)
-            return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
-
-        def residuals(x):
-            return np.append(_split(weight * (measured - at(tuple(x))[0])), (np.log(centre) - x) / spread)
-
-        def jacobian(x):
-            return np.vstack([-_split(weight * at(tuple(x))[1]).T, -np.diag(1 / spread)])
-
-        bound = np.log(MOST_FACTOR)
-        return least_squares(residuals, x, jac=jacobian, bounds=(-bound, bound), x_scale='jac', ftol=tolerance, xtol=tolerance,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
-                             gtol=None)  # pyright: ignore[reportArgumentType]
-
+    solved = partial(_solved, build, names, centre=centre, spread=spread)
     few = [_every(len(one.omega) // FIRST_FEW, one) for one in functions]
     begin = np.zeros(len(names)) if start is None else np.log(start)
-    found = solved(begin, few, ROUGH)
+    found = solved(few, begin, ROUGH)
     if not known or 2 * found.cost > FAR * len(found.fun):
         for rate in _rates(functions, build(dict(zip(names, np.exp(begin).tolist(), strict=True))).damping):
-            begin = solved(begin, [with_wide_peaks(one, rate) for one in few], ROUGH, 2 * rate).x
-        found = min(found, solved(begin, few, ROUGH), key=lambda one: one.cost)
+            begin = solved([with_wide_peaks(one, rate) for one in few], begin, ROUGH, widened=2 * rate).x
+        found = min(found, solved(few, begin, ROUGH), key=lambda one: one.cost)
     hopeless = 2 * found.cost > HOPELESS * np.sum(abs(_weights(few) * np.concatenate([one.response for one in few])) ** 2)
-    found = solved(found.x, functions, ROUGH if hopeless else FINE)
-    progress.close()
+    found = solved(functions, found.x, ROUGH if hopeless else FINE)
     r, J = found.fun, found.jac
     misfit = float(np.sqrt(r[: 2 * points] @ r[: 2 * points] / free))
     noise = 1.0 if known else misfit
@@ -273,19 +251,46 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, misfit / noise, 0.0, np.zeros(len(names)))
 
 
+def _solved(build, names, functions, start, tolerance, *, centre, spread, noise=1.0, widened=0.0):
+    """Least squares from the logarithms `start` on; rows of the priors `centre` and `spread` come after those of the data."""
+    from scipy.optimize import least_squares
+
+    weight, measured = _weights(functions) / noise, np.concatenate([one.response for one in functions])
+
+    @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
+    def at(x):
+        factors = dict(zip(names, np.exp(x).tolist(), strict=True))
+        h, slopes = response_slopes(build(factors), functions, names, widened)
+        return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
+
+    def residuals(x):
+        return np.append(_split(weight * (measured - at(tuple(x))[0])), (np.log(centre) - x) / spread)
+
+    def jacobian(x):
+        return np.vstack([-_split(weight * at(tuple(x))[1]).T, -np.diag(1 / spread)])
+
+    bound = np.log(MOST_FACTOR)
+    return least_squares(residuals, start, jac=jacobian, bounds=(-bound, bound), x_scale='jac', ftol=tolerance, xtol=tolerance,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
+                         gtol=None, max_nfev=MOST_TRIES)  # pyright: ignore[reportArgumentType]
+
+
 def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
-                      functions: Sequence[TransferFunction]) -> TransferFit:
+                      functions: Sequence[TransferFunction],
+                      priors: Mapping[str, tuple[float, float]] | None = None) -> TransferFit:
     """The fit, with the scatter of sites that its residuals ask for where they exceed the noise, or where that is not stated.
+
+    Peaks are narrower than the shifts that such scatter gives them, so that no derivative tells what it does to a fit: lattices
+    are drawn, each is fitted as the measurement was, and what comes out is compared with the mean of its own sites.
 
     Parameters
     ----------
-    fit, build, functions
+    fit, build, functions, priors
         What `fit_transfer` returned, and took.
     """
     known = all(one.sigma is not None for one in functions)
     if known and fit.chance >= FITS:
         return fit
-    built, gain = build(fit.by_name), fit.by_name.get('gain', 1.0)
+    built, gain, x = build(fit.by_name), fit.by_name.get('gain', 1.0), np.log(fit.factors)
     h, slopes = response_slopes(built, functions, fit.names)
     weight, rows = gain * _weights(functions) / fit.noise, 2 * len(h)
     J = -_split(weight * slopes).T
@@ -293,17 +298,23 @@ def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], Para
     values, told = (one[..., values > BLIND * values[-1]] for one in (values, told))  # D0 alone tells no force
     above, tau = fit.residuals[:rows] @ fit.residuals[:rows] - known * (rows - len(values)), FIRST
     for _ in range(ROUNDS):  # the residuals grow as the scatter
-        off = _split(weight * (_drawn(built, functions, tau) - h))
-        moved = off @ J @ told / values  # along what the data tell
-        left = np.sum((off - moved @ told.T @ J.T) ** 2) / DRAWS
-        before, tau = tau, tau * np.sqrt(above / left)
+        off = _split(weight * (np.array([responses(drawn, functions) for drawn in _drawn(built, tau, SIZED)]) - h))
+        left = np.sum((off - off @ J @ told / values @ told.T @ J.T) ** 2, axis=1)
+        tau *= np.sqrt(above / left.mean())
         if tau > MOST_SCATTER:
             return replace(fit, information=0 * fit.information, site_scatter=float(tau))
-    steps = -moved * tau / before  # pyright: ignore[reportPossiblyUnbound, reportOperatorIssue]  ROUNDS is not zero
-    bias = steps.mean(axis=0) @ told.T * tau / before
-    covariance = np.diag(1 / values) + np.cov(steps.T).reshape(2 * (len(values),)) + told.T @ np.diag((bias / 2) ** 2) @ told
-    return replace(fit, factors=fit.factors * np.exp(-bias), information=told @ np.linalg.inv(covariance) @ told.T,
-                   site_scatter=float(tau), bias=bias)
+    spread = np.array([(priors or {}).get(name, (1.0, np.inf))[1] for name in fit.names])
+    ends, moved = np.cumsum([len(one.omega) for one in functions])[:-1], []
+    for drawn in _drawn(built, tau, DRAWS):
+        theirs = np.split(gain * responses(drawn, functions), ends)
+        seen = [replace(one, response=response) for one, response in zip(functions, theirs, strict=True)]
+        again = _solved(build, fit.names, seen, x, REFITTED, centre=fit.factors, spread=spread, noise=fit.noise)
+        moved.append((again.x - x - _own_means(built, drawn, fit.names)) @ told)
+    bias, wide = np.mean(moved, axis=0), np.std(left) / left.mean()  # pyright: ignore[reportPossiblyUnbound]  ROUNDS is not zero
+    covariance = np.diag(1 / values) + (1 + 1 / DRAWS) * np.cov(np.transpose(moved)).reshape(2 * (len(values),))
+    covariance += wide**2 * np.outer(bias, bias)
+    return replace(fit, factors=fit.factors * np.exp(-told @ bias), information=told @ np.linalg.inv(covariance) @ told.T,
+                   site_scatter=float(tau), bias=told @ bias)
 
 
 def _split(z):
@@ -339,14 +350,28 @@ def with_wide_peaks(one: TransferFunction, rate: float) -> TransferFunction:
     return _every(step, replace(one, response=kernel @ one.response / kernel.sum(axis=1)))
 
 
-def _drawn(built, functions, tau):
-    """Responses of lattices whose sites scatter, shape (draws, points)."""
-    scatter, found = Scatter(PLACES * tau * built.system.calc.bonds.lengths.min(), tau, 0.0, SPRINGS * tau), []
-    for seed in tqdm(range(DRAWS), desc='lattices drawn', delay=2, disable=None, leave=False):
+def _drawn(built, tau, count):
+    """Lattices whose sites scatter."""
+    scatter = Scatter(PLACES * tau * built.system.calc.bonds.lengths.min(), tau, 0.0, SPRINGS * tau)
+    for seed in tqdm(range(count), desc='lattices drawn', delay=2, disable=None, leave=False):
         atoms = scattered(built.system.atoms, scatter, seed)
         if not built.system.atoms.calc.load.any():
             atoms = relaxed(atoms).atoms
         else:
             atoms.calc = atoms.calc.balanced(np.flatnonzero(built.system.atoms.calc.load.any(axis=1)))
-        found.append(responses(built._replace(system=LinearSystem.of(atoms)), functions))
-    return np.array(found)
+        yield built._replace(system=LinearSystem.of(atoms))
+
+
+def _own_means(built, drawn, names):
+    """By what the logarithms of the parameters of a drawn lattice differ, in the mean of its sites that move."""
+    calc, moving, own = drawn.system.calc, drawn.system.mobile, np.zeros(len(names))
+    strength = 2 * np.log(calc.strengths / built.system.calc.strengths)[moving].mean()
+    for k, name in enumerate(names):
+        change = built.changes.get(name)
+        if name == 'force':
+            own[k] = strength
+        elif change is not None and np.any(change.foundation):
+            of = np.broadcast_to(np.asarray(change.foundation) != 0, (len(moving), calc.dim)) & moving[:, None]
+            springs, before = (np.broadcast_to(one.foundation, of.shape)[of] for one in (calc.sites, built.system.calc.sites))
+            own[k] = np.log(springs / before).mean()
+    return own

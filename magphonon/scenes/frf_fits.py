@@ -90,7 +90,7 @@ class FrfFits:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr."""
         fit, scene = self.fits[one_of('model', model, band_fits.MODELS)], self.fitted(model)
         L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), band_fits.changes_of(scene)
-        found = {name: (fit.by_name['gain'] if name == 'gain' else _value(scene, name), sigma)
+        found = {name: (fit.by_name['gain'] if name == 'gain' else value_of(scene, name), sigma)
                  for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
         shapes = {name: change.law for name, change in changes.items() if change.law is not None}
         slopes = [shapes[name].d2phi(L) / law.d2phi(L) if name in shapes else 0.0 for name in fit.names]
@@ -148,7 +148,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     for name in priors:
         one_of('the parameter of a prior', name, (*have, 'mass'))
     names = tuple(name for name in have if name not in fixed) + ('mass',) * ('mass' in priors)
-    relative = {name: band_fits.relative_prior(name, _value(scene, name), *priors[name], fixed) for name in priors}
+    relative = {name: band_fits.relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
     if not_negative('gain_sigma', gain_sigma):
         names, relative = (*names, 'gain'), relative | {'gain': (1.0, gain_sigma)}
     own, seen = with_dofs(scene, functions), {}
@@ -165,7 +165,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     best = min(fit.square for fit in fits.values())
     for model, fit in fits.items():  # what is clearly worse needs no interval
         worse = fit.square > CLEARLY**2 * best
-        fits[model] = replace(fit, site_scatter=np.inf) if worse else with_site_scatter(fit, build[model], own)
+        fits[model] = replace(fit, site_scatter=np.inf) if worse else with_site_scatter(fit, build[model], own, relative)
     return FrfFits(scene, own, fits, priors)
 
 
@@ -263,8 +263,8 @@ def _with(scene, factors):
     return band_fits.with_factors(scene, lattice).model_copy(update={'frf': frf})
 
 
-def _value(scene, name) -> float:
+def value_of(scene: Scene, name: str) -> float:
     """A parameter of the scene in SI."""
     if name == 'damping':
         return float(scene.frf.damping_per_s)
-    return scene.lattice.mass_kg if name == 'mass' else band_fits.value_of(scene, name)
+    return float(scene.lattice.mass_kg) if name == 'mass' else band_fits.value_of(scene, name)  # pyright: ignore[reportArgumentType]  of a lattice
