@@ -5,6 +5,9 @@ intervals contain them; say how well you know each.  A length or force without a
 With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any other analysis: force,
 exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The source of the
 waves stands in the table; the intervals allow for the shift that it gives all ridges of a branch.
+Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised by what it
+holds.  Tables of forces and ridges are fitted together: one law, one foundation, one mass; then the report says which record
+contradicts the others, and what to measure next.
 With `--frf SCENE` the files are of measured transfer functions, tables or universal files: force, exponent, foundation and
 damping of the patch or the structure of the scene are fitted to them, with D* and without.
 
@@ -16,14 +19,16 @@ from __future__ import annotations
 import os
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from importlib import import_module
 from importlib.resources import files
 
+from .. import units as u
 from ..errors import not_negative, one_of, positive
 from ..tables import FORCE, LENGTH
 from .arguments import add_pictures, drawing
 
-HELP = 'the force between two particles from a measured table, or the lattice from measured ridges'
-RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*'
+HELP = 'the force between two particles, or the lattice, from everything that was measured'
+RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'
 OF_FORCES = 'spacing', 'contact', 'magnet', 'distance_sigma', 'zero_sigma', 'hysteresis_sigma', 'backlash_sigma', 'gain_sigma'
 
 
@@ -46,11 +51,11 @@ def _quantity(text, units):
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('files', metavar='FILE.csv', nargs='+',
-                        help='table with the columns r_mm (distance of the centres), f_N and perhaps sigma_N and direction '
-                             '(approach, return); with --bands one or more tables of ridges, as the spectrum_SCAN_ridges.csv '
-                             'that "magphonon spectrum" writes; prototype_force, prototype_ridges and synthetic_force come with '
-                             'the package')
+    parser.add_argument('files', metavar='FILE', nargs='+',
+                        help='a scene first, if a lattice is fitted, and then all that was measured, each file recognised by '
+                             'what it holds; or one table with the columns r_mm (distance of the centres), f_N and perhaps '
+                             'sigma_N and direction (approach, return); with --bands tables of ridges, as "magphonon spectrum" '
+                             'writes them; prototype_force, prototype_ridges and synthetic_force come with the package')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
@@ -72,6 +77,9 @@ def add_arguments(parser: ArgumentParser) -> None:
             ('backlash', length, 'R', 'backlash of the drive (default: 0.1mm)'),
             ('gain', float, 'X', 'how well the gain of the load cell is known, as a fraction (default: 0.01)')):
         parser.add_argument(f'--{name}-sigma', metavar=metavar, type=reader, help=words)
+    parser.add_argument('--pair-sigma', metavar='X', type=float,
+                        help='with records of several kinds: how far the force of one pair may be from the mean of the lattice, '
+                             'as a fraction (default: 0)')
     parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: it narrows the '
                                                           'answer, and loses against the free curve where the data contradict it')
     parser.add_argument('--contact', metavar='R', type=length,
@@ -88,6 +96,9 @@ def ready_table(name: str) -> str:
 
 
 def run(options: Namespace) -> None:
+    if options.frf is None and options.scene is None and len(options.files) > 1 and options.files[0].endswith('.toml'):
+        _with_scene(options)
+        return
     options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
         _fit_frf(options)
@@ -95,6 +106,73 @@ def run(options: Namespace) -> None:
         _fit_bands(options)
     else:
         _fit_forces(options)
+
+
+def _with_scene(options):
+    """A scene and files that are recognised by what they hold: the fit of one kind of record, or of all of them together."""
+    scene, *names = options.files
+    held = {name: _held(ready_table(name)) for name in names}
+    kinds = {kind: [name for name, (one, _) in held.items() if one == kind] for kind in READERS}
+    if kinds['forces'] == names and len(names) == 1:
+        from ..scenes.scene import read_scene
+
+        known = read_scene(scene)
+        options.files, options.spacing = names, options.spacing or known.lattice.spacing_m * u.m
+        options.magnet = options.magnet or (scene if known.law.kind == 'magnets' else None)
+    elif kinds['ridges'] == names:
+        options.scene, options.files = scene, names
+    elif kinds['transfer functions'] == names:
+        options.frf, options.files = scene, names
+    elif kinds['transfer functions']:
+        raise ValueError(f'{kinds["transfer functions"][0]} holds transfer functions: fit them by themselves, and give what '
+                         'they tell to a fit of the others with --prior')
+    else:
+        _fit_together(options, scene, {kind: {name: held[name][1] for name in found} for kind, found in kinds.items()})
+        return
+    run(options)
+
+
+READERS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
+           'transfer functions': ('response.transfer_functions', 'read_transfer')}
+
+
+def _held(file):
+    """What a file holds: its kind, and as it was read."""
+    faults = []
+    for kind, (module, reader) in READERS.items():
+        try:
+            return kind, getattr(import_module(f'magphonon.{module}'), reader)(file)
+        except ValueError as error:
+            faults.append(f'as {kind}: {error}')
+    raise ValueError(f'{file} is no record that a fit takes; ' + '; '.join(faults))
+
+
+def _fit_together(options, name, held):
+    """All records of one lattice at once."""
+    from ..interactions.fits import SharedErrors
+    from ..scenes.frf_fits import KEYS, UNITS
+    from ..scenes.joint_fits import fit_records
+    from ..scenes.scene import read_scene
+    from ..scenes.sources import source_of
+    from ..waves.ridge_tables import read_ridges
+    from .joint_report import joint_report
+    from .results import results
+
+    for option in ('fix', 'without', 'magnet', 'spacing', 'contact'):
+        if getattr(options, option):
+            raise ValueError(f'--{option} belongs to a fit of one kind of record; leave it out, or write it into the scene')
+    options.scene = source_of(name)
+    scene = read_scene(options.scene)
+    given = {one: getattr(options, f'{one}_sigma') for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
+    found = fit_records(scene, held['forces'], read_ridges(*map(ready_table, held['ridges'])) if held['ridges'] else None,
+                        SharedErrors(**{one: value for one, value in given.items() if value is not None}),
+                        not_negative('--pair-sigma', options.pair_sigma or 0.0),
+                        _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}))
+    text = joint_report(found)
+    if options.output is not None:
+        with results(options, scene, *(ready_table(one) for names in held.values() for one in names)) as folder:
+            (folder / 'joint_fit.txt').write_text(text + '\n', encoding='utf-8')
+    print(text)
 
 
 def _fit_forces(options):

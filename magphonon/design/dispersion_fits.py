@@ -17,10 +17,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
+from numpy.typing import NDArray
 
 from ..bands.bloch import bloch_modes
 from ..waves.ridge_tables import RidgePoints
@@ -46,6 +47,13 @@ ROUNDS, FARTHEST = 6, 3
 """How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
 MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
 """Branch, counted from the lowest, of a motion in a lattice of one particle that moves in the plane."""
+
+
+class Before(NamedTuple):
+    """What is known of the logarithms x of all parameters together: half a chi2 of |root (x - centre)|^2/2."""
+
+    centre: NDArray[np.float64]
+    root: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,8 @@ class DispersionFit(ParameterFit):
 
 
 def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str | None = None,
-                   priors: Mapping[str, tuple[float, float]] | None = None, near: DispersionFit | None = None) -> DispersionFit:
+                   priors: Mapping[str, tuple[float, float]] | Before | None = None,
+                   near: DispersionFit | None = None) -> DispersionFit:
     """Fit parameters of a lattice to measured points of its branches.
 
     Parameters
@@ -100,8 +109,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         Without those that share noise, see `RidgePoints.independent`.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; that of the calculator if not given.
-    priors : dict, optional
-        What is known of parameters from elsewhere: the factor and its relative standard uncertainty.
+    priors : dict or Before, optional
+        What is known from elsewhere: factors of parameters and their relative standard uncertainties; or of all together.
     near : DispersionFit, optional
         A fit of the same ridges from which this one goes on: no branches far from its own are tried, which takes most time.
 
@@ -128,8 +137,12 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     >>> round(float(fit.factors[0]), 6), fit.branches
     (1.2, (0,))
     """
-    priors = priors or {}
-    if len(points) + len(priors) <= len(names):
+    if not isinstance(priors, Before):
+        known = [names.index(name) for name in priors or {}]
+        wanted, surely = np.reshape([*(priors or {}).values()], (-1, 2)).T
+        priors = Before(np.zeros(len(names)), np.eye(len(names))[known] / surely[:, None])
+        priors.centre[known] = np.log(wanted)
+    if len(points) + len(priors.root) <= len(names):
         raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '
                          'longer or with more carriers, or fix a parameter')
     @lru_cache(maxsize=1)  # residuals and derivatives are wanted at the same place, one after the other
@@ -179,9 +192,6 @@ def _settled(cell, names, points, model, priors, branches_in, start):
     from scipy.optimize import least_squares
 
     n = np.arange(len(points))
-    known = np.array([names.index(name) for name in priors], int)
-    wanted, surely = np.log([factor for factor, _ in priors.values()]), np.array([sigma for _, sigma in priors.values()])
-
     x, before = start, np.zeros(0, int)
     for k in range(PASSES):
         atoms, _ = cell(*x)
@@ -194,13 +204,13 @@ def _settled(cell, names, points, model, priors, branches_in, start):
 
         def residuals(x, modes=modes, scale=scale, white=white) -> Any:
             omega = _at(cell(*x)[0], points, modes, model)
-            return np.append(white @ ((points.omega**2 - omega * abs(omega)) / scale), (wanted - x[known]) / surely)
+            return np.append(white @ ((points.omega**2 - omega * abs(omega)) / scale), priors.root @ (priors.centre - x))
 
         def jacobian(x, modes=modes, scale=scale, white=white) -> Any:
             atoms, changes = cell(*x)
             omega, slopes = frequency_sensitivities(atoms, points.q, [changes[name] for name in names], model)
             slopes = np.nan_to_num(slopes[:, n, modes])  # infinite at zero frequency, where the square has a slope of its own
-            return -np.vstack([white @ (2 * abs(omega[n, modes]) * slopes / scale).T, np.eye(len(x))[known] / surely[:, None]])
+            return -np.vstack([white @ (2 * abs(omega[n, modes]) * slopes / scale).T, priors.root])
 
         found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType, reportGeneralTypeIssues]  the stubs of scipy know no function as jac
                               loss='cauchy' if k < ROBUST and points.from_points.any() else 'linear',

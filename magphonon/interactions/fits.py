@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import factorial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,7 +205,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
         raise ValueError('an error that all rows share is told to be larger than what they hold: the zero of the distances or '
                          'the backlash than the nearest distance, the zero of the force or the hysteresis than a hundred times '
                          'the largest force, or the gain than 1; say how well they are known')
-    laws = [_Model(forces, spacing, shared, None)] + ([] if shape is None else [_Model(forces, spacing, shared, shape)])
+    laws = [_Model(forces, shared, LawFamily(spacing, one)) for one in ([None] if shape is None else [None, shape])]
     noises = NOISES if forces.sigma is None else (None,)
     found = [_solved(model, forces, noise) for model in laws for noise in noises]
     before = [1.0] if shape is None else [1 - SHAPE_WEIGHT, SHAPE_WEIGHT]
@@ -240,28 +241,57 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
         abs(zeros) / np.sqrt(told), float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
 
 
+class LawFamily:
+    """All laws that are smooth, or near that of a magnet whose shape is named: ln f of p = (ln f0, delta, c_2 .. c_6).
+
+    Parameters
+    ----------
+    r0 : float
+        The spacing in mm.
+    shape : PairLaw, optional
+        The law of the magnets, if their shape is known.
+
+    Examples
+    --------
+    >>> from magphonon.interactions.fits import LawFamily
+    >>> ln_f, by_p, falls = LawFamily(10.0).curve([0.5, 0.3, 0, 0, 0, 0, 0], [10.0])
+    >>> float(ln_f[0]), float(falls[0])  # a force of e^0.5 N, whose exponent is larger than 4 by delta
+    (0.5, -4.3)
+    """
+
+    def __init__(self, r0: float, shape: PairLaw | None = None) -> None:
+        self.r0 = r0
+        if shape is None:
+            self.log_law, self.tau, self.spread = lambda r: (-EXPONENT * np.log(r / r0), -EXPONENT), 1.0, EXPONENT_SPREAD
+        else:
+            self.log_law, self.tau, self.spread = _log_law(shape, r0), SHAPE_TOLERANCE, SHAPE_TOLERANCE
+
+    def slopes(self, r: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Derivatives of ln f and of d ln f/d ln r by p, shape (distances, 7)."""
+        x = np.log(np.asarray(r) / self.r0)[:, None]
+        return (np.hstack([x**0, -x, self.tau * BEND_SIZES * x**BENDS]),
+                np.hstack([0 * x, -(x**0), self.tau * BEND_SIZES * BENDS * x ** (BENDS - 1)]))
+
+    def curve(self, p: Any, r: Any) -> tuple[NDArray[np.float64], ...]:
+        """Logarithm of f in N, its derivatives by p, and d ln f/d ln r, at distances in mm."""
+        (ln_g, falls), (by_p, bent) = self.log_law(np.asarray(r)), self.slopes(r)
+        return ln_g + by_p @ p, by_p, falls + bent @ p
+
+
 class _Model:
     """What a table holds as a function of p = (ln f0, delta, c_2 .. c_6, F0, d, h, b), and the prior deviations of these."""
 
-    def __init__(self, forces, r0, shared, shape):
-        self.r, self.s, self.r0 = forces.r, forces.direction, r0
+    def __init__(self, forces, shared, family):
+        self.r, self.s, self.family = forces.r, forces.direction, family
         self.nearest = NEAREST * forces.r.min()
-        near = abs(forces.r - r0)
+        near = abs(forces.r - family.r0)
         self.ln_size = np.log(max(forces.f[near == near.min()].mean(), 1e-3 * abs(forces.f).max()))  # from which ln f0 counts
-        if shape is None:
-            self.log_law, self.tau, spread = lambda r: (-EXPONENT * np.log(r / r0), -EXPONENT), 1.0, EXPONENT_SPREAD
-        else:
-            self.log_law, self.tau, spread = _log_law(shape, r0), SHAPE_TOLERANCE, SHAPE_TOLERANCE
-        self.prior = np.concatenate([[ANY_SIZE, spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max())])
+        self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max())])
 
     def curve(self, p, r):
         """Logarithm of f at true distances, its derivatives by the parameters of the curve, and d ln f/d ln r."""
-        x = np.log(r / self.r0)
-        ln_g, falls = self.log_law(r)
-        bends = self.tau * BEND_SIZES * x[:, None] ** BENDS
-        slopes = self.tau * BEND_SIZES * BENDS * x[:, None] ** (BENDS - 1)
-        by_p = np.column_stack([np.ones_like(x), -x, bends])
-        return self.ln_size + ln_g + by_p @ p[CURVE], by_p, falls - p[1] + slopes @ p[2:CURVE.stop]
+        ln_f, by_p, falls = self.family.curve(p[CURVE], r)
+        return self.ln_size + ln_f, by_p, falls
 
     def rows(self, p):
         """The forces in the table, their derivatives by p, and the true forces."""
@@ -290,7 +320,7 @@ class _Solution:
     @property
     def answer(self):
         """Those of ln f(r0) and a(r0)."""
-        return self.model.ln_size + self.p[0], -float(self.model.curve(self.p, np.array([self.model.r0]))[2][0])
+        return self.model.ln_size + self.p[0], -float(self.model.curve(self.p, np.array([self.model.family.r0]))[2][0])
 
     def causes(self, turn):
         """Variances that the priors of the curve, of the shared errors (one by one) and the noise bring into turn . (ln f, a).
@@ -334,6 +364,60 @@ def _solved(model, forces, noise):
     evidence = -0.5 * (2 * np.log(sigma).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1] + 2 * np.log(prior).sum()
                        + (0.0 if known else np.log(freedom)))
     return _Solution(model, p, C, freedom, sigma, e, evidence, size)
+
+
+class CurveRecord(NamedTuple):
+    """What one table tells of the p of a `LawFamily`, near a p: its chi2, half the gradient of that and its information, without
+    the priors of p, and how the p that fits moves where the zero of the distances is larger by its standard deviation.
+    """
+
+    p: NDArray[np.float64]
+    chi2: float
+    gradient: NDArray[np.float64]
+    information: NDArray[np.float64]
+    by_distance: NDArray[np.float64]
+
+
+def curve_record(forces: Forces, family: LawFamily, shared: SharedErrors,
+                 near: NDArray[np.float64] | None = None) -> CurveRecord:
+    """What a table tells of the law for a fit of several records, `near` a p or its own best one; shared errors are eliminated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions.fits import LawFamily, SharedErrors, curve_record
+    >>> from magphonon.interactions.force_tables import synthetic_forces
+    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
+    >>> round(float(curve_record(forces, LawFamily(10.0), SharedErrors(distance=0.05)).p[0]), 1)  # of 0.2 N
+    -1.6
+    """
+    from scipy.optimize import least_squares
+    from scipy.stats import t
+
+    forces.check_reach(family.r0)
+    forces, known, n = forces.thinned(MOST_ROWS), forces.sigma is not None, CURVE.stop
+    model = _Model(forces, shared, family)
+    best = max((_solved(model, forces, noise) for noise in ((None,) if known else NOISES)), key=lambda one: one.evidence)
+    sigma = best.noise * (1.0 if known else t.ppf((1 + COVERED) / 2, best.freedom) / NORMAL)
+    p, size = best.p.copy(), model.ln_size * np.eye(n)[0]
+    if near is not None:
+        p[CURVE] = near - size
+        def off(z):
+            return np.append((forces.f - model.rows(np.append(p[CURVE], z))[0]) / sigma, z / model.prior[n:])
+
+        p[n:] = least_squares(off, p[n:], x_scale=model.prior[n:]).x
+    y, J, _ = model.rows(p)
+    J, r = J / sigma[:, None], (y - forces.f) / sigma
+    whole, g = J.T @ J, J.T @ r
+    zeros = np.linalg.solve(whole[n:, n:] + np.diag(model.prior[n:] ** -2.0), whole[n:, :n])
+    information = whole[:n, :n] - whole[:n, n:] @ zeros
+    gradient = g[:n] - zeros.T @ (g[n:] + p[n:] / model.prior[n:] ** 2)
+    by_gain = information[0] / (shared.gain**-2.0 + information[0, 0]) if shared.gain else 0 * gradient
+    by_distance = np.linalg.solve(whole[:n, :n] + np.diag(model.prior[:n] ** -2.0), whole[:n, DISTANCE_ZERO])
+    chi2 = r @ r + np.sum((p[n:] / model.prior[n:]) ** 2) - by_gain[0] * gradient[0] ** 2 / max(information[0, 0], 1e-300)
+    return CurveRecord(p[CURVE] + size, float(chi2), gradient - by_gain * gradient[0],
+                       information - np.outer(by_gain, information[0]), by_distance * model.prior[DISTANCE_ZERO])
 
 
 def _log_law(law: PairLaw, r0: float) -> Callable:

@@ -1,0 +1,86 @@
+"""What `magphonon fit` says of several records of one lattice: the answer, who contradicts whom, what to measure next."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import units as u
+from ..design.least_squares import DETERMINED, NORMAL
+from ..findings import Findings
+from ..scenes.band_fits import TELLS
+from ..scenes.frf_fits import UNITS
+from ..tables import in_columns
+
+PULL = 2.7
+"""Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10, and none is seen in 1 of 100."""
+
+JOINT = Findings()
+
+
+def joint_report(found) -> str:
+    """The parameters by all records with their intervals, and how well each record alone knows them."""
+    joint, values = found.joints['complete'], found.values()
+    along = np.array([*found.along().values()])
+    alone = {name: np.sqrt(np.diag(along @ joint.alone(name).covariance() @ along.T)) for name in found.records}
+    rows = [('', 'all together', *found.records)]
+    for k, (name, (value, sigma)) in enumerate(values.items()):
+        unit = f' ({UNITS[name]})' if UNITS[name] else ''
+        s = NORMAL * sigma
+        rows.append((name + unit, f'{value:.4g}, {value * np.exp(-s):.4g} to {value * np.exp(s):.4g}',
+                     *(f'{100 * NORMAL * one[k]:.2g} %' if one[k] <= DETERMINED else 'not determined'
+                       for one in alone.values())))
+    points = found.specimen.scene.special_points
+    omega, sigma = found.predicted(np.array(list(points.values())))
+    for k, name in enumerate(points):
+        for branch in range(omega.shape[1]):
+            f, s = u.hertz(omega[k, branch]), NORMAL * sigma[k, branch]
+            rows.append((f'{name}, branch {branch + 1} (Hz)', f'{f:.4g}, {f * np.exp(-s):.4g} to {f * np.exp(s):.4g}'))
+    rows = [(*row, *[''] * (len(rows[0]) - len(row))) for row in rows]
+    return '\n'.join([found.specimen.scene.title, '', *in_columns(rows, left=2), '',
+                      'Intervals of 95 %, and how well each record alone knows the same (half width).', *JOINT.lines(found)])
+
+
+@JOINT.check
+def contradictions(found):
+    joint, names = found.joints['complete'], found.records
+    yield '\nContradictions, in standard deviations:'
+    for k, name in enumerate(names):
+        others = [(other, joint.contradiction(name, other)) for other in names[k + 1:]] if len(names) > 2 else []
+        told = [f'{"all others" if other is None else other} {sigmas:.1f}' for other, sigmas in
+                [(None, joint.contradiction(name)), *others] if np.isfinite(sigmas)]
+        yield f'  {name} against {", ".join(told) or "nothing that others know"}'
+
+
+@JOINT.check
+def faults(found):
+    """The fault that explains most, if one does."""
+    pulls = found.joints['complete'].pulls()
+    if not pulls or pulls[0].sigmas < PULL:
+        yield 'The records agree: no single fault of an instrument would explain more than chance.'
+        return
+    for pull in pulls[:3]:
+        if pull.sigmas >= PULL:
+            yield (f'{pull.record}: {pull.fault} would have to be off by {abs(pull.shift):.1f} times what was stated '
+                   f'({pull.sigmas:.1f} standard deviations).')
+    yield 'Check the first of these first: with it put right, the others may vanish.'
+
+
+@JOINT.check
+def dstar(found):
+    evidence = found.evidence
+    if abs(evidence) < TELLS:
+        return f'D*: these records cannot decide between the models ({abs(evidence):.1f} sigma).'
+    return f'D*: all records together are evidence of {abs(evidence):.1f} sigma {"for" if evidence > 0 else "against"} D*.'
+
+
+@JOINT.check
+def simpler(found):
+    told = ', '.join(f'{words} {weight:.2g}' for words, weight in found.weights().items())
+    return f'Weights of simpler lattices: {told}.' if told else None
+
+
+@JOINT.check
+def what_next(found):
+    yield '\nWhat to measure next:'
+    for words, name, now, then in found.next_records():
+        yield f'  {words}, and {name} is known to {100 * NORMAL * then:.2g} % instead of {100 * NORMAL * now:.2g} %.'

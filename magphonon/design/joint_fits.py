@@ -1,0 +1,154 @@
+"""One answer from several records: each leaves a gradient and an information matrix, and no more is needed.
+
+With the logarithms x of the parameters that all records share, half of chi2 of the record k is near the joint fit
+
+    g_k.d + d.I_k.d/2            sum g_k = 0            C = (sum I_k)^-1
+
+where what the record alone needs, such as zeros and gains, is eliminated, and what is known beforehand is a record too.  If all
+agree, g_k scatters with the covariance M_k = I_k - I_k C I_k, from which follow, without another fit,
+
+    a fault that would move what the record k says along v      t = -v.g_k/(v.M_k.v), and its pull |v.g_k|/(v.M_k.v)^(1/2)
+    whether the record contradicts the others                   g_k.M_k^+.g_k, a chi2
+    the next record                                             (sum I_k + I_new)^-1
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+SHARED = 0.01
+"""Least part of the variance along a direction that both a record and the others must tell, for them to contradict each other."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What one record tells of the logarithms of the shared parameters.
+
+    Attributes
+    ----------
+    name : str
+    estimate : ndarray, shape (parameters,)
+        Where its gradient is known.
+    gradient : ndarray, shape (parameters,)
+        Of half its chi2 there; zero where the estimate is its own best fit.
+    information : ndarray, shape (parameters, parameters)
+    faults : dict of str to ndarray
+        What may be wrong with its instrument, in words, and how far that moves the estimate if it is as large as was stated.
+    there : float
+        Its chi2 at the estimate.
+    """
+
+    name: str
+    estimate: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    information: NDArray[np.float64]
+    faults: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    there: float = 0.0
+
+    def at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Its gradient at other parameters."""
+        return self.gradient + self.information @ (x - self.estimate)
+
+    def chi2(self, x: NDArray[np.float64]) -> float:
+        """Its chi2 at other parameters."""
+        d = x - self.estimate
+        return float(self.there + 2 * self.gradient @ d + d @ self.information @ d)
+
+
+def told(records: Sequence[Record]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Root R of the information of several records, and a centre c: half their chi2 is |R (x - c)|^2/2 and a constant."""
+    information = np.sum([one.information for one in records], axis=0)
+    gradient = np.sum([one.at(np.zeros(len(information))) for one in records], axis=0)
+    return np.asarray(np.linalg.cholesky(information).T, float), np.asarray(-np.linalg.solve(information, gradient), float)
+
+
+class Pull(NamedTuple):
+    """A fault of one record, how large it would have to be in its stated size, and this in standard deviations."""
+
+    record: str
+    fault: str
+    shift: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Records at their joint fit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The shared parameters.
+    x : ndarray, shape (parameters,)
+        Their logarithms, over those at the start.
+    records : tuple of Record
+        What is known beforehand is the last of them, and knows something of every parameter.
+
+    Examples
+    --------
+    Two scales, one of which reads too much:
+
+    >>> import numpy as np
+    >>> from magphonon.design.joint_fits import Joint, Record, told
+    >>> one, none = np.array([[1e4]]), np.zeros(1)
+    >>> records = [Record('new scale', none, none, one), Record('old scale', none + 0.06, none, one, {'gain': none + 1})]
+    >>> root, centre = told(records)
+    >>> records.append(Record("before", none, none, one / 1e8))
+    >>> joint = Joint(('mass',), centre, tuple(records))
+    >>> float(joint.x[0].round(3)), float(joint.sigma[0].round(4)), round(joint.pulls()[0].sigmas, 2)
+    (0.03, 0.0071, 4.24)
+    """
+
+    names: tuple[str, ...]
+    x: NDArray[np.float64]
+    records: tuple[Record, ...]
+
+    @property
+    def information(self) -> NDArray[np.float64]:
+        """That of all records together."""
+        return np.sum([one.information for one in self.records], axis=0)
+
+    def covariance(self, *added: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the logarithms of the parameters, with more information `added`."""
+        information = self.information + sum(added)
+        size = np.sqrt(np.diag(information))
+        return np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Relative standard uncertainty of each parameter."""
+        return np.sqrt(np.diag(self.covariance()))
+
+    def alone(self, name: str) -> Joint:
+        """One record with what is known beforehand, at the parameters of all."""
+        return Joint(self.names, self.x, tuple(one for one in self.records if one.name == name or one is self.records[-1]))
+
+    def pulls(self) -> list[Pull]:
+        """Faults that records may have, each by itself, the one that would explain most first."""
+        found, C = [], self.covariance()
+        for one in self.records:
+            M, g = one.information - one.information @ C @ one.information, one.at(self.x)
+            for fault, v in one.faults.items():
+                if (seen := v @ M @ v) > SHARED * (v @ one.information @ v):
+                    found.append(Pull(one.name, fault, float(-v @ g / seen), float(abs(v @ g) / np.sqrt(seen))))
+        return sorted(found, key=lambda pull: -pull.sigmas)
+
+    def contradiction(self, one: str, other: str | None = None) -> float:
+        """By how many standard deviations a record contradicts another, or all others; NaN if they know nothing in common."""
+        from scipy.stats import chi2, norm
+
+        kept = [r for r in self.records if other is None or r.name in (one, other) or r is self.records[-1]]
+        C = Joint(self.names, self.x, tuple(kept)).covariance()
+        (record,) = (r for r in kept if r.name == one)
+        g = record.at(self.x - C @ np.sum([r.at(self.x) for r in kept], axis=0))
+        M = record.information - record.information @ C @ record.information
+        L = np.linalg.cholesky(C)
+        values, vectors = np.linalg.eigh(L.T @ M @ L)  # products of the share of the record and that of the others, at most 1/4
+        seen = values > SHARED
+        square = np.sum((vectors.T @ L.T @ g)[seen] ** 2 / values[seen])
+        return float(norm.isf(max(chi2.sf(square, seen.sum()), 1e-300) / 2)) if seen.any() else np.nan

@@ -1,0 +1,337 @@
+"""One law, one foundation and one mass from several records of a lattice: tables of forces and ridges of waves.
+
+All records share the law of a `LawFamily`, any smooth one or near the magnets that the scene names: its force and exponent at the
+spacing and its five bends, which no record of a lattice may leave out, since each neighbour knows another part of the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
+
+from .. import units as u
+from ..design.dispersion_fits import Before, DispersionFit, fit_dispersion
+from ..design.joint_fits import Joint, Record, told
+from ..design.sensitivities import LawDerivative, StiffnessDerivative, frequency_sensitivities
+from ..errors import one_of
+from ..interactions.fits import ANY_SIZE, BENDS, LawFamily, SharedErrors, curve_record
+from ..interactions.force_tables import Forces
+from ..interactions.pair_laws import PairLaw, Tabulated, local_exponent, repulsion
+from ..stiffness.repulsion import repulsion_of
+from ..waves.ridge_tables import RidgePoints
+from . import band_fits, frf_fits
+from .laws import TableLaw
+from .scene import Scene
+
+LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))
+BEFORE, RIDGES = 'known before', 'ridges'
+CLOCK = 1e-3  # relative standard deviation of a clock
+NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
+ROUNDS = 2  # times that tables are read near the joint fit
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """A scene whose law is one of a family: what `with_factors` and `changes_of` are for the parameters of its own law.
+
+    Attributes
+    ----------
+    scene : Scene
+    family : LawFamily
+    cell : ase.Atoms
+        One cell of the lattice, with all neighbours that count.
+    known : dict
+        Factors of parameters that are known from elsewhere, and their relative standard uncertainties.
+    """
+
+    scene: Scene
+    family: LawFamily
+    cell: Atoms
+    known: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, scene: Scene, priors: Mapping[str, tuple[float, float]] | None = None) -> Specimen:
+        """Of a lattice that a scene describes by kind and spacing, with `priors` in SI; the mass has one in [uncertainty]."""
+        have = ('force', 'a', *(name for name in band_fits.parameters_of(scene) if name in band_fits.SPRINGS), 'mass')
+        scene = band_fits.of_remanence(scene.counted())
+        shape = scene.law.potential() if scene.law.kind == 'magnets' else None
+        made = cls(scene, LawFamily(scene.lattice.spacing_m * u.m, shape), scene.perfect_cell(), {})
+        present = dict(zip(LAW, made.start, strict=False))
+        known = {name: band_fits.relative_prior(name, present.get(name) or frf_fits.value_of(scene, name), *prior, ())
+                 for name, prior in (priors or {}).items() if one_of('the parameter of a prior', name, have)}
+        told = scene.uncertainty and scene.uncertainty.tolerances(scene)
+        if told and 'mass' in told.changes and 'mass' not in known:
+            k = [*told.changes].index('mass')
+            known['mass'] = 1.0, float(np.sqrt(told.covariance[k, k]))
+        return replace(made, known=known)
+
+    @property
+    def springs(self) -> tuple[str, ...]:
+        return tuple(name for name in band_fits.parameters_of(self.scene) if name in band_fits.SPRINGS)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that records share."""
+        return (*LAW, *self.springs, *(['mass'] if 'mass' in self.known else []))
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Force in N and exponent at the spacing, of the scene."""
+        law = self.scene.law.potential()
+        return float(repulsion(law, self.family.r0)), float(local_exponent(law, self.family.r0))
+
+    def p(self, factors: Mapping[str, float]) -> NDArray[np.float64]:
+        """The parameters of the family."""
+        (force, a), (_, _, (falls,)) = self.start, self.family.curve(np.zeros(len(LAW)), [self.family.r0])
+        x = [np.log(factors.get(name, 1.0)) for name in LAW]
+        return np.array([np.log(force) + x[0], a * np.exp(x[1]) + falls, *x[2:]])
+
+    def x(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Logarithms of the factors of the law from the parameters of the family."""
+        (force, a), (_, _, (falls,)) = self.start, self.family.curve(p, [self.family.r0])
+        return np.array([p[0] - np.log(force), np.log(-falls / a), *p[2:]])
+
+    def law(self, factors: Mapping[str, float]) -> Tabulated:
+        """The law of these factors, as far as the lattice asks it."""
+        farthest = FARTHEST * repulsion_of(self.cell).bonds.lengths.max()
+        r = np.geomspace(NEAREST * self.family.r0, farthest, KNOTS)
+        return Tabulated(r, np.exp(self.family.curve(self.p(factors), r)[0]))
+
+    def on_springs(self, factors: Mapping[str, float]) -> Scene:
+        """The scene with the springs of these factors, and its own law."""
+        return band_fits.with_factors(self.scene, {name: factors[name] for name in self.springs if name in factors})
+
+    def with_factors(self, factors: Mapping[str, float]) -> Scene:
+        """The scene with the law of these factors, as a table, and with its springs."""
+        law = self.law(factors)
+        columns = {'distances_m': (law.r / u.m).tolist(), 'forces_N': (law.f / u.N).tolist()}
+        table = TableLaw.model_validate({'kind': 'table', **columns}).with_shells(self.scene.law.shells, self.scene.law.reach)
+        return self.on_springs(factors).model_copy(update={'law': table})
+
+    def changes_of(self, scene: Scene, law: PairLaw, factors: Mapping[str, float]) -> dict[str, StiffnessDerivative]:
+        """What each parameter changes, of a scene with springs and of a law that these factors make."""
+        by_x = np.ones(len(LAW))
+        by_x[1] = self.start[1] * factors.get('a', 1.0)  # of delta by ln a
+
+        def change(k):
+            def slopes(r, which):
+                return np.reshape(self.family.slopes(np.ravel(r))[which][:, k], np.shape(r)) * by_x[k]
+
+            return StiffnessDerivative(law=LawDerivative(lambda r: slopes(r, 0) * law.dphi(r),
+                                        lambda r: slopes(r, 0) * law.d2phi(r) + slopes(r, 1) / r * law.dphi(r)))
+
+        springs = {name: one for name, one in band_fits.changes_of(scene).items() if name in self.springs}
+        return {name: change(k) for k, name in enumerate(LAW)} | springs | {'mass': StiffnessDerivative(mass=1.0)}
+
+    @property
+    def before(self) -> Record:
+        """What is known beforehand: that the law is one of the family, and the mass; force and springs to a factor of 20."""
+        C = np.full(len(self.names), ANY_SIZE)
+        C[1], C[2 : len(LAW)] = self.family.spread / self.start[1], 1.0
+        x = np.zeros(len(self.names))
+        x[1] = self.x(np.zeros(len(LAW)))[1]
+        for name, (factor, sigma) in self.known.items():
+            x[self.names.index(name)], C[self.names.index(name)] = np.log(factor), sigma
+        return Record(BEFORE, x, 0 * x, np.diag(C**-2.0))
+
+    @property
+    def late(self) -> NDArray[np.float64]:
+        """How all stiffness grows where a clock runs slow by a relative CLOCK, at the same mass."""
+        return 2 * CLOCK * np.array([name == 'force' or name in self.springs for name in self.names], float)
+
+
+@dataclass(frozen=True)
+class JointFits:
+    """A scene fitted to all records of a lattice.
+
+    Attributes
+    ----------
+    specimen : Specimen
+        Where the fit started, and the family of laws.
+    joints : dict of Joint
+        By model.
+    ridges : dict of DispersionFit
+        By model; empty without ridges.
+    """
+
+    specimen: Specimen
+    joints: dict[str, Joint]
+    ridges: dict[str, DispersionFit]
+
+    @property
+    def records(self) -> tuple[str, ...]:
+        """Names of the records."""
+        return tuple(one.name for one in self.joints['complete'].records[:-1])
+
+    def factors(self, model: str = 'complete') -> dict[str, float]:
+        """The factors of the parameters at the joint fit."""
+        joint = self.joints[one_of('model', model, tuple(self.joints))]
+        return dict(zip(joint.names, np.exp(joint.x).tolist(), strict=True))
+
+    def fitted(self, model: str = 'complete') -> Scene:
+        """The scene with the law, a table, and the springs of the fit."""
+        return self.specimen.with_factors(self.factors(model))
+
+    def along(self) -> dict[str, NDArray[np.float64]]:
+        """Force, exponent, bond stiffness, springs and mass as products of powers of the parameters."""
+        of = dict(zip(self.specimen.names, np.eye(len(self.specimen.names)), strict=True))
+        return {'force': of['force'], 'a': of['a'], 'bond stiffness': of['force'] + of['a']} | {
+            name: of[name] for name in self.specimen.names[len(LAW):]}
+
+    def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
+        """Value in SI and relative standard uncertainty of each of these."""
+        factors, C, (force, a) = self.factors(model), self.joints[model].covariance(), self.specimen.start
+        present = {'force': force / u.N, 'a': a, 'bond stiffness': force * a / self.specimen.family.r0 / (u.N / u.m),
+                   'mass': getattr(self.specimen.scene.lattice, 'mass_kg', 0.0)}
+        return {name: (float((present[name] if name in present else band_fits.value_of(self.specimen.scene, name))
+                             * np.prod([factors[one] ** power for one, power in zip(factors, v, strict=True)])),
+                       float(np.sqrt(v @ C @ v))) for name, v in self.along().items()}
+
+    def predicted(self, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Frequencies of the fitted lattice in rad/ms, and their relative standard uncertainties, by wavevector and branch."""
+        factors = self.factors(model)
+        cell, changes = _cell(self.specimen, factors)
+        omega, slopes = frequency_sensitivities(cell, q, [changes[name] for name in factors], model)
+        relative = slopes / abs(omega)
+        return omega, np.sqrt(np.einsum('pqb,pr,rqb->qb', relative, self.joints[model].covariance(), relative))
+
+    @property
+    def evidence(self) -> float:
+        """How surely all records together need D*, in sigmas."""
+        more = 0.0
+        for model, joint in self.joints.items():
+            chi2 = sum(record.chi2(joint.x) for record in joint.records if record.name != RIDGES)
+            if self.ridges:
+                chi2 += np.sum(self.ridges[model].residuals[: len(self.ridges[model].sigma_xi)] ** 2)
+            more = chi2 - more
+        return float(np.sign(more) * np.sqrt(abs(more)))
+
+    def next_records(self) -> list[tuple[str, str, float, float]]:
+        """What to measure next: in words, the parameter that gains most, and its relative uncertainty now and then."""
+        joint, found = self.joints['complete'], []
+        plans = {f'repeat what "{one.name}" holds, with a new set-up': one.information for one in joint.records[:-1]}
+        plans |= {f'know {name} to 1 %': 1e4 * np.outer(v, v) for name, v in self.along().items() if name != 'bond stiffness'}
+        for words, information in plans.items():
+            now, then = (np.sqrt([v @ C @ v for v in self.along().values()])
+                         for C in (joint.covariance(), joint.covariance(information)))
+            known = words.split()[1]
+            gains = np.where([name == known for name in self.along()], 0.0, now / then)
+            k = int(gains.argmax())
+            found.append((words, list(self.along())[k], float(now[k]), float(then[k])))
+        return sorted(found, key=lambda one: one[3] / one[2])[:3]
+
+    def weights(self) -> dict[str, float]:
+        """Weights of simpler lattices against that of the fit, each of which it holds as a special case (Savage and Dickey).
+
+        One spring against two, which differ by 20 % or so, and the inverse power against any smooth law.
+        """
+        from scipy.stats import multivariate_normal as normal
+
+        joint, C, special = self.joints['complete'], self.joints['complete'].covariance(), {}
+        if len(self.specimen.springs) == 2:
+            turn = np.array([(name == 'foundation_x') * 1.0 - (name == 'foundation_y') for name in joint.names])[None]
+            x, y = (band_fits.value_of(self.specimen.scene, name) for name in self.specimen.springs)
+            special['one spring for both directions'] = turn, np.log([x / y]), SPRINGS_DIFFER**2
+        if self.specimen.family.tau == 1:
+            special['an inverse power'] = np.eye(len(joint.names))[2 : len(LAW)], np.zeros(len(BENDS)), 1.0
+        odds = {words: normal.logpdf(turn @ joint.x + there, cov=turn @ C @ turn.T)
+                - normal.logpdf(0 * there, cov=size * np.eye(len(turn))) for words, (turn, there, size) in special.items()}
+        return {words: float(1 / (1 + np.exp(-np.clip(ln, -50, 50)))) for words, ln in odds.items()}
+
+
+SPRINGS_DIFFER = 0.2  # standard deviation of the logarithm of the ratio of two springs, before anything is measured
+
+
+def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges: RidgePoints | None = None,
+                shared: SharedErrors | None = None, pair_sigma: float = 0.0,
+                priors: Mapping[str, tuple[float, float]] | None = None) -> JointFits:
+    """One law and one foundation from tables of forces and ridges of the same lattice, with D* and without.
+
+    Parameters
+    ----------
+    scene : Scene
+        Spacing and mass are known from it; force, exponent and springs are where the fit starts.  The law is any smooth one, or,
+        if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] counts.
+    forces : dict of Forces, optional
+        By name; each table has shared errors of its own.
+    ridges : RidgePoints, optional
+        All that were measured: their shift is that of the specimen, so that they are one record.
+    shared : SharedErrors, optional
+        Of each table of forces.
+    pair_sigma : float
+        Relative standard deviation of the force of a pair from the mean of the lattice; with strengths that scatter by s it is
+        the root of two times s.
+    priors : dict, optional
+        What is known from elsewhere of 'force', 'a', the springs or 'mass': value in SI and standard uncertainty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene
+    >>> from magphonon.interactions.force_tables import synthetic_forces
+    >>> from magphonon.interactions.fits import SharedErrors
+    >>> from magphonon.scenes.joint_fits import fit_records
+    >>> scene = read_scene('prototype')
+    >>> r = np.linspace(8, 20, 25)
+    >>> tables = {name: synthetic_forces(scene.law.potential(), r, 1e-3, seed) for seed, name in enumerate(['near', 'far'])}
+    >>> fits = fit_records(scene, tables, shared=SharedErrors(distance=0.02))
+    >>> force, sigma = fits.values()['force']
+    >>> bool(abs(np.log(force / 0.2369)) < 2 * sigma), bool(sigma < fits.joints['complete'].alone('near').sigma[0])
+    (True, True)
+    """
+    specimen, shared = Specimen.of(scene, priors), shared or SharedErrors()
+    shared = replace(shared, gain=float(np.hypot(shared.gain, pair_sigma)))
+    points, fits, at = None if ridges is None else ridges.independent, {}, {}
+    for _ in range(ROUNDS):  # tables are not linear in their zeros
+        records = {model: [*(_of_forces(specimen, name, one, shared, at.get(model)) for name, one in (forces or {}).items()),
+                           specimen.before] for model in band_fits.MODELS}
+        at = {model: told(own)[1] for model, own in records.items()}
+        if points is not None:
+            points, fits = _ridges(specimen, points, records, fits)
+            at = {model: np.log(fit.factors) for model, fit in fits.items()}
+    joints = {model: Joint(specimen.names, at[model], tuple(own)) for model, own in records.items()}
+    return JointFits(specimen, joints, fits)
+
+
+def _ridges(specimen, points, records, near):
+    """The points in the scatter that they have about the better model, and their fits, whose records join those of each model."""
+    others, build = {model: Before(*told(own)[::-1]) for model, own in records.items()}, partial(_cell, specimen)
+    fits = {model: fit_dispersion(build, specimen.names, points, model, known, near.get(model))
+            for model, known in others.items()}
+    scatter = min(fit.scatter for fit in fits.values())
+    if scatter > 1:
+        points = replace(points, sigma_omega=scatter * points.sigma_omega, sigma_xi=scatter * points.sigma_xi)
+        fits = {model: fit_dispersion(build, specimen.names, points, model, others[model], fit) for model, fit in fits.items()}
+    for model, fit in fits.items():
+        x, known = np.log(fit.factors), others[model].root.T @ others[model].root
+        gradient = known @ (others[model].centre - x)  # that of the others, which the ridges balance
+        records[model].insert(-1, Record(RIDGES, x, gradient, fit.information - known, {'the clock': specimen.late}))
+    return points, fits
+
+
+def _cell(specimen, factors):
+    """One cell of the lattice with these factors, and what each changes there."""
+    there, law, calc = specimen.on_springs(factors), specimen.law(factors), repulsion_of(specimen.cell)
+    atoms = specimen.cell.copy()
+    springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
+    atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
+    atoms.calc = calc.changed(laws=law, sites=replace(calc.sites, foundation=springs))
+    return atoms, specimen.changes_of(there, law, factors)
+
+
+def _of_forces(specimen, name, forces, shared, near=None):
+    """The record of a table, near logarithms of the parameters."""
+    n = len(LAW)
+    curve = curve_record(forces, specimen.family, shared, None if near is None else
+                         specimen.p(dict(zip(LAW, np.exp(near[:n]).tolist(), strict=True))))
+    turn = np.zeros((n, len(specimen.names)))  # from logarithms to the parameters of the family
+    turn[:, :n] = np.diag([1.0, -specimen.family.curve(curve.p, [specimen.family.r0])[2][0], *np.ones(len(BENDS))])
+    x, by_distance = np.zeros((2, len(specimen.names)))
+    x[:n], by_distance[:n] = specimen.x(curve.p), curve.by_distance / np.diag(turn)
+    faults = {'the gain, or a pair unlike the mean': shared.gain * np.eye(len(x))[0], 'the zero of the distances': by_distance}
+    return Record(name, x, turn.T @ curve.gradient, turn.T @ curve.information @ turn, faults, curve.chi2)

@@ -1,0 +1,170 @@
+"""All records of a lattice in one fit, against a laboratory that shares nothing with the package."""
+
+import numpy as np
+import pytest
+
+from magphonon import read_scene
+from magphonon.cli.main import main
+from magphonon.design.joint_fits import Joint, Record, told
+from magphonon.interactions import Forces, SharedErrors
+from magphonon.scenes import fit_records
+from magphonon.waves import RidgePoints
+from magphonon.waves.ridge_tables import write_points
+from workflows import bench_lattice as bench
+
+L = 10e-3
+LAWS = {'power': bench.power_law(0.28, 4.6, L), 'two powers': lambda r: 0.18 * (L / r) ** 3.2 + 0.09 * (L / r) ** 6}
+ERRORS = {'distance': 0.1, 'zero': 0.012, 'hysteresis': 0.002, 'backlash': 0.06, 'gain': 0.01}  # mm and N, standard deviations
+PAIR = 0.035  # of the force of one pair, of magnets whose strengths scatter by 2.5 %
+MASS, SPRINGS = 8e-4, (20.0, 24.0)
+REACH = 10 * L  # of the laboratory: where its neighbours end must not show
+
+
+def table(law, rng, gain=0.0):
+    """Fifteen distances there and back, with errors that all rows share."""
+    r, way = np.tile(np.linspace(0.8, 2.0, 15) * L, 2), np.repeat([-1.0, 1.0], 15)
+    e = {name: size * rng.standard_normal() for name, size in ERRORS.items()}
+    f = (1 + e['gain'] + gain + PAIR * rng.standard_normal()) * law(r + 1e-3 * e['distance'] + way * 5e-4 * e['backlash'])[0]
+    f = f + e['zero'] + way * e['hysteresis']
+    return Forces(1e3 * r, f + np.hypot(0.005, 0.01 * f) * rng.standard_normal(len(r)), None, way)
+
+
+def ridges(law, rng, clock=0.0, static=True):
+    """Eight points of each branch along a row of 25, of which each branch has a shift of its own."""
+    xi, branch = np.tile(np.linspace(0.5, 2.6, 8), 2), np.repeat([0, 1], 8)
+    vectors, bins, one = bench.triangular(L), 2 * np.pi / 25, np.ones(16)
+    true = xi + 0.05 * bins * rng.standard_normal(2)[branch]
+    k = np.outer(true, np.linalg.inv(vectors)[:, 1])
+    omega = 1e-3 * bench.bloch(law, vectors, REACH, k, MASS, SPRINGS, static)[np.arange(16), branch] * (1 + clock)
+    sigma = 0.25 * 2e-3 * np.pi
+    return RidgePoints(('1', '2'), ('transverse', 'longitudinal'), branch, np.outer(xi / (2 * np.pi), [0, 1, 0]), xi, 0.01 * one,
+                       omega + sigma * rng.standard_normal(16), sigma * one, one, 0 * one, ('row', 'row'), bins * one)
+
+
+def specimen(folder, name, seed, shells='"auto"', **faults):
+    """A scene that is some ten percent off, its table and its ridges, and what is true of force, exponent and springs."""
+    rng, law = np.random.default_rng([seed, len(name)]), bench.tabulated(LAWS[name], 0.62 * L, 1.1 * REACH)
+    force, slope = (float(value) for value in law(L))
+    truth = {'force': force, 'a': -slope * L / force, 'bond stiffness': -slope,
+             'foundation_x': SPRINGS[0], 'foundation_y': SPRINGS[1]}
+    f, a, x, y = (truth[key] * float(np.exp(0.1 * rng.standard_normal())) for key in truth if key != 'bond stiffness')
+    (folder / 'lab.toml').write_text(
+        f'title = "lab"\n[lattice]\nkind = "triangular"\nspacing_m = {L}\nmass_kg = {MASS}\n[law]\nkind = "inverse_power"\n'
+        f'force_N = {f}\na = {a}\nshells = {shells}\n[foundation]\nstiffness_N_per_m = {x}\nstiffness_y_N_per_m = {y}\n')
+    gain = faults.pop('gain', 0.0)
+    return read_scene(folder / 'lab.toml'), table(law, rng, gain), ridges(law, rng, **faults), truth
+
+
+def fitted(scene, forces, points):
+    return fit_records(scene, {'table': forces}, points, shared=SharedErrors(**ERRORS), pair_sigma=PAIR)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', LAWS)
+def test_a_table_and_ridges_together(tmp_path, name):
+    """Every interval holds, and is narrower than that of either record; with nearest neighbours alone the same check fails."""
+    *given, truth = specimen(tmp_path, name, 2)
+    fits = fitted(*given)
+    joint, along = fits.joints['complete'], np.array([*fits.along().values()])
+    alone = [np.sqrt(np.diag(along @ joint.alone(record).covariance() @ along.T)) for record in fits.records]
+    off = {key: (np.log(value / truth[key]), sigma) for key, (value, sigma) in fits.values().items()}
+    assert max(abs(error) / sigma for error, sigma in off.values()) < 3.5  # of five, correlated: once in a thousand
+    sigmas = np.array([sigma for _, sigma in off.values()])
+    assert (sigmas[:, None] < np.transpose(alone)).all()
+    assert (sigmas[:2] < 0.85 * np.min(alone, axis=0)[:2]).all()  # force and exponent, of which each record knows a part
+    assert joint.pulls()[0].sigmas < 3
+    assert fits.evidence > 10
+    control = fitted(*specimen(tmp_path, name, 2, shells='1')[:3]).values()
+    value, sigma = control['foundation_x']  # by 30 % and more, several times the interval that the fit states
+    assert np.log(value / truth['foundation_x']) > 3 * sigma
+
+
+@pytest.mark.long
+def test_coverage(tmp_path, capsys):
+    """Share of intervals that hold the truth, and that are narrower than those of each record; 96 of 96 would be chance, too."""
+    held, narrower, errors, widths = [], [], [], []
+    for name in LAWS:
+        for seed in range(10, 22):
+            *given, truth = specimen(tmp_path, name, seed)
+            fits = fitted(*given)
+            joint, along = fits.joints['complete'], np.array([*fits.along().values()])
+            error, sigma = np.transpose([(np.log(value / truth[key]), sigma) for key, (value, sigma) in fits.values().items()])
+            alone = [np.sqrt(np.diag(along @ joint.alone(record).covariance() @ along.T)) for record in fits.records]
+            held.append(abs(error) < 1.96 * sigma)
+            narrower.append((sigma < np.min(alone, axis=0)).all())
+            errors.append(error)
+            widths.append(1.96 * sigma)
+            assert fits.evidence > 0
+    with capsys.disabled():
+        print(f'\n{[*truth]}: hold {np.mean(held, axis=0)}, half widths (%) {100 * np.median(widths, axis=0)}, rms errors (%) '
+              f'{100 * np.sqrt(np.mean(np.square(errors), axis=0))}; narrower {np.sum(narrower)} of {len(narrower)}')
+    assert np.mean(held) >= 0.9
+    assert all(narrower)
+
+
+@pytest.mark.slow
+def test_a_lattice_without_static_forces(tmp_path):
+    """The table knows the forces, and the ridges that they are not there."""
+    assert fitted(*specimen(tmp_path, 'power', 3, static=False)[:3]).evidence < -5
+
+
+def records_of(rng, size, fault=''):
+    """Three records of two parameters, drawn about the truth 0; `fault` moves that of one by `size` units of its pull."""
+    sizes = {'table': (0.04, 0.5), 'ridges': (0.08, 0.03), 'responses': (0.03, 0.03)}
+    moved = {'table': np.array([1.0, 0.0]), 'ridges': np.array([1.0, 1.0]), 'responses': np.array([1.0, -1.0])}
+    infos = {name: np.diag(np.array(s) ** -2.0) for name, s in sizes.items()}
+    total = sum(infos.values()) + 1e-2 * np.eye(2)
+    records = []
+    for name, s in sizes.items():
+        M = infos[name] - infos[name] @ np.linalg.inv(total) @ infos[name]
+        x = s * rng.standard_normal(2) + (name == fault) * size / np.sqrt(moved[name] @ M @ moved[name]) * moved[name]
+        records.append(Record(name, x, np.zeros(2), infos[name], {'gain': moved[name]}))
+    records.append(Record('known before', np.zeros(2), np.zeros(2), 1e-2 * np.eye(2)))
+    return Joint(('force', 'spring'), told(records)[1], tuple(records))
+
+
+def test_planted_contradictions_are_found():
+    """A fault of 4 sigma is found beyond 2.7 in 0.90 by the normal distribution, and the right record is named first."""
+    rng = np.random.default_rng(0)
+    found, first = [], []
+    for fault in ('table', 'ridges', 'responses') * 100:
+        pulls = records_of(rng, 4.0, fault).pulls()
+        found.append(max(pull.sigmas for pull in pulls if pull.record == fault) > 2.7)
+        first.append(pulls[0].record == fault)
+    assert np.mean(found) > 0.85  # 0.903 +- 0.017
+    assert np.mean(first) > 0.8
+    agree = [records_of(rng, 0.0) for _ in range(300)]
+    assert np.mean([joint.pulls()[0].sigmas > 2.7 for joint in agree]) < 0.05  # three faults of 0.007 each: 0.02
+    pulls = np.array([[pull.sigmas for pull in joint.pulls() if pull.record == 'table'] for joint in agree])
+    assert 0.85 < np.sqrt(np.mean(pulls**2)) < 1.15  # 1 +- 0.04: what a pull is counted in is what it scatters by
+    contradictions = np.array([joint.contradiction('table') for joint in agree])
+    assert abs(np.mean(contradictions < 1) - 0.683) < 0.11  # a probability, as of a normal distribution: +- 0.027
+
+
+def test_another_record_narrows_as_it_says():
+    """The width foretold for the same record once more is that of a fit with both."""
+    joint = records_of(np.random.default_rng(1), 0.0)
+    again = Joint(joint.names, joint.x, (joint.records[0], *joint.records))
+    np.testing.assert_allclose(again.covariance(), joint.covariance(joint.records[0].information))
+    assert (again.sigma < joint.sigma).all()
+
+
+@pytest.mark.slow
+def test_files_are_recognised_by_what_they_hold(tmp_path, capsys):
+    _, forces, points, _ = specimen(tmp_path, 'power', 4, gain=0.3)
+    rows = [f'{r!r},{f!r},{"approach" if way < 0 else "return"}'
+            for r, f, way in np.stack([forces.r, forces.f, forces.direction], 1).tolist()]
+    (tmp_path / 'a.csv').write_text('\n'.join(['r_mm,f_N,direction', *rows]))
+    write_points(tmp_path / 'b.csv', points)
+    lab, a, b = (str(tmp_path / name) for name in ('lab.toml', 'a.csv', 'b.csv'))
+    assert main(['fit', lab, b, a, '--pair-sigma', '0.02', '--distance-sigma', '0.1mm', '-o', str(tmp_path / 'out')]) == 0
+    told = capsys.readouterr().out
+    assert 'gain, or a pair unlike the mean would have to be off' in told
+    assert 'D*: all records together are evidence of' in told
+    assert told.count(' instead of ') == 3
+    assert (tmp_path / 'out' / 'joint_fit.txt').read_text() in told + '\n'
+    assert main(['fit', lab, a]) == 0
+    assert 'at 0.01 m, intervals of 95 %' in capsys.readouterr().out
+    (tmp_path / 'c.csv').write_text('colour,size\nred,2\n')
+    assert main(['fit', lab, a, str(tmp_path / 'c.csv')]) != 0
+    assert 'c.csv is no record that a fit takes' in capsys.readouterr().err
