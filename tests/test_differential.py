@@ -290,7 +290,7 @@ def test_all_engines_are_velocity_verlet_on_two_thousand_patches(hundred):
     compare(range(100 * hundred, 100 * hundred + 20), [name for name in ENGINES if 'compiled' in name], scattered, shells=1)
 
 
-@pytest.mark.parametrize('gap', [8, 32, 1024])
+@pytest.mark.parametrize('gap', [LINE, 32, 1024])
 def test_runs_of_slots_do_not_overlap_and_start_on_a_cache_line(gap):
     for seed in range(40):
         atoms = drawn(seed, most=3000).atoms

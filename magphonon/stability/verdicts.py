@@ -17,6 +17,7 @@ from ase.constraints import FixAtoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
+from ..bands.bloch import bloch_modes
 from ..bands.force_constants import checked_supercell, default_distance
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
@@ -276,8 +277,8 @@ class Case:
             return False
         along = [np.arange(6) / 6 if periodic else np.zeros(1) for periodic in self.atoms.pbc]
         q = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 3)
-        squares = np.linalg.eigvalsh(self.system.bloch(q[q.any(axis=1)], 'complete'))
-        return bool(squares.min() <= VERGE * squares.max())
+        omega, _ = bloch_modes(self.system, q[q.any(axis=1)], 'complete')
+        return bool(omega.min() * abs(omega.min()) <= VERGE * omega.max() ** 2)
 
     @cached_property
     def grows(self) -> tuple[float, NDArray[np.float64]]:

@@ -251,7 +251,7 @@ def test_the_comparison_catches_a_variant_that_does_not_look_at_sums(tmp_path, m
 
 # --- kills -----------------------------------------------------------------------------------------------------------
 
-OPERATIONS = ('open', 'os.rename', 'os.mkdir', 'os.remove', 'os.rmdir')
+OPERATIONS = ('open', 'os.rename', 'os.link', 'os.mkdir', 'os.remove', 'os.rmdir')
 
 
 def killed(desk, out, at):

@@ -8,6 +8,8 @@ from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, l
 from magphonon.response import propagation
 from magphonon.stiffness.rest import static_forces
 
+pytestmark = pytest.mark.filterwarnings('ignore:the foundation of')  # drawn from what bonds push, not how stiff they are
+
 L0, T, DT = 10.0, 3.0, 0.003  # mm, ms
 FORCES = 1e-8, 1e-11, 1e-13, 1e-18  # N, on particles between which 1 N acts
 

@@ -13,6 +13,8 @@ from magphonon.response import frequency_response
 from magphonon.stiffness import LinearSystem, Scatter, scattered, with_vacancies
 from tests.oracles import second_derivatives
 
+pytestmark = pytest.mark.filterwarnings('ignore:the foundation of')  # stiff on purpose: all waves are real
+
 B, A = 3000.0, 4.0
 
 
