@@ -244,7 +244,8 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     return BandFits(scene, own, fits, priors, tuple(without))
 
 
-def _fit(scene, points, names, priors, without, model, near=None):
+def _fit(scene: Scene, points: RidgePoints, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]],
+         without: Sequence[str], model: str, near: DispersionFit | None = None) -> DispersionFit:
     """The fit of one model, and by how much it misses the ridges that are left out.
 
     What [uncertainty] does not know of the exponent of a table is one more parameter, with this as its prior.
