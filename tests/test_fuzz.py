@@ -24,15 +24,15 @@ import pytest
 
 from magphonon import errors
 from magphonon.cli import main, uncertainty
-from magphonon.cli.costs import costs
 from magphonon.response import frf
-from magphonon.scenes.scene import Scene, read_scene, ready_scene, ready_scenes
+from magphonon.scenes.scene import Scene, ready_scene, ready_scenes
 
 resource = pytest.importorskip('resource')
 pytestmark = pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='the limit of memory needs to know what is used')
 
-READY = [tomllib.loads(file.read_text(encoding='utf-8')) for name, file in ready_scenes().items()
-         if name != 'signs']  # its table is a file of its own
+READY = [scene for scene in (tomllib.loads(file.read_text(encoding='utf-8')) for file in ready_scenes().values())
+         if 'spacing_m' in scene['lattice']]
+"""Those whose particles are no table in a file of its own."""
 EXTREMES = [0, 0.0, -1, 1, 2, 2**31, 2**63, 2**64, 10**25, 10**400, -(2**64), 1e300, -1e300, 1e-300, 5e-324, 1e12, 1e-12, 1e18,
             1e9, math.nan, math.inf, -math.inf, True, False, '', ' ', 'x', 'all', 'ALL', 'G', 'GMGMGM', 'nan', '1', 'a\0b',
             'größe 😀', '$\\input{x}$', '$x', '$$', 300 * 'x', 'two\nlines', '/dev/zero', '/dev/null', '.', '../x.csv', [],
@@ -46,8 +46,6 @@ COMMANDS = {'check': 95, 'design': 4, 'bands': 8, 'plan': 9, 'frf': 8, 'uncertai
 """How many scenes each command gets, 132 in all: most of them those that answer in a moment."""
 GENTLE = {'check': 0.1, 'design': 0.5, 'burst': 0.9}
 """Probability that a mutation is a small one, 0.7 for commands that do not stand here: most of their scenes shall be answered."""
-PROMISED = 5.0
-"""Seconds of an estimate: a command that has promised less must end within the time of a case."""
 
 
 # --- scenes and tables as nobody would write them --------------------------------------------------------------------
@@ -68,6 +66,9 @@ def small(scene, rng):
         for key in ('carriers_Hz', 'directions_deg'):
             scene['burst'][key] = [scene['burst'][key][one]]
         scene['burst']['duration_s'] = 1.5 * scene['burst']['cycles'] / scene['burst']['carriers_Hz'][0]
+    if 'targets' in scene.get('design', {}):
+        scene['design'] |= {'steps': 1, 'scatter': {'strength_percent': 1.0, 'draws': 1}}
+        scene['law']['shells'], scene['patch']['side_m'] = 1, 0.06
     if 'frf' in scene and 'response' in scene['frf']:
         scene['frf']['response']['at_m'] = [0.0, 3 * spacing]
     return scene
@@ -275,12 +276,8 @@ def verdict(command, files, folder, output=True, between=()):
     if command == 'plan':
         arguments.append('--run')
     faults, status = judged(arguments, inputs, out)
-    if faults == [SLOW] and inputs[-1].suffix == '.toml' and command in Scene.model_fields:
-        try:
-            promised = sum(cost.seconds for cost in costs(read_scene(inputs[-1])) if cost.table == command)
-        except ValueError:
-            promised = 0
-        return ([], None) if command == 'plan' or promised > PROMISED else (faults, status)
+    if faults == [SLOW] and command == 'plan':  # which finds out how long a method takes by trying it
+        return [], None
     return faults, status
 
 
