@@ -250,11 +250,7 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
     if isinstance(path, str):
         return band_path(atoms, path)
     if not isinstance(path, BandPath):
-        try:
-            return BandPath(atoms.cell, wavevectors(path))
-        except ValueError as error:
-            raise ValueError(f"the path must be a BandPath, names such as 'GMKG' or wavevectors, not {type(path).__name__} "
-                             f'({error}); get one from atoms.cell.bandpath(...)') from None
+        return _path_through(atoms, path)
     axes = np.flatnonzero(atoms.pbc)
     ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
     off = {order: abs(ours - theirs[np.ix_(order, order)]).max() / abs(ours).max() for order in permutations(range(len(axes)))}
@@ -268,6 +264,14 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
     raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the atoms {own} '
                      'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took another cell of '
                      'the same lattice: take that one, or name points of your own to bandpath with special_points=')
+
+
+def _path_through(atoms, q):
+    try:
+        return BandPath(atoms.cell, wavevectors(q))
+    except ValueError as error:
+        raise ValueError(f"the path must be a BandPath, names such as 'GMKG' or wavevectors, not {type(q).__name__} "
+                         f'({error}); get one from atoms.cell.bandpath(...)') from None
 
 
 def points_on(path: BandPath) -> dict[str, NDArray[np.float64]]:

@@ -86,8 +86,8 @@ class Situation:
         return float(u.hertz(found.omega[amplitude.argmax()])), float(amplitude.max() / (u.m / u.N))
 
     def refuse_buckling(self) -> None:
-        """Raise ValueError if the lattice buckles; that gyration may hold the verdict knows."""
-        if np.any(self.atoms.calc.gyration):  # pyright: ignore[reportOptionalMemberAccess]  scenes attach one
+        """Raise ValueError if the lattice buckles; whether forces by the velocity hold it, the verdict knows."""
+        if np.any(self.atoms.calc.rate):  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]  scenes attach one
             if not self.judged[0].stable:
                 raise ValueError(f'the lattice buckles: {self.judged[0].finding("buckling").words}')
             return
