@@ -177,6 +177,23 @@ def complaints(folder):
     return [(file, message) for file, message in found if not any(words in message for words in FOREIGN)]
 
 
+MODELS = """from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+cell = lattices.chain(1.0, 1.0)
+cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), model='conventional')
+analytic_bands(cell, 'GX', model='complete')
+"""
+
+
+@pytest.mark.slow
+def test_a_type_checker_knows_the_two_models(tmp_path):
+    pytest.importorskip('pyright')
+    for name, wrong in {'right': '', 'of_the_calculator': 'conventional', 'of_the_tool': 'complete'}.items():
+        (tmp_path / f'{name}.py').write_text(MODELS.replace(f"'{wrong}'", "'Complete'"), encoding='utf-8')
+    found = complaints(tmp_path)
+    assert sorted(file for file, _ in found) == ['of_the_calculator.py', 'of_the_tool.py']
+    assert all("Literal['Complete']" in message for _, message in found)
+
+
 @pytest.mark.slow
 def test_a_type_checker_finds_nothing_in_the_programs_and_finds_mistakes_in_them(tmp_path):
     pytest.importorskip('pyright')

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from xarray import Dataset
 
+    from ..stiffness.bond import Model
+
 UNITS = {
     'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),
     'names': ('', 'special points'), 'points': ('reciprocal vectors', 'special points', 'vectors'),
@@ -158,7 +160,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
 
 
 @takes(*LINEAR, 'all neighbours')
-def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: str | None = None, vectors: bool = False,
+def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model | None = None, vectors: bool = False,
                    branches: int | None = None, damping: ArrayLike | None = None) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
 
@@ -305,7 +307,7 @@ class GroupVelocities(NamedTuple):
 
 
 @takes(*LINEAR)
-def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = None) -> GroupVelocities:
+def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None = None) -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
     For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, where B = 0 unless particles gyrate.  At degenerate
@@ -375,7 +377,7 @@ def cut_off(atoms: Atoms) -> float | None:
 
 
 @takes('all neighbours', 'site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
-def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str | None = None) -> NDArray[np.float64]:
+def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model | None = None) -> NDArray[np.float64]:
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 
     With a foundation there is no acoustic branch; the speeds returned are those of the lattice without it.

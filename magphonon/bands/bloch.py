@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 from tqdm import tqdm
 
 from ..errors import finite, whole
+from ..stiffness.bond import Model
 from ..stiffness.matrices import companion, eigenvalues_of_two, gyrating_modes, hermitian_eigenvalues, hessian, signed_root
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
@@ -29,7 +30,7 @@ DIVIDE = 400
 
 
 @takes(*LINEAR, 'all neighbours')
-def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = None, vectors: bool = False,
+def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None = None, vectors: bool = False,
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
 
@@ -88,7 +89,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str | None = N
 
 
 @takes(*LINEAR, 'all neighbours')
-def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str | None = None,
+def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: Model | None = None,
                  vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies and decays of a periodic structure with losses, whose modes move as `e^{-(decay + i omega) t}`.
 

@@ -24,6 +24,7 @@ from .. import units
 from ..errors import whole
 from ..files import Saved
 from ..results import InHertz
+from ..stiffness.bond import Model
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
@@ -84,7 +85,7 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
 
 @takes(*LINEAR, 'all neighbours')
 def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | None = None,
-                    model: str | None = None) -> DensityOfStates:
+                    model: Model | None = None) -> DensityOfStates:
     """Density of states of an infinite lattice, by linear interpolation between the points of a mesh over its zone.
 
     Parameters
@@ -127,7 +128,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
 
 
 @takes(*LINEAR, 'all neighbours')
-def band_ranges(atoms: Atoms, steps: int | None = None, model: str | None = None) -> NDArray[np.float64]:
+def band_ranges(atoms: Atoms, steps: int | None = None, model: Model | None = None) -> NDArray[np.float64]:
     """Ranges of frequency in which an infinite lattice has modes; overlapping branches make one range.
 
     Parameters
@@ -182,7 +183,7 @@ def _nearest_approach(system, frequencies, below, model):
 
 
 @takes(*LINEAR, 'all neighbours')
-def band_gaps(atoms: Atoms, steps: int | None = None, model: str | None = None) -> NDArray[np.float64]:
+def band_gaps(atoms: Atoms, steps: int | None = None, model: Model | None = None) -> NDArray[np.float64]:
     """Gaps between the bands of an infinite lattice, shape (gaps, 2); see `band_ranges`."""
     ranges = band_ranges(atoms, steps, model)
     return np.stack([ranges[:-1, 1], ranges[1:, 0]], axis=1)

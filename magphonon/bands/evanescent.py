@@ -29,6 +29,7 @@ from scipy import linalg
 
 from ..errors import finite, one_of
 from ..results import InHertz
+from ..stiffness.bond import Model
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..stiffness.site_laws import site_blocks
@@ -161,7 +162,7 @@ class ComplexBands(InHertz):
 
 
 @takes(*LINEAR)
-def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: str | None = None,
+def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: Model | None = None,
                   damping: ArrayLike = 0.0) -> ComplexBands:
     """All waves along a direction at given frequencies, propagating and evanescent.
 

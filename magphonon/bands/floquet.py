@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import positive
 from ..results import InHertz
+from ..stiffness.bond import Model
 from ..stiffness.matrices import companion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, on_foundation
@@ -59,7 +60,7 @@ class FloquetBands(InHertz):
 
 
 @takes('modulation', 'gyration', *LIKE)
-def floquet_bands(atoms: Atoms, q: ArrayLike, model: str | None = None, damping: ArrayLike = 0.0,
+def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, damping: ArrayLike = 0.0,
                   tolerance: float = 1e-8) -> FloquetBands:
     """Quasi-frequencies of a lattice on a `Travelling` foundation, by Hill's method.
 
@@ -121,7 +122,7 @@ def _strongest(omega, weight, hill):
 class Hill:
     """The matrices of Hill's method for a cell on a Travelling foundation; the arguments are those of `floquet_bands`."""
 
-    def __init__(self, atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> None:
+    def __init__(self, atoms: Atoms, model: Model | None = None, damping: ArrayLike = 0.0) -> None:
         calc = repulsion_of(atoms)
         wave = calc.tie.modulation(calc.anchors)
         if wave is None:

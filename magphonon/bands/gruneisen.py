@@ -14,7 +14,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
-from ..stiffness.bond import stiffness_change
+from ..stiffness.bond import Model, stiffness_change
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import bloch_matrix, mass_weighted
 from ..stiffness.rest import LinearSystem
@@ -42,7 +42,7 @@ class Gruneisen(NamedTuple):
 
 
 @takes(*STIFF)
-def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str | None = None) -> Gruneisen:
+def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: Model | None = None) -> Gruneisen:
     """Grueneisen parameters `-d ln w/d ln V` of the bands; V is the length, area or volume of a cell.
 
     The foundation keeps its stiffness; its anchors and the held particles follow the spacing.

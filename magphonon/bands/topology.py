@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from ..errors import positive
+from ..stiffness.bond import Model
 from ..stiffness.matrices import bloch_gradient, first_order, mass_weighted
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
@@ -31,7 +32,7 @@ CLEAR = 0.8  # least share of the motion in one half of the strip for a wave to 
 
 
 @takes(*LINEAR)
-def chern_numbers(cell: Atoms | LinearSystem, model: str | None = None) -> NDArray[np.int_]:
+def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDArray[np.int_]:
     """Chern number of each band of a planar lattice; all are zero unless particles gyrate.
 
     By the method of Fukui, Hatsugai and Suzuki (J. Phys. Soc. Jpn. 74, 1674 (2005)) for waves `e^{i(k.R - omega t)}`, in
@@ -122,7 +123,7 @@ class EdgeFlow(NamedTuple):
 
 
 @takes(*LINEAR)
-def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str | None = None) -> EdgeFlow:
+def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = None) -> EdgeFlow:
     """The waves along the edges of a strip at a frequency within a gap of its lattice, and how many more run one way.
 
     They are where an eigenvalue of `K(q) - omega^2 - i omega B` vanishes.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import whole
 from ..files import Saved
 from ..results import InHertz
+from ..stiffness.bond import Model
 from ..traits import LINEAR, takes
 from .bands import group_velocities
 
@@ -85,7 +86,7 @@ class ZoneMap(InHertz, Saved, kind='frequencies over the zone', units={
 
 
 @takes(*LINEAR)
-def zone_map(atoms: Atoms, steps: int = 96, model: str | None = None) -> ZoneMap:
+def zone_map(atoms: Atoms, steps: int = 96, model: Model | None = None) -> ZoneMap:
     """Frequencies and group velocities over the first Brillouin zone.
 
     Parameters

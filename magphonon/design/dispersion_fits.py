@@ -24,6 +24,7 @@ from ase import Atoms
 from numpy.typing import NDArray
 
 from ..bands.bloch import bloch_modes
+from ..stiffness.bond import Model
 from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, ParameterFit
@@ -93,7 +94,7 @@ class DispersionFit(ParameterFit):
         return super().scatter <= FOLLOWS
 
 
-def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str | None = None,
+def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: Model | None = None,
                    priors: Mapping[str, tuple[float, float]] | Before | None = None,
                    near: DispersionFit | None = None) -> DispersionFit:
     """Fit parameters of a lattice to measured points of its branches.

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..stiffness.bond import Model
+
 NORMAL = 1.96
 """Half width of a 95 % interval in standard deviations of a normal distribution."""
 DETERMINED = 0.5
@@ -44,7 +46,7 @@ class ParameterFit:
         Measured less fitted values, over their uncertainties.
     """
 
-    model: str
+    model: Model
     names: tuple[str, ...]
     factors: np.ndarray
     information: np.ndarray

@@ -26,7 +26,7 @@ from ..bands.bloch import bloch_modes
 from ..interactions.law_cards import LawDerivative, exponent_change as exponent_change, screening_change as screening_change
 from ..interactions.pair_laws import PairLaw, continues, higher_derivatives
 from ..response.frf import resolvents
-from ..stiffness.bond import model_stiffness, stiffness_change
+from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED, LinearSystem
@@ -106,7 +106,7 @@ def spacing_change(law: PairLaw) -> LawDerivative:
 
 @takes(*STIFF)
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[StiffnessDerivative],
-                            model: str | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+                            model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies by the logarithms of parameters.
 
     Where branches cross, degenerate perturbation theory: among the modes of equal frequency those are taken in which

@@ -26,7 +26,7 @@ from ..errors import Unstable, finite, one_of, whole
 from ..files import whole_file
 from ..interactions.pair_laws import InversePower
 from ..stability.buckling import common_spring, softest_of
-from ..stiffness.bond import interaction_along, model_stiffness
+from ..stiffness.bond import Model, interaction_along, model_stiffness
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.defects import Scatter, site_normals
 from ..stiffness.factors import factorised
@@ -182,7 +182,7 @@ class Variables:
         """Displacements to the rest without scatter, from which that of each draw is not far; shape (particles, dim)."""
         return self._rest(x, 'complete', Draw(), None)[1]
 
-    def rest(self, x: NDArray[np.float64], model: str = 'complete', draw: Draw | None = None,
+    def rest(self, x: NDArray[np.float64], model: Model = 'complete', draw: Draw | None = None,
              near: NDArray[np.float64] | None = None) -> Rest:
         """The structure at rest; Unstable if it has none that is stable, near the first positions or displacements from them."""
         draw = draw or Draw()
@@ -293,7 +293,7 @@ class SiteDesign:
     objective: Objective
     variables: Variables
     x: NDArray[np.float64]
-    model: str
+    model: Model
     value: float
     before: float
     robust: float
@@ -360,7 +360,7 @@ class SiteDesign:
         return found + self.objective.doubts(Rest(LinearSystem.of(self.atoms)))
 
 
-def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float, float]], *, model: str = 'complete',
+def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float, float]], *, model: Model = 'complete',
              sites: ArrayLike | None = None, groups: ArrayLike | None = None, robust: Robust | None = None, steps: int = 100,
              starts: int = 1, seed: int = 0, start: ArrayLike | None = None, constraints: Sequence[tuple[Objective, float]] = (),
              compare: bool = False, report: Callable[[NDArray[np.float64], float], Any] | None = None) -> SiteDesign:
@@ -439,7 +439,7 @@ class _Task:
 
     variables: Variables
     objective: Objective
-    model: str
+    model: Model
     draws: list[Draw]
     width: float
     buckled: int = 0

@@ -25,6 +25,7 @@ from tqdm import tqdm
 from ..response.frf import Dof, base_force, frequency_response, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..response.transfer_functions import TransferFunction
+from ..stiffness.bond import Model
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem
@@ -190,7 +191,7 @@ def _fields(system, forces, omega, damping):
 
 def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: tuple[str, ...],
                  functions: Sequence[TransferFunction],
-                 model: str = 'complete', priors: Mapping[str, tuple[float, float]] | None = None,
+                 model: Model = 'complete', priors: Mapping[str, tuple[float, float]] | None = None,
                  start: ArrayLike | None = None) -> TransferFit:
     """Fit parameters of a lattice to measured transfer functions.
 

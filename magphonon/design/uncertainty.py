@@ -18,6 +18,7 @@ from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
 from ..files import Saved
 from ..response.frf import Dof
+from ..stiffness.bond import Model
 from ..stiffness.rest import LinearSystem
 from ..traits import STIFF, takes
 from .scatter import NO_SCATTER, ROWS, SiteScatter, response_scatter
@@ -137,7 +138,7 @@ def _std(covariance, slopes):
 
 
 @takes(*STIFF)
-def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: str | None = None) -> Spread:
+def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: Model | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
     Where branches cross, each keeps its own spread; see `magphonon.design.sensitivities.frequency_sensitivities`, also for NaN.

@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..interactions.bond_laws import BondLaws, laid, taken
 from ..interactions.pair_laws import PairLaw
+from ..stiffness.bond import Model
 
 TOLERANCE = 1e-13  # largest error of a fitted slope dH/de, as a fraction of the slope at rest
 RANGES = (1 / 1024, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
@@ -72,7 +73,7 @@ class Increments:
     """
 
     potential: PairLaw  # the law of all bonds, or the laws of the kinds of bonds
-    model: str
+    model: Model
     r0: np.ndarray  # shape (kinds,): rest length of each kind of bond, mm
 
     @property

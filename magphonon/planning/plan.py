@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import positive
+from ..stiffness.bond import Model
 
 LONGEST_STEP = 0.5
 """Largest time step of a run, as a fraction of the limit 2/omega_max of Verlet.  The frequency error of a vibration at omega_max
@@ -46,7 +47,7 @@ class Method:
     algorithm: str
     error: float
     doubt: float = 0.0
-    model: str = 'complete'
+    model: Model = 'complete'
     dt: float | None = None
     order: int = 2
 

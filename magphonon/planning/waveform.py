@@ -26,6 +26,7 @@ from ..dynamics.recorder import Recorder
 from ..dynamics.splittings import SPLITTINGS
 from ..dynamics.verlet import DrivenVerlet
 from ..response.propagation import propagate
+from ..stiffness.bond import Model
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import STIFF, takes
@@ -89,9 +90,10 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     else:
         effect = _Effect(bound, 0.0, np.inf, 2 * dt, (f'bonds stretch and rotate by at most {percent(strain)}, so nonlinearity '
                                                       f'changes the waveform by less than {percent(bound)}',))
+    errors: dict[Model, float] = {'conventional': frozen + effect.nonlinear, 'complete': effect.nonlinear}
     methods = [Method(f'{model} linear', f'exact propagation in {linear[model].products} products with the stiffness matrix',
                       error, effect.doubt, model)
-               for model, error in (('conventional', frozen + effect.nonlinear), ('complete', effect.nonlinear))]
+               for model, error in errors.items()]
     if tried:
         squeezed = (1 - min(strain, MOST_SQUEEZED)) ** (-steepness(calc) / 2)  # bonds that are shortened are stiffer
         frame = 2 * np.pi / drive.omega / FRAMES
@@ -197,7 +199,7 @@ def _strain(calc, u):
     return float(np.sqrt(largest))
 
 
-def as_model(atoms: Atoms, model: str) -> Atoms:
+def as_model(atoms: Atoms, model: Model) -> Atoms:
     """The same structure under another model."""
     other, calc = atoms.copy(), repulsion_of(atoms)
     other.calc = calc.about(calc.reference, model=model)

@@ -17,6 +17,7 @@ from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_cha
 from ..errors import one_of
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
+from ..stiffness.bond import MODELS, Model
 from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
 from .laws import KINDS
@@ -24,7 +25,6 @@ from .scene import Scene, parts_of, scene_of
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, PLACES, exponent_at, varied
 
-MODELS = ('complete', 'conventional')
 FITTED = {name: kind for name, kind in KINDS.items() if kind.strength in PLACES}
 """The kinds of laws whose strength, and shape if they have one, may be fitted."""
 SPRINGS = {'foundation': 'stiffness', 'foundation_x': 'stiffness', 'foundation_y': 'stiffness_y'}
@@ -126,11 +126,11 @@ class BandFits:
         sigma, value = float(np.sqrt(slopes @ known.covariance @ slopes)), value_of(self.scene, 'force')
         return (value, value * sigma) if sigma else None
 
-    def fitted(self, model: str = 'complete') -> Scene:
+    def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the parameters of the fit."""
         return with_factors(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
 
-    def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
+    def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr at the spacing.
 
         A parameter with an uncertainty of more than a half is not determined, and its value means little.
@@ -143,7 +143,7 @@ class BandFits:
         found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
         return found
 
-    def predicted(self, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Frequencies of the fitted lattice and their relative standard uncertainties, by the covariance of the fit.
 
         Parameters
@@ -245,7 +245,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
 
 
 def _fit(scene: Scene, points: RidgePoints, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]],
-         without: Sequence[str], model: str, near: DispersionFit | None = None) -> DispersionFit:
+         without: Sequence[str], model: Model, near: DispersionFit | None = None) -> DispersionFit:
     """The fit of one model, and by how much it misses the ridges that are left out.
 
     What [uncertainty] does not know of the exponent of a table is one more parameter, with this as its prior.

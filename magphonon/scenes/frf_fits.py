@@ -17,6 +17,7 @@ from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer,
 from ..errors import not_negative, one_of
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
+from ..stiffness.bond import MODELS, Model
 from ..stiffness.rest import LinearSystem
 from . import band_fits
 from .plans import Pick
@@ -74,7 +75,7 @@ class FrfFits:
     @property
     def verdict(self) -> str | None:
         """The model for which the data speak; None where they cannot decide, or where the lattice is neither."""
-        better, (complete, conventional) = self.better, (self.fits[model].square for model in band_fits.MODELS)
+        better, (complete, conventional) = self.better, (self.fits[model].square for model in MODELS)
         if not better.follows:
             return None
         sure = all(one.sigma is not None for one in self.functions) and not better.site_scatter
@@ -82,13 +83,13 @@ class FrfFits:
             return better.model
         return 'conventional' if self.endless and self.ratio < 1 else None
 
-    def fitted(self, model: str = 'complete') -> Scene:
+    def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the parameters of the fit; the gain is that of the instrument and stays out."""
-        return _with(self.scene, self.fits[one_of('model', model, band_fits.MODELS)].by_name)
+        return _with(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
 
-    def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
+    def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr."""
-        fit, scene = self.fits[one_of('model', model, band_fits.MODELS)], self.fitted(model)
+        fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
         L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), band_fits.changes_of(scene)
         found = {name: (fit.by_name['gain'] if name == 'gain' else value_of(scene, name), sigma)
                  for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
@@ -98,9 +99,9 @@ class FrfFits:
             found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
         return found
 
-    def curves(self, model: str = 'complete') -> list[NDArray[np.complex128]]:
+    def curves(self, model: Model = 'complete') -> list[NDArray[np.complex128]]:
         """The fitted response of each function, with the gain."""
-        return responses_of(self.scene, model, self.functions, self.fits[one_of('model', model, band_fits.MODELS)].by_name)
+        return responses_of(self.scene, model, self.functions, self.fits[one_of('model', model, MODELS)].by_name)
 
 
 def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence[str] = (),
@@ -158,8 +159,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
             raise ValueError(f'{first.name} and {one.name} hold the same numbers, and their noise would count as independent; '
                              'give one of them')
     fits, start = {}, None
-    build = {model: partial(_built, scene, model) for model in band_fits.MODELS}
-    for model in band_fits.MODELS:  # D0 alone starts where the complete model ends
+    build = {model: partial(_built, scene, model) for model in MODELS}
+    for model in MODELS:  # D0 alone starts where the complete model ends
         fits[model] = fit_transfer(build[model], names, own, model, relative, start)
         start = fits[model].factors
     best = min(fit.square for fit in fits.values())
@@ -169,7 +170,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     return FrfFits(scene, own, fits, priors)
 
 
-def responses_of(scene: Scene, model: str, functions: Sequence[TransferFunction],
+def responses_of(scene: Scene, model: Model, functions: Sequence[TransferFunction],
                  factors: Mapping[str, float] | None = None) -> list[NDArray[np.complex128]]:
     """The response of a scene, with `factors` of its parameters, at the frequencies of each function that is `with_dofs`."""
     factors = dict(factors or {})

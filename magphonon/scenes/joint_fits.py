@@ -22,6 +22,7 @@ from ..errors import one_of
 from ..interactions.fits import ANY_SIZE, BENDS, LawFamily, SharedErrors, curve_record
 from ..interactions.force_tables import Forces
 from ..interactions.pair_laws import PairLaw, Tabulated, local_exponent, repulsion
+from ..stiffness.bond import MODELS, Model
 from ..stiffness.repulsion import repulsion_of
 from ..waves.ridge_tables import RidgePoints
 from . import band_fits, frf_fits
@@ -168,12 +169,12 @@ class JointFits:
         """Names of the records."""
         return tuple(one.name for one in self.joints['complete'].records[:-1])
 
-    def factors(self, model: str = 'complete') -> dict[str, float]:
+    def factors(self, model: Model = 'complete') -> dict[str, float]:
         """The factors of the parameters at the joint fit."""
         joint = self.joints[one_of('model', model, tuple(self.joints))]
         return dict(zip(joint.names, np.exp(joint.x).tolist(), strict=True))
 
-    def fitted(self, model: str = 'complete') -> Scene:
+    def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the law, a table, and the springs of the fit."""
         return self.specimen.with_factors(self.factors(model))
 
@@ -183,7 +184,7 @@ class JointFits:
         return {'force': of['force'], 'a': of['a'], 'bond stiffness': of['force'] + of['a']} | {
             name: of[name] for name in self.specimen.names[len(LAW):]}
 
-    def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
+    def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each of these."""
         factors, C, (force, a) = self.factors(model), self.joints[model].covariance(), self.specimen.start
         present = {'force': force / u.N, 'a': a, 'bond stiffness': force * a / self.specimen.family.r0 / (u.N / u.m),
@@ -192,7 +193,7 @@ class JointFits:
                              * np.prod([factors[one] ** power for one, power in zip(factors, v, strict=True)])),
                        float(np.sqrt(v @ C @ v))) for name, v in self.along().items()}
 
-    def predicted(self, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Frequencies of the fitted lattice in rad/ms, and their relative standard uncertainties, by wavevector and branch."""
         factors = self.factors(model)
         cell, changes = _cell(self.specimen, factors)
@@ -289,7 +290,7 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     points, fits, at = None if ridges is None else ridges.independent, {}, {}
     for _ in range(ROUNDS):  # tables are not linear in their zeros
         records = {model: [*(_of_forces(specimen, name, one, shared, at.get(model)) for name, one in (forces or {}).items()),
-                           specimen.before] for model in band_fits.MODELS}
+                           specimen.before] for model in MODELS}
         at = {model: told(own)[1] for model, own in records.items()}
         if points is not None:
             points, fits = _ridges(specimen, points, records, fits)

@@ -34,6 +34,7 @@ from ..lattices.bonds import bonds_within
 from ..lattices.patches import surrounded
 from ..response.frf import Dof
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
+from ..stiffness.bond import Model
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.leaning import leaning
 from ..stiffness.relaxation import Relaxation, relaxed
@@ -281,12 +282,12 @@ class Scene(Table):
         spatial = atoms.pbc.all() or (self.foundation is not None and self.foundation.out_of_plane is not None)
         return sites | ({'gyration': gyration} if gyration else {}) | ({} if spatial else {'dim': 2})
 
-    def patch_atoms(self, model: str = 'complete') -> Atoms:
+    def patch_atoms(self, model: Model = 'complete') -> Atoms:
         """The patch of [patch], or the finite structure, with its PairCalculator, `ase.Atoms` in mm, g and ms."""
         relaxation = self.relaxation(model)
         return self._perfect(model) if relaxation is None else relaxation.atoms
 
-    def relaxation(self, model: str = 'complete') -> Relaxation | None:
+    def relaxation(self, model: Model = 'complete') -> Relaxation | None:
         """How the patch or the finite structure with [defects] and [disorder] came to rest; None if it has neither."""
         tables = [table for table in (self.defects, self.disorder) if table is not None]
         if not tables:
@@ -308,7 +309,7 @@ class Scene(Table):
         return np.zeros((0, 2)) if self.defects is None else self.defects.places(self._perfect('complete'))
 
     @_units_told_by_keys()
-    def _perfect(self, model: str) -> Atoms:
+    def _perfect(self, model: Model) -> Atoms:
         if self.finite:
             atoms = self.perfect_cell()
             atoms.calc.set(model=model)
@@ -336,7 +337,7 @@ class Scene(Table):
                                        **sites)
         return patch
 
-    def shaken(self, model: str = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Dof]:
+    def shaken(self, model: Model = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Dof]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
         As `magphonon.response.frf.receptance` takes them; with `frf.base_deg` the direction of the bench in place of the force,

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from ..errors import whole
 from ..interactions.pair_laws import InversePower
 from ..lattices.bonds import Bonds
-from ..stiffness.bond import model_stiffness
+from ..stiffness.bond import Model, model_stiffness
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
@@ -92,7 +92,7 @@ def _over_zone(matrix, cell, pbc, particles, steps):
 
 
 @takes('all neighbours', *STIFF)
-def softest_of(atoms: Atoms | LinearSystem, model: str | None = None, scale: float = 1.0, foundation: float = 0.0,
+def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> SoftMode:
     """`softest` of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
 
@@ -219,7 +219,7 @@ class CriticalFoundation(NamedTuple):
 
 
 @takes('all neighbours', *STIFF)
-def critical_foundation(atoms: Atoms | LinearSystem, model: str | None = None, steps: int | None = None) -> CriticalFoundation:
+def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
     A flat layer is judged by its motion in the plane alone, whatever its supports along z; `softest_out_of_plane` is for these.
@@ -258,7 +258,7 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: str | None = None, s
 
 
 @takes(*STIFF)
-def critical_spacing(atoms: Atoms | LinearSystem, model: str | None = None) -> float | None:
+def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) -> float | None:
     """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
 
     All bonds are stretched by the same factor.  The result is the nearest change between stable and unstable, between 0.1 and 10

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from ..bands.floquet import Hill
+from ..stiffness.bond import Model
 from ..stiffness.matrices import poles
 from ..traits import LIKE, takes
 
@@ -45,7 +46,7 @@ class ParametricGrowth:
 
 
 @takes('modulation', 'gyration', *LIKE)
-def parametric_growth(atoms: Atoms, model: str | None = None, damping: ArrayLike = 0.0) -> ParametricGrowth | None:
+def parametric_growth(atoms: Atoms, model: Model | None = None, damping: ArrayLike = 0.0) -> ParametricGrowth | None:
     """The wave that a `Travelling` foundation makes grow fastest; None for a finite structure of too many particles.
 
     Parameters

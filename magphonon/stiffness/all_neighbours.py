@@ -27,7 +27,7 @@ from ..errors import one_of, positive
 from ..interactions.bond_laws import laid
 from ..interactions.pair_laws import GaussianMixture, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, Bonds, bonds_within, distances_within, image_of
-from .bond import MODELS, Central, bond_stiffness
+from .bond import MODELS, Central, Model, bond_stiffness
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .plausibility import warn_of_units
@@ -134,7 +134,7 @@ class AllNeighbours(Repulsion):
                 'particles per cell')
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
-                laws: Any = None, model: str | None = None, dim: int | None = None) -> AllNeighbours:
+                laws: Any = None, model: Model | None = None, dim: int | None = None) -> AllNeighbours:
         """A calculator with another reference, other sites or another law; its bonds follow from these."""
         own = self.sites if sites is None else sites
         return AllNeighbours(self.reference if reference is None else reference, self.laws if laws is None else laws,
@@ -206,7 +206,7 @@ class AllNeighbours(Repulsion):
         at_zero = self.sums.far_stiffness(self.sums.waves(np.zeros((1, self.sums.d))), self._offsets(), part)
         return self._weighted(at_zero).reshape(len(self.reference), -1, self.dim, self.dim).sum(axis=1)
 
-    def bloch_matrix(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
+    def bloch_matrix(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """Bloch matrix with the foundation, as `stiffness.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
 
         At k = 0 the lattice moves together with its neutralising background.
@@ -220,7 +220,7 @@ class AllNeighbours(Repulsion):
         return D
 
     def bloch_series(self, along: NDArray[np.float64],
-                     model: str | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+                     model: Model | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """Bloch matrix to second order in k `along`, as `stiffness.bloch_series`, without the terms given by `singular`."""
         part, x = PART[one_of('model', model or self.model, MODELS)], self.bonds.vectors[:, : self.dim]
         near = bloch_series(self.bonds, self._near(part), x @ along)
@@ -228,7 +228,7 @@ class AllNeighbours(Repulsion):
         far = self._weighted(self.sums.far_series(along, self._offsets(), part))
         return tuple(near[k] + self._assembled(far[k], onsite * (k == 0))[0] for k in range(3))
 
-    def singular(self, along: NDArray[np.float64], model: str | None = None) -> NDArray[np.float64]:
+    def singular(self, along: NDArray[np.float64], model: Model | None = None) -> NDArray[np.float64]:
         """The part of the Bloch matrix that exceeds k^2 in long waves; see `EwaldSums.singular`."""
         return self.sums.singular(along, PART[one_of('model', model or self.model, MODELS)])
 

@@ -8,7 +8,7 @@ holds the interactions of bonds that differ.  Code above asks one of these three
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
 
-MODELS = ('complete', 'conventional')
+Model = Literal['complete', 'conventional']
+MODELS: tuple[Model, ...] = ('complete', 'conventional')
 STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
 
 
@@ -137,7 +138,7 @@ def bond_stiffness(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.f
     return interaction_of(law, vectors.shape[1]).stiffness(vectors)
 
 
-def model_stiffness(vectors: NDArray[Any], law: Law, model: str = 'complete') -> NDArray[Any]:
+def model_stiffness(vectors: NDArray[Any], law: Law, model: Model = 'complete') -> NDArray[Any]:
     """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`.
 
     Examples
@@ -153,7 +154,7 @@ def model_stiffness(vectors: NDArray[Any], law: Law, model: str = 'complete') ->
 
 
 def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], law: Law,
-                     model: str = 'complete') -> NDArray[np.float64]:
+                     model: Model = 'complete') -> NDArray[np.float64]:
     """Derivative of the stiffness as the vectors change, by a complex step: exact to round-off, for any interaction.
 
     Parameters
@@ -180,7 +181,7 @@ def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], 
     return np.linalg.norm(acting.forces(vectors)[1], axis=1), abs(np.einsum('bxx->b', acting.stiffness(vectors)[0]))
 
 
-def stiffest(vectors: NDArray[np.float64], law: Law, model: str = 'complete') -> NDArray[np.float64]:
+def stiffest(vectors: NDArray[np.float64], law: Law, model: Model = 'complete') -> NDArray[np.float64]:
     """Largest modulus of the eigenvalues of the stiffness of each bond in N/mm: of a central law that of phi'' or phi'/r."""
     acting = interaction_of(law, vectors.shape[1])
     if not isinstance(acting, Central):
@@ -191,7 +192,7 @@ def stiffest(vectors: NDArray[np.float64], law: Law, model: str = 'complete') ->
 
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64],
-              model: str) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+              model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The vectors at which an interaction is asked, and the directions to which a model of the forces confines its gradient.
 
     The vectors are `R + moved`; in the conventional model those at rest, R, as long as the projection of these on them, with

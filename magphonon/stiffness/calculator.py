@@ -20,7 +20,7 @@ from scipy import sparse
 from ..errors import Unstable, one_of
 from ..interactions.bond_laws import checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
-from .bond import MODELS, displaced, interaction_along, model_stiffness
+from .bond import MODELS, Model, displaced, interaction_along, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
 from .plausibility import refuse_infinite, warn_of_units
 from .repulsion import Repulsion, masses_of
@@ -139,7 +139,7 @@ class PairCalculator(Repulsion):
     bloch_models = MODELS
 
     def __init__(self, reference: Atoms, laws: Laws, *, foundation: Foundation | ArrayLike = 0.0,
-                 strengths: ArrayLike | None = None, model: str = 'complete', shells: int = 1, cutoff: float | None = None,
+                 strengths: ArrayLike | None = None, model: Model = 'complete', shells: int = 1, cutoff: float | None = None,
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
                  load: ArrayLike | None = None, gyration: ArrayLike = 0.0, dim: int | None = None) -> None:
         self._laws = checked_laws(laws)
@@ -172,7 +172,7 @@ class PairCalculator(Repulsion):
         return self._sites.load
 
     @property
-    def model(self) -> str:
+    def model(self) -> Model:
         """Model of the forces and of their stiffness at rest: 'complete' or 'conventional'."""
         return self.parameters.model
 
@@ -187,7 +187,7 @@ class PairCalculator(Repulsion):
         return super().set(**parameters)
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
-                laws: Any = None, model: str | None = None, dim: int | None = None) -> PairCalculator:
+                laws: Any = None, model: Model | None = None, dim: int | None = None) -> PairCalculator:
         here = self.reference if reference is None else reference
         if bonds is None:
             bonds = self.bonds if reference is None else self.bonds.at(reference)
@@ -202,7 +202,7 @@ class PairCalculator(Repulsion):
         reference.set_tags(self.reference.get_tags()[image])  # tags are kinds, and phonopy does not keep tags
         return self.changed(reference, bonds, replace(self.sites[image], anchors=supercell.positions - self.slack[image]))
 
-    def about(self, atoms: Atoms, load: ArrayLike | None = None, *, model: str | None = None, **sites: Any) -> PairCalculator:
+    def about(self, atoms: Atoms, load: ArrayLike | None = None, *, model: Model | None = None, **sites: Any) -> PairCalculator:
         """The same calculator with the present positions of `atoms` as its rest, and optionally another load, model or `sites`.
 
         The pairs of particles, the anchors and the load stay; the bond vectors are computed again.  The forces at the new
@@ -306,25 +306,25 @@ class PairCalculator(Repulsion):
         forces[:, : self.dim] = sum(term.pumped(u, t) for term in self.terms)
         return forces
 
-    def rest_stiffness(self, model: str | None = None) -> NDArray[np.float64]:
+    def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm; of the calculator's own model if none is given."""
         return model_stiffness(self.bond_vectors, self.interaction, model or self.model)
 
-    def rest_hessian(self, model: str | None = None) -> sparse.csr_array:
+    def rest_hessian(self, model: Model | None = None) -> sparse.csr_array:
         """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
         return hessian(self.bonds, self.rest_stiffness(model), self.site_stiffness)
 
-    def bloch_matrix(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
+    def bloch_matrix(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
         return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.site_stiffness)
 
     def bloch_series(self, along: NDArray[np.float64],
-                     model: str | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+                     model: Model | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """Bloch matrix without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
         R = (self.bonds.shift @ self.reference.cell.array)[:, : self.dim]
         return bloch_series(self.bonds, self.rest_stiffness(model), R @ along)
 
-    def singular(self, along: NDArray[np.float64], model: str | None = None) -> NDArray[np.float64]:
+    def singular(self, along: NDArray[np.float64], model: Model | None = None) -> NDArray[np.float64]:
         """Zero, shape (dim, dim): with finitely many neighbours no term exceeds the second order in long waves."""
         return np.zeros((self.dim, self.dim))
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
+    from .bond import Model
     from .calculator import PairCalculator
     from .site_laws import Foundation, Springs
     from .terms import Term
@@ -110,7 +111,7 @@ class Repulsion(Restartable):
         return changed
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
-                laws: Any = None, model: str | None = None, dim: int | None = None) -> Any:
+                laws: Any = None, model: Model | None = None, dim: int | None = None) -> Any:
         """A calculator with another reference, other bonds, sites, laws or another model: every one that is made from another.
 
         What is not given stays, particle by particle; bonds are measured again at the reference.
@@ -210,16 +211,16 @@ class Repulsion(Restartable):
         """Displacements from the reference in mm, shape (particles, dim)."""
         raise NotImplementedError
 
-    def bloch_matrix(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
+    def bloch_matrix(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """Bloch matrix at the reference, foundation included, N/mm; `q` of shape (wavevectors, 3)."""
         raise NotImplementedError
 
     def bloch_series(self, along: NDArray[np.float64],
-                     model: str | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+                     model: Model | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """The Bloch matrix without foundation to second order in the wavevector `along`, a unit vector."""
         raise NotImplementedError
 
-    def singular(self, along: NDArray[np.float64], model: str | None = None) -> NDArray[np.float64]:
+    def singular(self, along: NDArray[np.float64], model: Model | None = None) -> NDArray[np.float64]:
         """Signs of the terms that exceed the second order in long waves, shape (dim, dim); zero for laws of short range."""
         raise NotImplementedError
 

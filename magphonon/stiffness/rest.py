@@ -21,7 +21,7 @@ from scipy import sparse
 from ..errors import NotAtRest
 from ..lattices.bonds import lengths_of
 from ..traits import refuse, running
-from .bond import sizes
+from .bond import Model, sizes
 from .calculator import PairCalculator, same_cell
 from .matrices import growth, mass_weighted
 from .plausibility import warn_of_symbols
@@ -311,7 +311,7 @@ class LinearSystem:
         squares, vectors = np.linalg.eigh(self.K.toarray())
         return squares, vectors
 
-    def bloch(self, q: NDArray[np.float64], model: str | None = None) -> NDArray[np.complex128]:
+    def bloch(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """Matrices of squared frequencies K(q) in rad^2/ms^2, shape (wavevectors, free, free); q of shape (wavevectors, 3)."""
         calc: Any = self.atoms.calc
         return self.reduced(calc.bloch_matrix(q, model))

@@ -26,6 +26,7 @@ from ..bands.bloch import bloch_modes
 from ..dynamics.motion import Motion
 from ..errors import finite, one_of
 from ..results import InHertz
+from ..stiffness.bond import MODELS, Model
 from ..traits import LINEAR, takes
 from .rows import Row, row_of
 from .scans import Scan
@@ -34,7 +35,6 @@ from .wave_source import across_and_along, polarisations, wavevector
 
 BRANCH_POINTS = 2001
 """Number of samples of a branch; linear interpolation between them is accurate to 1e-6 of its highest frequency."""
-MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
 """Index of each branch, counted from the lowest: repulsion makes shear the softer of the two acoustic branches."""
 REST_FRACTION = 1e-6  # a motion weaker than this fraction of the other polarisation is round-off
@@ -62,7 +62,7 @@ class Branch(InHertz):
 
 
 @takes(*LINEAR, 'all neighbours')
-def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str | None = None) -> Branch:
+def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: Model | None = None) -> Branch:
     """Branch of the analytic bands for the waves that a row of particles sees, from xi = 0 to pi.
 
     Parameters
@@ -345,7 +345,7 @@ class Stationary:
         return np.where((abs(found - self.xi) <= self.step) & (self.slope > 0), found, np.nan)
 
 
-def stationary_waves(cell: Atoms, q: ArrayLike, model: str | None = None) -> tuple[Stationary, Stationary]:
+def stationary_waves(cell: Atoms, q: ArrayLike, model: Model | None = None) -> tuple[Stationary, Stationary]:
     """The waves of a point source of which the energy runs along a row: those along it, and the oblique ones.
 
     `q` is the wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
