@@ -135,13 +135,21 @@ def _of_patch(folder, save, lattice, patch, scene, options):
     _write_table(folder / 'modes.csv', extent, spread)
     room = OUTSIDE * abs(found.omega).max()
     outside = [k for k, omega in enumerate(found.omega) if not any(low - room <= omega <= high + room for low, high in ranges)]
+    free = _of_no_stiffness(found.omega)
+    order = np.argsort(extent.participation)
     local = sorted(outside, key=lambda k: extent.participation[k]) if len(ranges) else []
-    drawn = (local or [*(np.argsort(extent.participation) if not len(ranges) else range(len(found.omega)))])[:SHOWN]
+    drawn = (local or [*(order[~free[order]] if not len(ranges) else range(len(found.omega)))])[:SHOWN]
     # pictures and films show one image of a periodic patch, about its first defect or else its most local mode
     about = {'defects': defects, 'centre': defects[0] if len(defects) else extent.centre[drawn[0], :2]}
     _draw(save, system, found, extent, ranges, drawn, about)
-    report = ['', f'modes of the patch: {"all" if every else "the lowest and those between the bands,"} {len(found.omega)}, from '
-              f'{found.frequencies_Hz[0]:.6g} to {found.frequencies_Hz[-1]:.6g} Hz']
+    name, lowest = 'structure' if scene.finite else 'patch', 0.0 if free[0] else found.frequencies_Hz[0]
+    which = 'all' if every else 'the lowest and those between the bands,'
+    report = ['', f'modes of the {name}: {which} {len(found.omega)}, from {lowest:.6g} to {found.frequencies_Hz[-1]:.6g} Hz']
+    if scene.finite and not system.turning and system.directions <= MOST_REPEATED:
+        alone = LinearSystem.about(patch.calc.about(patch, model='conventional'), patch).moving()
+        blind = _of_no_stiffness(_modes(alone, ranges)[0].omega)
+        if (free | blind).any():
+            report.append(f'  {free.sum()} of them cost no energy; by D0 alone it would be {blind.sum()}')
     if scene.finite and scene.lattice.positions == 'rest' and found.omega[0] < -OUTSIDE * abs(found.omega).max():
         report.append('UNSTABLE: what stands in the photo would not stand with this law and foundation; check them, and cutoff_m')
     if len(ranges):
@@ -159,6 +167,13 @@ def _of_patch(folder, save, lattice, patch, scene, options):
     if filmed is not None:
         report.append(_film(folder, system, found, filmed, about))
     return report
+
+
+def _of_no_stiffness(omega):
+    """Which modes cost no energy, such as the motion of the whole structure where nothing holds it."""
+    from .band_report import ZERO_FRACTION
+
+    return abs(omega) < ZERO_FRACTION * abs(omega).max()
 
 
 def _modes(system, ranges):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units as u
 from ..bands.bands import points_on, sound_speeds
 from ..bands.neighbours import neighbour_shifts, with_all
-from ..scenes.laws import KINDS, TOLERANCE
+from ..scenes.laws import KINDS, TOLERANCE, SavedLaw
 from ..scenes.scene import MOST_IN_A_CELL, Scene
 from ..scenes.structures import FileLattice
 
@@ -35,7 +35,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     branch from 1: shifts that exceed them are named, and `limit` says what these widths are.  With `speeds`, a second line names
     the shift of long waves along x: they need many more neighbours.
     """
-    if scene.single or scene.law.kind == 'saved' or KINDS[scene.law.kind].shells == 1 or (brief and scene.finite):
+    if scene.single or isinstance(scene.law, SavedLaw) or KINDS[scene.law.kind].shells == 1 or (brief and scene.finite):
         return []
     told = _counted(scene)
     if scene.finite:

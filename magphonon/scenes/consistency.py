@@ -55,6 +55,8 @@ def check(scene: Scene) -> None:
         _oscillator(scene)
     if isinstance(scene.lattice, FileLattice) or isinstance(scene.law, SavedLaw):
         _file(scene)
+    if bool(scene.members) != (scene.law.kind == 'members'):
+        raise ValueError('members: their laws stand there, and law.kind = "members" says so; give both or neither')
     if scene.laws_of_kinds:
         _kinds(scene)
     if isinstance(scene.law.shells, int) and scene.law.shells > MOST_SHELLS:
@@ -64,7 +66,9 @@ def check(scene: Scene) -> None:
     if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
         _gyration(scene)
     calc: Any = scene.perfect_cell().calc
-    if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
+    if scene.law.kind != 'saved':  # a calculator has warned already
+        _frequencies(scene, calc)
+    if not isinstance(scene.law, SavedLaw):
         _scale(scene, calc)
     faults = []
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
@@ -81,7 +85,7 @@ def check(scene: Scene) -> None:
 
 
 def _supports(scene: Scene) -> None:
-    if scene.trap is not None and (not scene.finite or scene.foundation is not None or isinstance(scene.law, SavedLaw)):
+    if scene.trap is not None and (not scene.finite or scene.foundation is not None or scene.law.kind == 'saved'):
         raise ValueError('trap: it holds a finite structure from a file, without [foundation] and with a law that the scene '
                          'tells; take it out, or these')
     if scene.foundation is not None and scene.foundation.leans:
@@ -204,9 +208,12 @@ def _oscillator(scene: Scene) -> None:
 
 
 def _file(scene: Scene) -> None:
-    lattice, saved = scene.lattice, isinstance(scene.law, SavedLaw)
+    lattice, saved = scene.lattice, scene.law.kind == 'saved'
     if not isinstance(lattice, FileLattice):
-        raise ValueError('law.kind = "saved" takes the law from the file of the particles; it belongs to lattice.kind = "file"')
+        does = 'takes the law from the file of the particles' if saved else 'joins the numbered nodes of a file'
+        raise ValueError(f'law.kind = "{scene.law.kind}" {does}; it belongs to lattice.kind = "file"')
+    if scene.members and lattice.cutoff_m is not None:
+        raise ValueError('lattice.cutoff_m: members are listed, and no distance finds them; take it out')
     of_sites = scene.design is not None and bool(scene.design.targets)
     _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, which '
             'particles from a file do not have; take the table [{0}] out')
@@ -256,7 +263,8 @@ def _kinds(scene: Scene) -> None:
                          'file, or from [[defects.substitutions]]')
     for other in scene.laws_of_kinds:
         if isinstance(other.law, SavedLaw) or isinstance(scene.law, SavedLaw):
-            raise ValueError('laws_of_kinds and kind = "saved" say two things: the laws are in the file of the particles')
+            raise ValueError('laws_of_kinds and kind = "saved" or "members" say two things: the laws are in the file of the '
+                             'particles, or in [[members]]')
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
@@ -311,6 +319,13 @@ def _frf(scene: Scene) -> None:
         raise ValueError('frf: there is no patch to drive; add a table [patch]')
 
 
+def _frequencies(scene: Scene, calc: Repulsion) -> None:
+    f = frequency_scale(calc)
+    if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
+        raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; '
+                         f'check their units and exponents ({_numbers(scene)})')
+
+
 def _scale(scene: Scene, calc: Repulsion) -> None:
     if not calc.law.dphi(calc.bonds.lengths).any():
         mend = '' if scene.law.kind != 'hertz' else (
@@ -326,13 +341,9 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
                       'denser than any metal; check their units, which are kg and m', stacklevel=2)
     repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.site_stiffness)
-    f = frequency_scale(calc)
-    if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
-        raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; '
-                         f'check their units and exponents ({_numbers(scene)})')
     if not LEAST_SHARE * k <= repulsion:
         given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
-        meant = _millimetres(scene, scene.law.potential(), k) if f < HIGHEST_ON_POSTS_Hz else ''
+        meant = _millimetres(scene, scene.law.potential(), k) if frequency_scale(calc) < HIGHEST_ON_POSTS_Hz else ''
         raise ValueError(f'the stiffness of the bonds, {lost:.1g} N/m at {scene.lattice.spacing_given}, is lost in the '
                          f'round-off of [foundation], {given:.3g} N/m{meant}; check their units and exponents')
 

@@ -329,11 +329,22 @@ class SavedLaw(Table):
                          'as kind = "inverse_power"')
 
 
+class MembersLaw(SavedLaw):
+    """Each member has a law of its own, in [[members]]."""
+
+    kind: Literal['members']  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    def potential(self) -> PairLaw:
+        raise ValueError('law.kind = "members": each member has a law of its own; this needs one law of all particles, such as '
+                         'kind = "inverse_power"')
+
+
 KINDS = kinds_of_laws()
 if TYPE_CHECKING:
     Law = Any  # one of the tables below
 else:
-    _TABLES = (InversePowerLaw, *(_of_card(kind) for kind in KINDS.values() if kind.made), TableLaw, MagnetsLaw, SavedLaw)
+    _TABLES = (InversePowerLaw, *(_of_card(kind) for kind in KINDS.values() if kind.made), TableLaw, MagnetsLaw, SavedLaw,
+               MembersLaw)
     Law = Annotated[Union[_TABLES], Field(discriminator='kind'), of_known_kind(*_TABLES)]  # noqa: UP007  a number of them
 
 

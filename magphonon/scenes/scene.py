@@ -44,6 +44,7 @@ from .consistency import check
 from .fields import Table, Text, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell, Trap
 from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
+from .members import Members, joined
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import Defects, Disorder, FileLattice
@@ -83,6 +84,7 @@ class Scene(Table):
     lattice: AnyLattice = Field(description='a table [lattice]')
     law: Law = Field(description='a table [law]')
     laws_of_kinds: Annotated[tuple[LawOfKinds, ...], listed] = ()
+    members: Annotated[tuple[Members, ...], listed] = ()
     foundation: Foundation | None = None
     trap: Trap | None = None
     patch: Patch | None = None
@@ -101,7 +103,7 @@ class Scene(Table):
     @model_validator(mode='after')
     def _consistent(self):
         table: Any
-        for table in (self, *self.laws_of_kinds):
+        for table in (self, *self.laws_of_kinds, *self.members):
             if isinstance(table.law, InversePowerLaw) and table.law.force_N is not None:
                 try:
                     table.__dict__['law'] = table.law.placed(self.lattice.spacing_m)  # it is read-only for everybody else
@@ -238,6 +240,10 @@ class Scene(Table):
 
     @_units_told_by_keys()
     def _standing(self) -> Atoms:
+        if self.members:
+            nodes = self.cell()
+            sites = self._sites(nodes)
+            return joined(nodes, self.members, **sites | ({'dim': 3} if np.ptp(nodes.positions[:, 2]) > 0 else {}))
         if isinstance(self.law, SavedLaw):
             return self.lattice.saved()  # pyright: ignore[reportAttributeAccessIssue]  as `check` makes sure
         atoms = self.cell()

@@ -554,7 +554,8 @@ def displacements(case: Case) -> Finding:
     lengths = case.calc.bonds.lengths
     nearest = [(law, lengths[own].min()) for law, own in groups(case.calc.law, len(lengths))]
     curvature = max(abs(higher_derivatives(law, np.array([r]))[1][0] / law.d2phi(r)) for law, r in nearest)
-    least, most = float(ROUND_OFF / DERIVATIVE_ERROR * case.spacing), float(np.sqrt(6 * DERIVATIVE_ERROR / curvature))
+    least = float(ROUND_OFF / DERIVATIVE_ERROR * case.spacing)
+    most = float(np.sqrt(6 * DERIVATIVE_ERROR / curvature)) if curvature else np.inf  # of springs
     distance = default_distance(case.calc) if case.distance is None else case.distance
     if least <= distance <= most:
         return Finding((least, most))

@@ -1,0 +1,118 @@
+"""The tables [[members]] of a scene: the springs and cables of a net by the nodes that they join.
+
+Their rest lengths are given, or follow from tensions; those that are given neither carry what balances the others: self-stress.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from ase import Atoms
+from pydantic import BeforeValidator, Field, model_validator
+
+from .. import units as u
+from ..errors import shown, whole
+from ..interactions.members import Cable, Spring
+from ..stiffness.nets import net, self_stress
+from ..stiffness.repulsion import repulsion_of
+from .fields import Allowed, Flag, Length, Number, Positive, Table, listed, within
+from .laws import Law, SavedLaw
+
+UNBALANCED = 1e-6  # of the largest tension: larger forces that are left at nodes are no round-off of the positions in a file
+
+
+def _joined(value):
+    """Two nodes, counted from 0 as in the file, and the cell of the second one if it is another: (i, j, (n1, n2, n3))."""
+    if not isinstance(value, list) or not 2 <= len(value) <= 5:
+        raise ValueError(f' must be two nodes, as [0, 1], and of a periodic net the cell of the second one, as [0, 1, 1, 0], not '
+                         f'{shown(value)}')
+    i, j = (whole(f'[{k}]', node, least=0) for k, node in enumerate(value[:2]))
+    shift = [whole(f'[{k + 2}]', n, least=-1000) for k, n in enumerate(value[2:])]
+    return i, j, (*shift, *[0] * (3 - len(shift)))
+
+
+Joined = Annotated[tuple[int, int, tuple[int, int, int]], BeforeValidator(_joined), Allowed('nodes from 0')]
+
+
+class Members(Table):
+    """Members of one kind: springs, which push and pull, cables, or any other law."""
+
+    between: Annotated[tuple[Joined, ...], listed] = Field(
+        description='the two nodes of each member, counted from 0 as in the file; of a periodic net also the cell of the second '
+        'one, as [0, 1, 1, 0]', examples=[[[0, 1], [1, 2], [2, 0]]])
+    stiffness_N_per_m: Annotated[Positive, within(1e-15, 1e15, 'N/m')] | None = Field(
+        None, description='the stiffness of a member in N/m', examples=[1000.0])
+    rest_length_m: Length | None = Field(
+        None, description='its length without load in m; without it and tension_N it carries what balances the others',
+        examples=[0.09])
+    tension_N: Annotated[Number, within(-1e12, 1e12, 'newtons')] | None = Field(
+        None, description='its tension in N at the positions of the file, below zero if it pushes, in place of rest_length_m',
+        examples=[5.0])
+    slack: Flag = Field(False, description='whether it is a cable, which goes slack rather than push', examples=[True])
+    law: Law | None = Field(None, description='any law of two particles, a table like [law], in place of these keys')
+
+    @model_validator(mode='after')
+    def _one_law(self):
+        own = [key for key in ('stiffness_N_per_m', 'rest_length_m', 'tension_N') if getattr(self, key) is not None]
+        if self.law is not None and (own or self.slack):
+            raise ValueError(f' has both a law and {" and ".join(own) or "slack"}; keep one of them')
+        if self.law is None and self.stiffness_N_per_m is None:
+            raise ValueError(' lacks stiffness_N_per_m; give it, or a law')
+        if len(own) == 3:
+            raise ValueError(' has both rest_length_m and tension_N; keep one of them')
+        if isinstance(self.law, SavedLaw) or 'shells' in getattr(self.law, 'model_fields_set', ()):
+            raise ValueError('.law is that of the members listed, and neither saved nor one of shells; give it without')
+        return self
+
+    def law_at(self, r: float, tension: float) -> Any:
+        """The law of a member of length `r` in mm, whose tension in N is this if neither a law nor a rest length is given."""
+        if self.law is not None:
+            return self.law.potential()
+        k = self.stiffness_N_per_m * u.N / u.m  # pyright: ignore[reportOptionalOperand]  as `_one_law` makes sure
+        L0 = r - tension / k if self.rest_length_m is None else self.rest_length_m * u.m
+        if L0 < 0:
+            raise ValueError(f'members: a tension of {tension:.3g} N stretches a member of stiffness_N_per_m = '
+                             f'{self.stiffness_N_per_m!r} by more than its length of {r / u.m:.3g} m; take a smaller tension_N')
+        return (Cable if self.slack else Spring)(k, L0)
+
+    def known(self, r: float) -> float | None:
+        """The tension in N of a member of length `r` in mm, or None for one that carries what balances the others."""
+        if self.tension_N is not None:
+            return self.tension_N * u.N
+        return None if self.law is None and self.rest_length_m is None else float(self.law_at(r, 0.0).dphi(r))
+
+
+def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:
+    """The net of these members between the nodes `atoms`, with its PairCalculator.
+
+    Raises
+    ------
+    ValueError
+        If a member joins a node that is not there; if the tensions that are given do not balance with any of the others, or leave
+        others undecided.
+    """
+    listed = [(i, j, shift, group) for group in members for i, j, shift in group.between]
+    bare = net(atoms, [(i, j, shift, Spring(1.0, 0.0)) for i, j, shift, _ in listed], **sites)
+    lengths = repulsion_of(bare).bonds.lengths
+    known = [group.known(r) for (*_, group), r in zip(listed, lengths, strict=True)]
+    tensions = np.array([0.0 if t is None else t for t in known])
+    if None in known:
+        tensions = _balanced(bare, tensions, np.array([t is not None for t in known]))
+    return net(atoms, [(i, j, shift, group.law_at(r, t))
+                       for (i, j, shift, group), r, t in zip(listed, lengths, tensions, strict=True)], **sites)
+
+
+def _balanced(bare, tensions, known):
+    """The tensions in N of all members, of which some are known."""
+    states = self_stress(bare)
+    share, *_ = np.linalg.lstsq(states[:, known].T, tensions[known], rcond=None)
+    left = abs(share @ states[:, known] - tensions[known]).max(initial=0.0)
+    if left > UNBALANCED * abs(tensions).max(initial=0.0):
+        raise ValueError(f'members: no tensions of the others balance those that are given; the nearest differ from them by '
+                         f'{left:.3g} N, and the nodes have {len(states)} states of self-stress')
+    undecided = len(states) - np.linalg.matrix_rank(states[:, known])
+    if undecided:
+        raise ValueError(f'members: the nodes have {len(states)} states of self-stress; give tension_N or rest_length_m of '
+                         f'{undecided} more independent members')
+    return share @ states

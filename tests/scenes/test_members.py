@@ -1,0 +1,106 @@
+"""[[members]]: nets of springs and cables in a scene, whose tensions follow from balance."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon import analytic_bands, modes, read_scene, ready_scene, units as u
+from magphonon.cli.main import main
+
+GRID = """title = "A net of one node"
+[lattice]
+kind = "file"
+file = "node.csv"
+mass_kg = 0.002
+cell_m = [[0.1, 0.0], [0.0, 0.1]]
+[law]
+kind = "members"
+[[members]]
+between = [[0, 0, 1, 0], [0, 0, 0, 1]]
+stiffness_N_per_m = 300
+tension_N = 5
+"""
+
+
+LAW = 'law = {kind = "inverse_power", force_N = 2.0, a = 3.0}'
+
+
+def grid(folder, old='', new=''):
+    assert old in GRID
+    (folder / 'node.csv').write_text('x_m,y_m\n0,0\n')
+    (folder / 'grid.toml').write_text(GRID.replace(old, new))
+    return folder / 'grid.toml'
+
+
+def prism(folder, old='', new=''):
+    text = ready_scene('prism').read_text(encoding='utf-8')
+    assert old in text
+    (folder / 'prism.csv').write_bytes(ready_scene('prism').with_suffix('.csv').read_bytes())
+    (folder / 'own.toml').write_text(text.replace(old, new), encoding='utf-8')
+    return folder / 'own.toml'
+
+
+def test_tensions_per_length_of_the_prism_are_those_of_its_closed_form():
+    calc = read_scene('prism').atoms().calc
+    lengths = calc.bonds.lengths
+    flat = 50 / (0.1 * np.sqrt(3)) * u.N / u.m  # 50 N in a triangle about a circle of 0.1 m
+    # Connelly and Terrell 1995: +-sqrt(3) of that of the triangles
+    assert_allclose(calc.law.dphi(lengths) / lengths, flat * np.repeat([1, np.sqrt(3), -np.sqrt(3)], [6, 3, 3]), rtol=1e-9)
+
+
+def test_self_stress_leaves_the_prism_the_six_motions_of_a_body_and_D0_one_more(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['modes', 'prism']) == 0
+    assert '6 of them cost no energy; by D0 alone it would be 7' in capsys.readouterr().out
+    assert main(['check', 'prism']) == 0
+    assert 'OK' in (said := capsys.readouterr().out)
+    assert 'magnet' not in said
+    lax = read_scene(prism(tmp_path, 'tension_N = 50 ', 'rest_length_m = 0.173 ')).atoms()  # the control: less tension
+    assert 0 < modes(lax).omega[6] < 0.99 * modes(read_scene('prism').atoms()).omega[6]
+
+
+def test_bands_of_a_periodic_net_are_those_of_strings_and_springs(tmp_path):
+    cell = read_scene(grid(tmp_path)).atoms()
+    squares = analytic_bands(cell, [[0.5, 0, 0], [0, 0.5, 0]]).omega ** 2 / (u.N / u.m / u.kg)
+    assert_allclose(squares, [[4 * 5 / 0.1 / 0.002, 4 * 300 / 0.002]] * 2, rtol=1e-12)
+
+
+def test_rest_lengths_move_nodes_to_where_they_balance(tmp_path):
+    (tmp_path / 'three.csv').write_text('x_m,y_m,held\n0,0,1\n0.11,0.0,0\n0.2,0,1\n')
+    scene = prism(tmp_path, 'slack = true', 'slack = false')
+    text = scene.read_text().replace('prism.csv"', 'three.csv"\nrelaxed = true').partition('[[members]]')[0]
+    for pair, k in (([0, 1], 100), ([1, 2], 300)):
+        text += f'[[members]]\nbetween = [{pair}]\nstiffness_N_per_m = {k}\nrest_length_m = 0.08\n'
+    scene.write_text(text)
+    x = read_scene(scene).atoms().positions[1, 0] / u.m
+    assert_allclose(100 * (x - 0.08), 300 * (0.12 - x), rtol=1e-9)
+
+
+@pytest.mark.parametrize(('make', 'old', 'new', 'said'), [
+    (prism, 'kind = "members"', 'kind = "spring"\nstiffness_N_per_m = 1.0\nrest_length_m = 0.1', 'give both or neither'),
+    (prism, 'tension_N = 50', 'tension_N = 5e4', 'stretches a member of stiffness_N_per_m = 10000.0 by more than its length'),
+    (prism, 'tension_N = 50 ', '', 'have 1 states of self-stress; give tension_N or rest_length_m of 1 more'),
+    (prism, '[1, 2], [2, 0], ', '', 'no tensions of the others balance those that are given'),
+    (prism, 'stiffness_N_per_m = 1e5', 'stiffness_N_per_m = 1e5\ntension_N = -50', 'no tensions of the others balance'),
+    (prism, 'stiffness_N_per_m = 1e5 ', '', 'lacks stiffness_N_per_m; give it, or a law'),
+    (prism, 'tension_N = 50 ', 'tension_N = 50\nrest_length_m = 0.1 ', 'both rest_length_m and tension_N'),
+    (prism, '[2, 0], [3, 4]', '[2, 6], [3, 4]', 'names a particle outside 0 to 5'),
+    (prism, '[2, 0], [3, 4]', '[2], [3, 4]', r'must be two nodes, as \[0, 1\]'),
+    (prism, 'mass_kg', 'cutoff_m = 0.2\nmass_kg', 'members are listed, and no distance finds them'),
+    (grid, 'stiffness_N_per_m = 300', LAW, 'has both a law and tension_N'),
+    (grid, 'stiffness_N_per_m = 300\ntension_N = 5', LAW.replace('}', ', shells = 2}'), 'neither saved nor one of shells'),
+    (grid, ', [0, 0, 0, 1]]', ']\nstiffness_N_per_m = 1.0\nrest_length_m = 0.1\n[[members]]\n'
+     'between = [[0, 0, 0, 1]]', 'two members of different laws join the nodes 0 and 0'),
+    (grid, 'mass_kg = 0.002', 'mass_kg = 2e-30', 'frequencies of about'),
+])
+def test_members_that_do_not_make_a_net_are_refused_with_a_way_out(make, old, new, said, tmp_path):
+    with pytest.raises(ValueError, match=said) as caught:
+        read_scene(make(tmp_path, old, new))
+    assert not re.search('(?i)magnet', str(caught.value))
+
+
+def test_members_take_any_law_and_its_force_between_nearest_neighbours(tmp_path):
+    calc = read_scene(grid(tmp_path, 'stiffness_N_per_m = 300\ntension_N = 5', LAW)).atoms().calc
+    assert_allclose(calc.law.dphi(calc.bonds.lengths), -2.0)
