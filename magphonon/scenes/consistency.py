@@ -66,9 +66,9 @@ def check(scene: Scene) -> None:
     if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
         _gyration(scene)
     calc: Any = scene.perfect_cell().calc
-    if scene.law.kind != 'saved':  # a calculator has warned already
+    if scene.members:
         _frequencies(scene, calc)
-    if not isinstance(scene.law, SavedLaw):
+    elif scene.law.kind != 'saved':  # a calculator has warned already
         _scale(scene, calc)
     faults = []
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
@@ -341,6 +341,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
                       'denser than any metal; check their units, which are kg and m', stacklevel=2)
     repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.site_stiffness)
+    _frequencies(scene, calc)
     if not LEAST_SHARE * k <= repulsion:
         given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
         meant = _millimetres(scene, scene.law.potential(), k) if frequency_scale(calc) < HIGHEST_ON_POSTS_Hz else ''

@@ -39,6 +39,12 @@ def local_modes():
     return f[(f > 71) & (f < 86)]
 
 
+def turn(k):
+    """From node 0 of the prism to its node k, in degrees."""
+    x, y = read_scene('prism').lattice.cell().positions[k, :2]  # node 0 is at (x, 0)
+    return np.degrees(np.arctan2(y, x))
+
+
 # of shear waves at 40 Hz along Gamma-M with 4 /s, per row: f^2 = cut-off^2 + (edge sin(xi/2))^2
 DECAY = (2 * np.arcsin(np.sqrt(40**2 + 1j * 40 * 4 / (2 * np.pi) - 26.550686524**2) / 51.8276683282)).imag
 
@@ -84,6 +90,9 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
                    '`0.05` Hz apart': lambda: (64 - 16) / 960, 'by `0.8` % of L0': lambda: 100 * 20 / (12 * np.sqrt(4.5e4))},
     'penning': {'chosen: `1.01` MHz': lambda: 1e-6 * np.sqrt(6e-13 / 1.4965e-26) / (2 * np.pi),
                 'chosen: `6.4` MHz': lambda: 4e1 / (2 * np.pi)},
+    # struts of three cables each at a node are pressed at a turn of 90 - 180/3 degrees
+    'prism': {'turned by `30` degrees': lambda: turn(3), 'node `30` degrees further': lambda: turn(3),
+              'node `150` degrees further': lambda: turn(4), '(Calladine `1978`)': lambda: 1978},
     'prototype': {'`19.6757` N/m': lambda: PILLAR, 'cut-off of `26.55` Hz': lambda: hertz(PILLAR / MASS),
                   '`0.2` Hz apart': lambda: 50 / 250, 'peaks `0.6` Hz wide': lambda: 4 / (2 * np.pi)},
     'rings': {'is `59` % above': lambda: 100 * (repulsion(read_scene('rings').law.potential(), 10.0) / FORCE - 1),

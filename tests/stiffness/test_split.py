@@ -1,5 +1,7 @@
 """D0 and D* of atoms with any ASE calculator over pairs, against differences of the calculator's own forces."""
 
+import re
+
 import ase.units
 import numpy as np
 import pytest
@@ -45,6 +47,58 @@ class Pairs(Calculator):
         density = np.bincount(i, phi, len(atoms))  # of an embedded atom, whose energy is not that of its pairs
         np.add.at(forces, i, (self.many * (density[i] + density[j]) * slope / r)[:, None] * R)
         self.results = {'energy': (c * phi).sum() / 2 + self.many * (density**2).sum() / 2, 'forces': forces}
+
+
+class Network(Calculator):
+    """A machine-learned kind of energy, `sum_i w.a(W G_i)` of the descriptors `G_ik = sum_j e^(-eta_k r_ij^2) cos^2(pi r/2 rc)`."""
+
+    implemented_properties = ['energy', 'forces']  # noqa: RUF012
+
+    def __init__(self, seed, bend):
+        super().__init__()
+        rng = np.random.default_rng(seed)
+        self.reach, self.bend = rng.uniform(4.5, 6.5), bend
+        self.eta, self.W, self.w = rng.uniform(0.02, 0.2, 4), rng.normal(size=(5, 4)), rng.normal(size=5)
+
+    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+        super().calculate(atoms, properties, system_changes)
+        i, j, r, R = neighbor_list('ijdD', atoms, self.reach)
+        x, e = np.pi * r / (2 * self.reach), np.exp(-self.eta * r[:, None] ** 2)
+        g = e * np.cos(x)[:, None] ** 2
+        slope = -2 * self.eta * r[:, None] * g - e * (np.sin(2 * x) * x / r)[:, None]
+        inner = np.stack([np.bincount(i, one, len(atoms)) for one in g.T], axis=1) @ self.W.T
+        of_one = self.w * (1 - self.bend + self.bend / np.cosh(inner) ** 2) @ self.W  # of an atom's energy by its descriptors
+        pull = ((of_one[i] + of_one[j]) * slope).sum(axis=1)
+        forces = np.zeros((len(atoms), 3))
+        np.add.at(forces, i, (pull / r)[:, None] * R)
+        activated = (1 - self.bend) * inner + self.bend * np.tanh(inner)
+        self.results = {'energy': float((activated @ self.w).sum()), 'forces': forces}
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_an_energy_of_a_learned_kind_is_refused_by_as_much_as_its_network_bends(seed):
+    argon = bulk('Ar', 'fcc', a=5.3)
+    shaken = argon.repeat(2)
+    shaken.rattle(0.2, seed=seed)
+    shaken.calc = Network(seed, bend=1.0)
+    exact = shaken.calc.get_forces(shaken)[3, 1]
+    energies = []
+    for step in (1e-4, -1e-4):
+        moved = shaken.copy()
+        moved.positions[3, 1] += step
+        energies.append(shaken.calc.get_potential_energy(moved))
+    assert exact == pytest.approx((energies[1] - energies[0]) / 2e-4, rel=1e-5, abs=1e-6)  # its gradient is exact
+    said = []
+    for bend in (1.0, 0.01):
+        argon.calc = Network(seed, bend)
+        with pytest.raises(ValueError, match=r'Network is no sum over pairs.* D\* is defined') as refused:
+            split(argon, argon.calc.reach)
+        said.append(float(re.search(r'by up to (\S+) of the largest', str(refused.value))[1]))
+    assert said[0] > 10 * said[1] > 1e-5
+    argon.calc = Network(seed, bend=0.0)  # the control: a network without a bend is a sum over pairs
+    exact = by_differences(argon, np.array([1, 0, 1]) / 3)
+    found = np.sort(1e6 * np.sign(omega := bloch_modes(split(argon, argon.calc.reach), [[1 / 3, 0, 1 / 3]])[0]) * omega**2).ravel()
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-5 * abs(exact).max())
 
 
 def by_differences(atoms, q, h=1e-4):
