@@ -50,7 +50,7 @@ class Pairs(Calculator):
 
 
 class Network(Calculator):
-    """A machine-learned kind of energy, `sum_i w.a(W G_i)` of the descriptors `G_ik = sum_j e^(-eta_k r_ij^2) cos^2(pi r/2 rc)`."""
+    """A learned kind of energy, `sum_i w.a(W G_i)` of descriptors `G_ik = sum_j exp(-eta_k r_ij^2) cos^2(pi r_ij/2 rc)`."""
 
     implemented_properties = ['energy', 'forces']  # noqa: RUF012
 
@@ -97,7 +97,8 @@ def test_an_energy_of_a_learned_kind_is_refused_by_as_much_as_its_network_bends(
     assert said[0] > 10 * said[1] > 1e-5
     argon.calc = Network(seed, bend=0.0)  # the control: a network without a bend is a sum over pairs
     exact = by_differences(argon, np.array([1, 0, 1]) / 3)
-    found = np.sort(1e6 * np.sign(omega := bloch_modes(split(argon, argon.calc.reach), [[1 / 3, 0, 1 / 3]])[0]) * omega**2).ravel()
+    omega = bloch_modes(split(argon, argon.calc.reach), [[1 / 3, 0, 1 / 3]])[0].ravel()
+    found = np.sort(1e6 * np.sign(omega) * omega**2)
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-5 * abs(exact).max())
 
 

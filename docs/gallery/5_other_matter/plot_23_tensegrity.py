@@ -1,6 +1,6 @@
 """
-A tensegrity prism and a cable net
-==================================
+Tensegrity and a cable net
+==========================
 
 Three struts and nine cables: the scene `prism` lists them.  Calladine (1978) counts 3 j - 6 - b + s = 1 mechanism: by D0 seven
 modes cost nothing.  Self-stress stiffens it, and six are left, those of the whole body.  A flat net of cables vibrates out of its
