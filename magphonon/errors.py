@@ -138,13 +138,20 @@ def whole(name: str, value: object, least: int = 1) -> int:
     return int(found)
 
 
+def free_memory() -> float:
+    """Free bytes of memory; without psutil, as in a browser, infinite: nothing is refused for its size."""
+    try:
+        from psutil import virtual_memory
+    except ModuleNotFoundError:
+        return np.inf
+    return virtual_memory().available
+
+
 def refuse_memory(what: str, needed: float, mend: str) -> None:
     """Refuse `what` would take more `needed` bytes than are free, before they are allocated; `mend` says what to do instead."""
     if needed < SMALL:
         return
-    from psutil import virtual_memory
-
-    if needed > (free := virtual_memory().available):
+    if needed > (free := free_memory()):
         raise ValueError(f'{what} would take about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free; {mend}')
 
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import psutil
 
 from ..bands.bloch import bloch_modes
+from ..errors import free_memory
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
@@ -165,7 +165,7 @@ def refuse_cost(scene: Scene, cost: Cost) -> None:
 
 def too_much(scene: Scene, cost: Cost) -> str:
     """What is said of a cost that is too high: the key, its value and what to do; nothing if the memory suffices."""
-    free, value = psutil.virtual_memory().available, scene
+    free, value = free_memory(), scene
     if cost.bytes <= USABLE_FRACTION * free:
         return ''
     for key in cost.key.split('.'):

@@ -1,7 +1,8 @@
 """`magphonon explore SCENE -o FILE.html`: a page on which sliders move the bands of both models, and branches their lattice.
 
 The page needs no server and no network: any browser opens the file.  Sliders change the spacing, the exponent of an inverse power
-and the foundation; marks on them show where the lattice buckles.  A click on a branch moves the lattice in this mode.
+and the foundation; marks on them show where the lattice buckles.  A click on a branch moves the lattice in this mode.  A
+structure from a table has a page in which a tone runs.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 HELP = 'a page with sliders for spacing, exponent and foundation that move the bands, for a browser'
+CYCLES = 120  # of the tone in a structure, most of which is nearly steady
 SUM = b'<!-- magphonon explore, sha256 '
 """Begins the last line of every such page, which holds the checksum of the rest: any other file is not replaced."""
 
@@ -32,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..plotting.explorer import POINTS, Explorer
+    from ..plotting.explorer import POINTS, Explorer, structure_page
     from ..scenes.scene import read_scene
     from ..stability.buckling import stability_boundary, stability_boundary_of_exponents
     from .neighbours import neighbours
@@ -40,6 +42,8 @@ def run(options: Namespace) -> None:
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
     _refuse_foreign(file)
     scene = read_scene(options.scene).counted()
+    if scene.finite and not scene.single and scene.frf is not None and scene.frf.force is not None:
+        return _write(options, file, structure_page(*_pushed(scene), options.scene.text), [])
     _refuse_unknown(scene)
     atoms = scene.perfect_cell()
     points = scene.bands.path if scene.bands is not None else None
@@ -50,13 +54,33 @@ def run(options: Namespace) -> None:
         border = stability_boundary(atoms, explorer.scales)
     perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
-    page = explorer.page(scene.title, options.scene.text, template, border, perfect).encode()
+    _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
+           [*filter(None, [perfect]), *left_out(scene), *neighbours(scene, brief=True)])
+
+
+def _write(options, file, page, words):
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file, 'wb') as out:
-        out.write(page + _signature(page))
+        out.write(page.encode() + _signature(page.encode()))
     options.written = file
-    print('\n'.join([f'{file} is written; open it in a browser', *filter(None, [perfect]), *left_out(scene),
-                     *neighbours(scene, brief=True)]))
+    print('\n'.join([f'{file} is written; open it in a browser', *words]))
+
+
+def _pushed(scene):
+    """The structure, and its push in SI: by the first target of [design] if there is one, with its loud places as ports."""
+    atoms, frf, targets = scene.patch_atoms(), scene.frf, getattr(scene.design, 'targets', ())
+
+    def place(pick):
+        dof = pick.of(atoms)
+        return str(dof.particle), dof.direction[:2].tolist()
+
+    source, direction = place(frf.force)
+    loud = [place(target.loud) for target in targets if target.loud is not None]
+    ports = [{'name': chr(ord('A') + k), 'particle': port, 'direction': along} for k, (port, along) in enumerate(loud)]
+    tones = [target.frequency_Hz for target in targets]
+    drive = {'source': source, 'direction': direction, 'cycles': CYCLES, 'damping_per_s': frf.damping_per_s, 'ports': ports,
+             'carrier_Hz': tones[0] if tones else (frf.from_Hz + frf.to_Hz) / 2, 'tones': tones, 'highest_Hz': frf.to_Hz}
+    return atoms, drive, scene.title
 
 
 def _template(text, scene, atoms):

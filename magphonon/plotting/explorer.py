@@ -14,10 +14,13 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from .. import __version__, units
 from ..bands.zone import first_zone
 from ..interactions.pair_laws import InversePower
+from ..stiffness.rest import freedom
+from ..traits import all_but, refuse
 from .zone import upwards
 
 if TYPE_CHECKING:
@@ -40,6 +43,8 @@ POINTS = 201  # wavevectors along the path
 ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
 FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'zone.js', 'ridges.js', 'burst.js', 'burst_view.js',
          'share.js', 'page.js')
+TAKEN = all_but('the page of a structure', 'all neighbours', 'gyration', 'modulation', 'site law', 'out of plane', 'conventional',
+                'attraction', 'oblique')
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
 
@@ -133,16 +138,7 @@ class Explorer:
         foundation that the lattice needs, over `exponents` if there are any, otherwise over `scales`; `beside` says what the page
         leaves out.
         """
-        folder = files('magphonon.plotting') / 'explorer_page'
-        parts = {name: (folder / name).read_text(encoding='utf-8').strip('\n') for name in FILES}
-        beside = f' {beside}' if beside else ''
-        told = {'title': title, 'scene': scene, 'over': border.over, 'beside': beside, 'version': __version__}
-        parts |= {name: escape(text) for name, text in told.items()}
-        data = self.data(border) | {'template': template}
-        parts['data'] = json.dumps(data, ensure_ascii=False, allow_nan=False).replace('<', '\\u003c')
-        page = (folder / 'page.html').read_text(encoding='utf-8')
-        pieces = page.split('{{')
-        return pieces[0] + ''.join(parts[name] + rest for name, _, rest in (piece.partition('}}') for piece in pieces[1:]))
+        return _page(self.data(border) | {'template': template}, title, scene, border.over, f' {beside}' if beside else '')
 
     def data(self, border: StabilityBoundary) -> dict[str, Any]:
         """What the scripts of the page read, in SI; lengths within the cell are multiples of the spacing."""
@@ -202,6 +198,52 @@ class Explorer:
                 'ticks': [{'at': k, 'name': ','.join(dict.fromkeys(both))} for k, both in joined.items()],
                 'named': {k: _name(name) for k, name in named.items()},
                 'point': {'name': _name(first), 'at': min(k for k in named if named[k] == first)}}
+
+
+def structure_page(atoms: Atoms, drive: dict[str, Any], title: str, scene: str) -> str:
+    """The page of a planar structure of finite size, whose springs are anchored: a tone runs in it by both models.
+
+    Magnets that are taken out leave the others to find their new rest, for which the page needs the inverse power of one law.
+    `drive` holds in SI where the force acts, its tone, the damping, and the ports that are compared.
+    """
+    refuse(atoms, TAKEN)
+    calc = atoms.calc
+    law, here = calc.laws, float(calc.bonds.lengths.min())
+    if not isinstance(law, InversePower):
+        raise ValueError(f'the page knows the inverse power of one law, not {law!r}; "magphonon frf" takes every law')
+    if np.any(calc.load):
+        raise ValueError('the page lets particles find their rest from where their springs are anchored, but those of this '
+                         'structure stand at rest where they are; give positions = "anchors"')
+    state = {'spacing': here / units.m, 'exponent': law.a, 'foundation': 0.0}
+    alone = {name: {'values': [value], 'scene': 0, 'unit': '', 'per_SI': 1.0} for name, value in state.items()}
+    data = {'spacing_m': here / units.m, 'periods': 0, 'cell': [], 'positions': [], 'masses_kg': [], 'bonds': [], 'template': '',
+            'path': {'q': [], 'point': {'at': 0}}, 'sliders': alone,
+            'law': {'kind': 'power', 'force_N': float(-law.dphi(here)) / units.N, 'spacing_m': here / units.m},
+            'structure': _structure(atoms, here) | {'drive': drive}}
+    return _page(data, title, scene, '', '')
+
+
+def _structure(atoms, here):
+    calc, bonds = atoms.calc, atoms.calc.bonds
+    feet, springs, apart = calc.anchors[:, :2], np.broadcast_to(calc.foundation, (len(atoms), 2)), pdist(calc.anchors)
+    reach = float(np.linalg.norm(feet[bonds.j] - feet[bonds.i], axis=1).max()) * (1 + ROUNDED)
+    if (apart < reach).sum() != len(bonds.i) or np.any(springs[:, 0] != springs[:, 1]):
+        raise ValueError('the page joins all pairs of particles within one cutoff, on springs that are alike along x and y; '
+                         '"magphonon frf" takes every structure')
+    x, y = ((feet - (feet.max(axis=0) + feet.min(axis=0)) / 2) / here).T.tolist()
+    return {'x': x, 'y': y, 'mass_kg': (atoms.get_masses() / units.kg).tolist(), 'strength': calc.strengths.tolist(),
+            'springs_N_per_m': (springs[:, 0] / units.N * units.m).tolist(), 'held': (~freedom(atoms)[0]).astype(int).tolist(),
+            'reach': reach / here}
+
+
+def _page(data: dict[str, Any], title: str, scene: str, over: str, beside: str) -> str:
+    folder = files('magphonon.plotting') / 'explorer_page'
+    parts = {name: (folder / name).read_text(encoding='utf-8').strip('\n') for name in FILES}
+    told = {'title': title, 'scene': scene, 'over': over, 'beside': beside, 'version': __version__}
+    parts |= {name: escape(text) for name, text in told.items()}
+    parts['data'] = json.dumps(data, ensure_ascii=False, allow_nan=False).replace('<', '\\u003c')
+    pieces = (folder / 'page.html').read_text(encoding='utf-8').split('{{')
+    return pieces[0] + ''.join(parts[name] + rest for name, _, rest in (piece.partition('}}') for piece in pieces[1:]))
 
 
 def _name(point: str) -> str:

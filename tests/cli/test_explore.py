@@ -1,9 +1,11 @@
 """`magphonon explore`: a page is written whole or not at all, other files stay, and unsuitable scenes are refused in words."""
 
+import json
 import os
 
 import pytest
 
+from magphonon import ready_scene
 from magphonon.cli.main import main
 from magphonon.plotting import explorer
 
@@ -51,6 +53,20 @@ def test_a_structure_from_a_file_is_refused(tmp_path, capsys):
                                       'kind = "inverse_power"\nb_N_m_a = 1e-8\na = 4.0\nshells = 1\n')
     assert main(['explore', str(tmp_path / 'my.toml'), '-o', str(tmp_path / 'page.html')]) == 2
     assert 'the explorer needs a lattice given by its name' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('by', 'words'), [('anchors', ''), ('rest', 'give positions = "anchors"')])
+def test_a_structure_that_is_pushed_has_a_page(by, words, scene_file, tmp_path, capsys):
+    table = ready_scene('demux').with_name('demultiplexer.csv').as_posix()
+    file = scene_file({'"demultiplexer.csv"': f'"{table}"', '"anchors"': f'"{by}"'}, name='demux')
+    assert main(['explore', str(file), '-o', str(tmp_path / 'page.html')]) == 2 * bool(words)
+    assert words in capsys.readouterr().err
+    if not words:
+        page = (tmp_path / 'page.html').read_text(encoding='utf-8')
+        structure = json.loads(page.split('id="data">')[1].split('</script>')[0])['structure']
+        assert structure['drive']['tones'] == [60, 80]
+        assert [port['name'] for port in structure['drive']['ports']] == ['A', 'B']
+        assert len(structure['x']) == 127
 
 
 @pytest.mark.skipif(not hasattr(os, 'mkfifo'), reason='a system without pipes that have names')

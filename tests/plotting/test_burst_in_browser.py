@@ -1,16 +1,19 @@
 """The burst that moves in the page of the explorer is the exact motion of the package, in Chromium, wherever its sliders are."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
 
-from magphonon import MagneticRepulsion, ToneBurst, propagate, units as u
+from magphonon import InversePower, MagneticRepulsion, ToneBurst, propagate, units as u
 from magphonon.stiffness import relaxed
 
 from .test_explorer_in_browser import MADE, browser, opened, slide  # noqa: F401  fixtures
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
+ROOT = Path(__file__).parents[2]
 PLANAR = ['triangular', 'honeycomb', 'kagome, two shells', 'square by Yukawa']
 RUN = '''([carrier, damping, gyration, removed, time]) => {
   const burst = view.burst;
@@ -70,3 +73,29 @@ def test_the_burst_of_the_page_is_the_exact_motion(name, removed, opened):  # no
         assert abs(motions[model] - exact[:, :2].ravel()).max() < 0.01 * abs(exact).max()
     apart = abs(motions['complete'] - motions['conventional']).max()
     assert apart > 0.1 * abs(motions['complete']).max()  # the other model would not pass
+
+
+@pytest.mark.parametrize('removed', [False, True])
+def test_the_tone_in_a_structure_from_a_table_is_the_exact_motion(removed, opened):  # noqa: F811
+    rng, page = np.random.default_rng(7 + removed), opened('demux')
+    carrier, time = rng.uniform(45, 95), rng.uniform(0.1, 0.2)
+    if removed:  # one of the middle
+        page.evaluate('view.burst.source = view.burst.patch.keys[63]')
+    told = page.evaluate(RUN, [carrier, rng.uniform(1, 8), 0.0 if removed else rng.uniform(10, 60), removed, time])
+    assert told['gone'] == int(removed), told['words']
+    drive, motions = told['drive'], {}
+    table = np.delete(np.genfromtxt(ROOT / 'data/demultiplexer.csv', delimiter=',', skip_header=1), [63] * removed, axis=0)
+    for model in ('complete', 'conventional'):
+        atoms = Atoms('H' * len(table), np.column_stack([table[:, :2], np.zeros(len(table))]) * u.m,
+                      masses=[7.07e-4 * u.kg] * len(table), constraint=FixAtoms(np.flatnonzero(table[:, 4])))
+        law = InversePower(1.6209e-10 * u.N * u.m**4.5824, 4.5824)
+        atoms.calc = MagneticRepulsion(atoms, law, cutoff=45 * u.mm, strengths=table[:, 2], model=model,
+                                       gyration=drive['gyration_rad_per_s'] * 1e-3, foundation=table[:, 3] * u.N / u.m)
+        atoms = relaxed(atoms).atoms
+        burst = ToneBurst(drive['source'], drive['direction'], drive['force_N'] * u.N, 2e-3 * np.pi * drive['carrier_Hz'],
+                          cycles=drive['cycles'])
+        exact = propagate(atoms, [0.0, time * 1e3], [burst], damping=drive['damping_per_s'] * 1e-3).displacements[-1]
+        motions[model] = np.array(told['u'][model]) * u.m
+        assert abs(motions[model] - exact[:, :2].ravel()).max() < 0.01 * abs(exact).max()
+    apart = abs(motions['complete'] - motions['conventional']).max()
+    assert apart > 0.1 * abs(motions['complete']).max()

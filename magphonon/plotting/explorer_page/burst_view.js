@@ -4,6 +4,7 @@
 const LEVELS = 24;  // shades on either side of rest
 const BRIGHTEST = 0.6;  // of the largest displacement, from which a colour is full
 const CYCLES = 5;
+const HEARD = 3;  // periods over which a port is heard
 const FORCE_N = 2.5e-4;  // linear waves: it sets no picture, only the largest displacement that is told
 const LIMIT = 30;  // times the largest displacement under the push, from which a lattice that buckles is stopped
 const PERIOD_s = 0.5;  // of the carrier on the screen at first
@@ -14,26 +15,24 @@ class BurstView {
   constructor(root, data, state, told) {
     Object.assign(this, {root, data, state, address: told, gone: new Set(), tool: 'push', cursor: null});
     this.canvases = Object.fromEntries(MODELS.map(model => [model, root.querySelector(`canvas.${model}`)]));
-    const lowest = [data.path.q.findIndex(q => q[0] === 0 && q[1] === 0), data.path.point.at]
-      .map(at => modeOf(data, state, 'complete', data.path.q[Math.max(at, 0)], 0).frequency_Hz).map(Math.abs);
-    const highest = Math.max(...sceneBands.flat());
-    this.drive = {direction: [0, 1], force_N: FORCE_N, cycles: CYCLES, damping_per_s: 0.1 * lowest[0], gyration_rad_per_s: 0,
-      carrier_Hz: (lowest[0] + 1.2 * lowest[1]) / 2.2};
+    const {tones = [], ports = [], source = null, highest_Hz: highest, ...drive} = data.structure?.drive ?? driveOf(data, state);
+    this.drive = {force_N: FORCE_N, gyration_rad_per_s: 0, ...drive};
+    Object.assign(this, {ports, source});
     for (const [name, key] of Object.entries(TOLD)) {
       const given = parseFloat(told.get(name));
       if (given >= 0) this.drive[key] = given;
     }
-    const most = {carrier: 1.1 * highest, damping: 2 * lowest[0], gyration: 2 * Math.PI * highest};
+    const most = {carrier: 1.1 * highest, damping: 20 * drive.damping_per_s, gyration: 2 * Math.PI * highest};
     for (const name of Object.keys(most)) {
       const input = root.querySelector(`[name=${name}]`), step = roundStep(Math.max(most[name], 1.5 * this.drive[TOLD[name]]) / 1000);
       Object.assign(input, {min: name === 'carrier' ? step : 0, max: 1200 * step, step, value: this.drive[TOLD[name]]});
-      input.addEventListener('input', () => { this.address.set(name, input.value); this.restart(); showMode(); });
+      input.addEventListener('input', () => { this.address.set(name, input.value); this.restart(); writeLink(); });
     }
-    this.slower = roundStep(PERIOD_s * this.drive.carrier_Hz);
+    root.querySelector('.tones').innerHTML = tones.map(tone => `<button type="button" value="${tone}">${tone}\u202fHz</button>`).join(' ');
+    this.slower = roundStep((data.structure ? 0.4 : 1) * PERIOD_s * this.drive.carrier_Hz);
     root.querySelector('[name=slower]').innerHTML = [0.4, 1, 4].map(times => `<option value="${times * this.slower}"${
       times === 1 ? ' selected' : ''}>${inWords(times * this.slower)}</option>`).join('');
     this.rim = told.get('source') === 'rim';
-    this.source = null;
     this.rebuild();
     this.listen();
   }
@@ -66,10 +65,10 @@ class BurstView {
     }
     this.drive.source = this.patch.keys.indexOf(this.source);
     const bonds = bondsAt(this.patch, this.data, this.state, this.rest);
-    this.bursts = Object.fromEntries(MODELS.map(model =>
-      [model, new Burst(this.patch, bonds, model, this.state.foundation_N_per_m, this.drive)]));
-    this.pushed = Object.fromEntries(MODELS.map(model => [model, 0]));
-    this.record = Object.fromEntries(MODELS.map(model => [model, []]));
+    const each = make => Object.fromEntries(MODELS.map(model => [model, make(model)])), springs = springsOf(this.patch, this.state);
+    this.bursts = each(model => new Burst(this.patch, bonds, model, springs, this.drive));
+    this.pushed = each(() => 0);
+    this.heard = each(() => this.ports.map(() => 0));
     this.draw();
   }
 
@@ -78,7 +77,14 @@ class BurstView {
     for (const model of MODELS) {
       const burst = this.bursts[model];
       if (burst.grown) continue;
-      burst.advance(time);
+      const looks = this.ports.length ? Math.ceil(8 * time * this.drive.carrier_Hz) : 1;
+      for (let look = 0; look < looks; look++) {
+        burst.advance(time / looks);
+        this.ports.forEach(({particle, direction: [dx, dy]}, k) => {
+          const at = 2 * this.patch.keys.indexOf(particle), u = at < 0 ? 0 : dx * burst.u[at] + dy * burst.u[at + 1];
+          this.heard[model][k] += (u ** 2 - this.heard[model][k]) * Math.min(1, time / looks * this.drive.carrier_Hz / HEARD);
+        });
+      }
       const largest = burst.u.reduce((most, u) => Math.max(most, Math.abs(u)), 0);
       if (burst.t < this.drive.cycles / this.drive.carrier_Hz) this.pushed[model] = Math.max(this.pushed[model], largest);
       burst.grown = largest > LIMIT * this.pushed[model] && this.pushed[model] > 0;
@@ -86,9 +92,17 @@ class BurstView {
     this.draw();
   }
 
-  /** When the patch is as full of echoes as it gets: six bursts after the push. */
+  /** When the patch is as full of echoes as it gets: six bursts after the push; of a structure, when the tone ends. */
   get over() {
-    return this.bursts.complete.t > 6 * this.drive.cycles / this.drive.carrier_Hz;
+    return this.bursts.complete.t > (this.patch.springs ? 1 : 6) * this.drive.cycles / this.drive.carrier_Hz;
+  }
+
+  /** The mean squares of the last periods at the first two ports, in words. */
+  levels(model) {
+    const [[a, b], [one, other]] = [this.heard[model], this.ports];
+    if (!(a > 0 && b > 0)) return '';
+    const more = 10 * Math.log10(a / b), names = more > 0 ? [one, other] : [other, one];
+    return `; ${names[0].name} is ${Math.abs(more).toFixed(0)}\u202fdB louder than ${names[1].name}`;
   }
 
   /** Pixels per spacing of a canvas, and half the height of the patch in spacings. */
@@ -98,8 +112,8 @@ class BurstView {
   }
 
   draw() {
-    const {x, y, held, size} = this.patch, dark = matchMedia('(prefers-color-scheme: dark)').matches;
-    const free = MODELS.filter(model => !this.bursts[model].grown).flatMap(model => [...this.bursts[model].u.filter((_, k) => k % 2)]);
+    const {x, y, held, size, keys} = this.patch, dark = matchMedia('(prefers-color-scheme: dark)').matches;
+    const free = MODELS.filter(model => !this.bursts[model].grown).flatMap(model => this.along(this.bursts[model].u));
     const scale = BRIGHTEST * free.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
     for (const model of MODELS) {
       const canvas = this.canvases[model], width = canvas.clientWidth, dense = devicePixelRatio || 1, burst = this.bursts[model];
@@ -110,9 +124,9 @@ class BurstView {
       const pen = canvas.getContext('2d');
       pen.setTransform(dense, 0, 0, dense, 0, 0);
       pen.clearRect(0, 0, width, 2 * high * unit);
-      const shades = new Map();
+      const shades = new Map(), moved = this.along(burst.u);
       for (let p = 0; p < size; p++) {
-        const level = held[p] ? 'held' : Math.round(LEVELS * Math.max(-1, Math.min(1, burst.u[2 * p + 1] / scale)));
+        const level = held[p] ? 'held' : Math.round(LEVELS * Math.max(-1, Math.min(1, moved[p] / scale)));
         if (!shades.has(level)) shades.set(level, []);
         shades.get(level).push(p);
       }
@@ -134,10 +148,23 @@ class BurstView {
         pen.arc(...place(p), p === this.cursor ? 1.6 * dot : dot, 0, 2 * Math.PI);
         pen.stroke();
       }
+      pen.fillStyle = pen.strokeStyle;
+      pen.font = `bold ${Math.max(14, 1.3 * dot)}px system-ui, sans-serif`;
+      this.ports.filter(({particle}) => keys.includes(particle)).forEach(({particle, name}) => {
+        const [px, py] = place(keys.indexOf(particle));
+        pen.strokeRect(px - dot, py - dot, 2 * dot, 2 * dot);
+        pen.fillText(name, px + 1.4 * dot, py + dot);
+      });
       canvas.dataset.time_ms = 1e3 * burst.t;
       this.root.querySelector(`.${model} .told`).textContent = burst.grown ? 'it buckles: the motion grows without end'
-        : `${(1e3 * burst.t).toFixed(0)} ms`;
+        : `${(1e3 * burst.t).toFixed(0)} ms${this.ports.length > 1 ? this.levels(model) : ''}`;
     }
+  }
+
+  /** Displacements along the push. */
+  along(u) {
+    const [dx, dy] = this.drive.direction;
+    return this.patch.keys.map((_, p) => dx * u[2 * p] + dy * u[2 * p + 1]);
   }
 
   /** The particle nearest to a point of a canvas, in pixels. */
@@ -193,6 +220,11 @@ class BurstView {
       canvas.addEventListener('blur', () => { this.cursor = null; this.draw(); });
     }
     const on = (name, act) => root.querySelector(`[name=${name}]`).addEventListener('click', act);
+    root.querySelectorAll('.tones button').forEach(button => button.addEventListener('click', () => {
+      const carrier = root.querySelector('[name=carrier]');
+      carrier.value = button.value;
+      carrier.dispatchEvent(new Event('input'));
+    }));
     on('again', () => this.restart());
     on('step', () => { this.playing = false; this.show(); this.advance(1 / 20 / this.drive.carrier_Hz); });
     on('run', () => { this.playing = !this.playing; this.show(); });
@@ -249,7 +281,7 @@ class BurstView {
     const context = new AudioContext(), bonds = bondsAt(this.patch, this.data, this.state, this.rest);
     const duration = 4 * this.drive.cycles / this.drive.carrier_Hz, samples = Math.ceil(duration * rate / fast);
     MODELS.forEach((model, k) => {
-      const burst = new Burst(this.patch, bonds, model, this.state.foundation_N_per_m, this.drive);
+      const burst = new Burst(this.patch, bonds, model, springsOf(this.patch, this.state), this.drive);
       const buffer = context.createBuffer(1, samples, rate), out = buffer.getChannelData(0);
       for (let n = 0; n < samples; n++) {
         burst.advance(fast / rate);
@@ -265,8 +297,17 @@ class BurstView {
   }
 }
 
+/** A short burst in the middle of a lattice, between the lowest frequencies at the zone centre and the first named point. */
+function driveOf(data, state) {
+  const [centre, point] = [Math.max(data.path.q.findIndex(q => q[0] === 0 && q[1] === 0), 0), data.path.point.at]
+    .map(at => Math.abs(modeOf(data, state, 'complete', data.path.q[at], 0).frequency_Hz));
+  return {direction: [0, 1], cycles: CYCLES, damping_per_s: 0.1 * centre, carrier_Hz: (centre + 1.2 * point) / 2.2,
+    highest_Hz: Math.max(...sceneBands.flat())};
+}
+
 /** Blue for one way, orange for the other, paper at rest: a scale that the colour-blind can read. */
 function shade(value, dark) {
-  const ends = value > 0 ? [213, 94, 0] : [0, 114, 178], rest = dark ? [38, 42, 50] : [238, 240, 243], part = Math.abs(value);
+  const [orange, blue, rest] = dark ? [[255, 140, 40], [70, 170, 255], [38, 42, 50]] : [[213, 94, 0], [0, 114, 178], [238, 240, 243]];
+  const ends = value > 0 ? orange : blue, part = Math.abs(value);
   return `rgb(${ends.map((end, c) => Math.round(rest[c] + (end - rest[c]) * part)).join(',')})`;
 }

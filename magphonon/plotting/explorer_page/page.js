@@ -162,6 +162,10 @@ function showMode() {
   }
   drawZone(element('zone'), data, at);
   showPlaying();
+  writeLink();
+}
+
+function writeLink() {
   clearTimeout(view.linking);  // browsers refuse hundreds of addresses in a few seconds
   view.linking = setTimeout(() => history.replaceState(null, '', linkOf(view.state, view.chosen)), 300);
 }
@@ -295,16 +299,19 @@ function start() {
   }
   if (!data.sliders.exponent) element('exponent').closest('.slider').innerHTML = NO_EXPONENT;
   else element('law').textContent = `the force at ${shown('spacing', scene.spacing_m)} stays ${written(data.law.force_N)}\u202fN`;
-  listen();
-  listenToTools();
   document.body.classList.toggle('chain', data.periods === 1);
-  document.body.classList.toggle('only-burst', address.get('view') === 'burst');
-  followLink();
-  if (data.periods === 2) view.burst = new BurstView(element('burst'), data, view.state, address);
+  document.body.classList.toggle('structure', Boolean(data.structure));
+  document.body.classList.toggle('only-burst', Boolean(data.structure) || address.get('view') === 'burst');
+  if (!data.structure) {
+    listen();
+    listenToTools();
+    followLink();
+  }
+  if (data.periods !== 1) view.burst = new BurstView(element('burst'), data, view.state, address);
   let last = performance.now();
   const frame = now => {
     view.burst?.frame((now - last) / 1000);
-    if (view.playing) Object.values(motions).forEach(motion => motion.advance(Math.min(now - last, 100) / 1000 / view.slowed));
+    if (view.playing && !data.structure) Object.values(motions).forEach(motion => motion.advance(Math.min(now - last, 100) / 1000 / view.slowed));
     last = now;
     requestAnimationFrame(frame);
   };
