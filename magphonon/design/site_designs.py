@@ -668,7 +668,7 @@ def write_build_list(path: str | PathLike[str], design: SiteDesign, tolerances: 
     `parts`, as given to `of_parts`; 0 is none of them.  A tolerance is that of `SiteDesign.tolerances`, relative.
     """
     calc: Any = design.atoms.calc
-    x, y, _ = (calc.anchors - design.variables.calc.anchors.mean(axis=0)).T / units.m
+    x, y, _ = ((calc.anchors - design.variables.calc.anchors.mean(axis=0)) / units.m).round(12).T + 0.0  # no zeros of round-off
     held, springs = ~design.variables.system.mobile, np.broadcast_to(calc.foundation, (len(x), calc.dim)) / (units.N / units.m)
     columns = {'x_m': x, 'y_m': y, 'strength': calc.strengths, 'stiffness_N_per_m': springs[:, 0], 'held': held}
     for name, factors in (parts or {}).items():
