@@ -218,6 +218,8 @@ trait('unlike', 'particles of different laws, strengths or springs', _differing)
 
 LIKE = 'constraints', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike'
 """What a tool takes that knows a structure by its masses, its bonds and springs."""
+SPRUNG = 'gyration', *LIKE
+"""What a tool takes that knows a structure by M, B and K on constant springs."""
 STIFF = 'site law', *LIKE
 """What a tool takes that knows a structure by its masses and its stiffness K alone."""
 LINEAR = 'gyration', *STIFF

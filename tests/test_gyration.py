@@ -42,7 +42,7 @@ from magphonon.response import (
     receptance,
 )
 from magphonon.stiffness import LinearSystem
-from magphonon.stiffness.matrices import gyrating_modes
+from magphonon.stiffness.matrices import lossless_modes
 from magphonon.waves import burst_setup, run_burst
 
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -486,7 +486,7 @@ def test_gyration_does_not_hold_a_saddle():
             K = cell.calc.bloch_matrix(np.array([[0, 0.5, 0]]))[0].real
             rates = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-K, g * J]])).real
             assert abs(judged.buckling.growth - rates.max()) < 1e-9
-            omega, found = gyrating_modes(-g * J, K)
+            omega, found = lossless_modes(-g * J, K)
             s = np.where(omega < 0, -omega, -1j * omega)  # what grows, and what turns as e^{-iwt}
             assert abs(s**2 * found - g * J @ (s * found) + K @ found).max() < 1e-11
             assert np.allclose(np.linalg.norm(found, axis=0), 1, rtol=1e-12)
@@ -646,11 +646,13 @@ def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monk
     assert 'take a smaller patch' in capsys.readouterr().err
 
 
-def test_bursts_reach_the_branches_above_all_stiffness():
+@pytest.mark.parametrize('turn', [1.0, -1.0, 'each'])
+def test_bursts_reach_the_branches_above_all_stiffness(turn):
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=3.0)
     patch = lattices.half_hexagon(cell, 8.0)
-    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0, gyration=3.0)
+    g = -3.0 + 1e-6 * np.arange(len(patch)) if turn == 'each' else 3.0 * turn
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0, gyration=g)
     place, stiffest = burst_setup(cell, patch, 'point'), highest_frequency(patch)
     top = modes(patch).omega[-1]
     assert top > 1.1 * stiffest

@@ -36,7 +36,7 @@ from magphonon import (
 from magphonon.plotting.axes import COLOURS, legend_of_set, new_axes
 from magphonon.scenes.scene import reference
 from magphonon.stiffness import elastic_moduli, net, self_stress
-from magphonon.stiffness.matrices import gyrating_modes
+from magphonon.stiffness.matrices import lossless_modes
 
 from .rows import Check, Outcome, save_picture
 
@@ -143,7 +143,7 @@ def _wigner():
     q, rate = [[k / (2 * np.pi), k / (4 * np.pi), 0]], 10.0
     plasmon, shear = 2 * np.pi * n * k, known['wigner_shear'] * np.sqrt(n) * k**2
     yield Row(WIGNER, 'plasmon, 2 pi n e^2 k/m', analytic_bands(cell, q).omega[0, 1] ** 2, plasmon, None, 1e-3)
-    slow, fast = gyrating_modes(MASS * rate * np.array([[0, -1], [1, 0]]), cell.calc.bloch_matrix(np.array(q))[0])[0]
+    slow, fast = lossless_modes(MASS * rate * np.array([[0, -1], [1, 0]]), cell.calc.bloch_matrix(np.array(q))[0])[0]
     yield Row(WIGNER, 'in a magnetic field: magnetophonon, omega_L omega_T/omega_c', slow,
               np.sqrt(plasmon * shear) / rate, None, 1e-3)
     yield Row(WIGNER, 'in a magnetic field: magnetoplasmon^2 - omega_c^2, omega_L^2', fast**2 - rate**2, plasmon,

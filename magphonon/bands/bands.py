@@ -21,7 +21,7 @@ from ..results import InHertz
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.site_laws import each_spring
-from ..traits import LIKE, LINEAR, takes
+from ..traits import LINEAR, SPRUNG, takes
 from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:
@@ -310,7 +310,7 @@ class GroupVelocities(NamedTuple):
 def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None = None) -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
-    For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, where B = 0 unless particles gyrate.  At degenerate
+    For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, with the matrix B of `LinearSystem`.  At degenerate
     points the velocity depends on the direction of approach; there the mean of the crossing branches is returned for each.
 
     Parameters
@@ -347,7 +347,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
     return GroupVelocities(omega, velocity)
 
 
-@takes('all neighbours', 'gyration', *LIKE)
+@takes('all neighbours', *SPRUNG)
 def cut_off(atoms: Atoms) -> float | None:
     """The cut-off frequency of a lattice on a foundation or between walls: the lowest one at Gamma, below which long waves do not
     propagate.

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from ..errors import finite, whole
 from ..stiffness.bond import Model
-from ..stiffness.matrices import companion, eigenvalues_of_two, gyrating_modes, hermitian_eigenvalues, hessian, signed_root
+from ..stiffness.matrices import companion, eigenvalues_of_two, hermitian_eigenvalues, hessian, lossless_modes, signed_root
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import site_damping
@@ -54,10 +54,10 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.  Of particles that gyrate those at -q are others.
+        In rad/ms, unstable modes negative.  Those at -q are others where forces depend on the velocity (`LinearSystem.B`).
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
-        Normalised to one and weighted with the square root of the mass; zero on held particles.  Of particles that gyrate they
-        are not orthogonal.
+        Normalised to one and weighted with the square root of the mass; zero on held particles.  They are
+        orthogonal where B = 0.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def _by_lapack(system, q, model, vectors):
     for part in tqdm(parts, desc='wavevectors', delay=2, disable=None, leave=False) if len(parts) > 1 else parts:
         K = system.bloch(part, model)
         if B is not None:
-            omega, columns = gyrating_modes(B, K)
+            omega, columns = lossless_modes(B, K)
             yield omega * abs(omega), system.free.toarray() @ columns
             continue
         if not vectors:

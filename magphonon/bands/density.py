@@ -206,12 +206,12 @@ def _on_mesh(atoms, steps, model):
         steps = 6 * int(np.ceil(STEPS[periodic] / 6 / max(1.0, len(atoms) / 6) ** (1 / periodic)))
     steps = whole('steps', steps)
     n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
-    gyrating = np.any(atoms.calc.gyration)
-    if not gyrating:
+    turned = atoms.calc.turning > 0
+    if not turned:
         n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # those of -q are the same
     frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)
     half = frequencies.reshape(-1, *(steps,) * (periodic - 1), frequencies.shape[-1])
-    if gyrating:
+    if turned:
         return half
     others = tuple(range(1, periodic))
     mirrored = np.roll(np.flip(half[1 : (steps + 1) // 2], (0, *others)), 1, others)

@@ -5,9 +5,9 @@ bonds bridge, all multiples of s.  At the frequency omega its mass-weighted mode
 
     sum_p D_p mu^p v = (omega^2 + i omega B) v        B = gamma - g (x) J        p = -P ... P
 
-a polynomial eigenproblem of degree 2 P; gamma and g are the damping and the gyration of each particle, and the motion goes as
-e^{-i omega t}.  Without damping, the xi that are real are the bands; complex ones decay as e^{-Im xi} per step: below the cut-off
-of a foundation, above the bands and between them.  With damping every wave decays.
+a polynomial eigenproblem of degree 2 P, with the damping gamma and the turning g of each particle (`LinearSystem.B`), of the
+motion e^{-i omega t}.  Without damping, the xi that are real are the bands; complex ones decay as e^{-Im xi} per step: below the
+cut-off of a foundation, above the bands and between them.  With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
 at zero, in Jordan chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
@@ -51,8 +51,8 @@ INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely ev
 def laurent_roots(A: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots mu of `sum_p A_p mu^p v = 0` that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
-    `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p (of A_0 but for gyration, by
-    which pairs are mu and 1/mu*); what is not coupled must be exactly zero.  The vectors v, shape (roots, n), are of norm one.
+    `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p (of A_0 too if g = 0; else
+    the pairs are mu and 1/mu*); what is not coupled must be exactly zero.  The vectors v, shape (roots, n), are of norm one.
     """
     powers, n = len(A) - 1, A.shape[1]
     A = A / abs(A).max()
@@ -143,7 +143,7 @@ class ComplexBands(InHertz):
     xi : ndarray of complex, shape (frequencies, waves)
         Phase and decay per step, `e^{i xi}`, the imaginary part zero or positive.  Without damping the real part is so too, and
         each stands for its family xi, -xi and their conjugates; with damping for xi and -xi alone: where the crests of a wave
-        run against its energy, the real part is negative.  With gyration those whose energy runs forwards.  Infinite where a wave
+        run against its energy, the real part is negative.  With g those whose energy runs forwards.  Infinite where a wave
         ends at the particle that moves.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
@@ -212,12 +212,12 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
 
 
 def _dynamic(system, omega, damping):
-    """The matrices omega^2 + i omega B of damping and gyration, real without them."""
+    """The matrices omega^2 + i omega B with losses and forces that turn velocities, real without them."""
     gamma, one = site_damping(damping, len(system)), np.eye(system.directions)
     if not (gamma.any() or system.turning):
         return (omega * abs(omega))[:, None, None] * one
     for w in omega[omega < 0][:1]:
-        raise ValueError(f'with damping or gyration omega must be zero or positive, not {w:.9g} rad/ms')
+        raise ValueError(f'where forces depend on the velocity omega must be zero or positive, not {w:.9g} rad/ms')
     return (omega**2)[:, None, None] * one + 1j * omega[:, None, None] * system.B(gamma).toarray()
 
 

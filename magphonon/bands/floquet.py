@@ -23,7 +23,7 @@ from ..stiffness.matrices import companion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, on_foundation
 from ..stiffness.sites import site_damping
-from ..traits import LIKE, takes
+from ..traits import SPRUNG, takes
 from .bloch import wavevectors
 
 MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
@@ -59,7 +59,7 @@ class FloquetBands(InHertz):
         return np.imag(self.omega).max(axis=1)
 
 
-@takes('modulation', 'gyration', *LIKE)
+@takes('modulation', *SPRUNG)
 def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, damping: ArrayLike = 0.0,
                   tolerance: float = 1e-8) -> FloquetBands:
     """Quasi-frequencies of a lattice on a `Travelling` foundation, by Hill's method.

@@ -21,9 +21,9 @@ from ..interactions.pair_laws import InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
 from ..stiffness.bond import interaction_along
-from ..stiffness.matrices import bloch_matrix, gyrating_modes, hermitian_eigenvalues, mass_weighted, signed_root
+from ..stiffness.matrices import bloch_matrix, hermitian_eigenvalues, lossless_modes, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
-from ..traits import takes
+from ..traits import SPRUNG, takes
 from .bloch import bloch_modes
 
 REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
@@ -59,7 +59,7 @@ class NeighbourShifts:
         return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
 
 
-@takes('all neighbours', 'gyration', 'constraints', 'out of plane', 'attraction', 'oblique', 'unlike')
+@takes('all neighbours', *{*SPRUNG} - {'conventional'})
 def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     """How the frequencies of a lattice change if all neighbours repel each other.
 
@@ -107,7 +107,7 @@ class ConvergedShells:
     clear: bool
 
 
-@takes('all neighbours', 'gyration', 'constraints', 'out of plane', 'attraction', 'oblique', 'unlike')
+@takes('all neighbours', *{*SPRUNG} - {'conventional'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
     """The least number of shells with which, and with more of which, each frequency is right within a tolerance.
 
@@ -213,12 +213,12 @@ def _bloch(atoms, bonds, q, foundation=0.0):
 
 
 def _omega(atoms, D):
-    if not (atoms.constraints or np.any(atoms.calc.gyration)):
+    if not (atoms.constraints or atoms.calc.turning):
         return signed_root(hermitian_eigenvalues(mass_weighted(D, atoms.get_masses())))
     system = LinearSystem.about(atoms.calc, atoms)
     shapes = system.shapes.toarray()
     K = shapes.T @ D @ shapes
-    return gyrating_modes(system.B().toarray(), K)[0] if system.turning else signed_root(np.linalg.eigvalsh(K))
+    return lossless_modes(system.B().toarray(), K)[0] if system.turning else signed_root(np.linalg.eigvalsh(K))
 
 
 def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:

@@ -49,7 +49,7 @@ class Case:
     scene: Scene
     atoms: Any
     bands: dict[str, Bands]
-    phonon: Phonopy | None = None  # None for particles that gyrate, which forces alone do not show
+    phonon: Phonopy | None = None  # None where forces depend on the velocity, which phonopy does not know
     lossy: Bands | None = None
     hot: ThermalBands | None = None
 
@@ -121,7 +121,7 @@ def long_waves(case: Case) -> Iterator[str]:
     """Speeds of sound and moduli, with the foundation removed."""
     if 'conventional' not in case.bands:
         yield '\nno conventional model: the sums of D0 and D* diverge separately and converge only together'
-    if case.atoms.constraints or np.any(case.atoms.calc.gyration):
+    if case.atoms.constraints or case.atoms.calc.turning:
         return
     speeds = [sound_speeds(case.atoms, model=model) for model in case.atoms.calc.bloch_models]
     yield 'long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)'

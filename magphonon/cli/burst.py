@@ -177,8 +177,8 @@ def _amplitudes(cell, largest, loud):
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR
 
-    spacing, gyrates = cell.calc.bonds.lengths.min(), np.any(cell.calc.gyration)  # shifts of such waves are not known
-    bound = np.inf if gyrates else frequency_shifts(cell).amplitude(LINEAR_ERROR)
+    spacing = cell.calc.bonds.lengths.min()
+    bound = np.inf if cell.calc.turning else frequency_shifts(cell).amplitude(LINEAR_ERROR)  # shifts of such waves are not known
     lines = ['']
     for record, u in largest.items():
         lines.append(f'{record}: largest displacement {u / units.m:.3g} m, {u / spacing:.2%} of the spacing')
@@ -210,7 +210,7 @@ def _unstable(cell):
     from ..stability.buckling import common_spring, critical_foundation, on_the_verge
     from ..stability.verdicts import verdict
 
-    if np.any(cell.calc.gyration):
+    if cell.calc.turning:
         judged = verdict(cell)
         return [] if judged.stable else ['', f'UNSTABLE: {judged.finding("buckling").words}']
     needed, given = critical_foundation(cell, 'complete')[0], common_spring(cell)

@@ -65,6 +65,7 @@ def _responses(scene, plan, folder, save):
     from ..plotting.response import plot_response
     from ..response.frf import receptance
     from ..stiffness.rest import LinearSystem
+    from ..traits import LINEAR
 
     axes, lines = None, []
     pushed = plan.base_deg is None and plan.wall is None
@@ -72,7 +73,7 @@ def _responses(scene, plan, folder, save):
     names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
     for model, style in (('complete', '-'), ('conventional', '--')):
         atoms, source, answer = scene.shaken(model, bench=True, wall=True)
-        system = LinearSystem.of(atoms, 'gyration')
+        system = LinearSystem.of(atoms, *LINEAR)
         if plan.wall is not None and model == 'complete':
             moved = np.count_nonzero(source.any(axis=1))
             lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees, '

@@ -20,7 +20,7 @@ HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, an
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
-MOST_TURNING = 1500  # the same where they gyrate: matrices are complex and of twice the size
+MOST_TURNING = 1500  # the same where forces turn velocities: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 LOWEST = 60  # number of the lowest modes of a larger patch
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
@@ -76,8 +76,7 @@ def cost(scene: Scene) -> Cost:
 
     size = 2 * particles_of(scene)
     if size <= MOST_DIRECTIONS:
-        gyrating = bool(getattr(scene.lattice, 'gyration_rad_per_s', 0.0))  # complex, of twice the size
-        memory = SHAPES_bytes * size**2 * 8**gyrating
+        memory = SHAPES_bytes * size**2 * 8**scene.turns  # complex, of twice the size
     else:
         memory = (FACTOR_bytes + 16 * LOWEST) * size / 2
     return Cost('modes', {size_key(scene): PICTURES_bytes + memory}, 6)
@@ -123,8 +122,9 @@ def _of_patch(folder, save, lattice, patch, scene, options):
     from ..bands.density import band_ranges
     from ..response.normal_modes import localisation
     from ..stiffness.rest import LinearSystem
+    from ..traits import LINEAR
 
-    system, defects = LinearSystem.of(patch, 'gyration').moving(), scene.defect_places()
+    system, defects = LinearSystem.of(patch, *LINEAR).moving(), scene.defect_places()
     ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
     (found, every), filmed = _modes(system, ranges), options.animate
     if filmed is not None and not 1 <= filmed <= len(found.omega):
@@ -182,8 +182,8 @@ def _modes(system, ranges):
 
     size, turns = system.K.shape[0], system.turning
     if turns and size > MOST_TURNING:
-        raise ValueError(f'the patch has {size} free directions; modes of particles that gyrate take dense matrices, of up to '
-                         f'{MOST_TURNING}: take a smaller patch, or "magphonon frf"')
+        raise ValueError(f'the patch has {size} free directions; modes of particles whose velocities turn take dense matrices, '
+                         f'of up to {MOST_TURNING}: take a smaller patch, or "magphonon frf"')
     if size <= MOST_DIRECTIONS:
         return modes(system), True
     lowest = modes(system, LOWEST)

@@ -104,7 +104,7 @@ def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | No
     >>> from magphonon.bands import edge_weights
     >>> from magphonon.plotting import plot_edge_bands
     >>> strip = lattices.ribbon(lattices.honeycomb(1.0, 1.0), 6)
-    >>> strip.calc = MagneticRepulsion(strip, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55)
+    >>> strip.calc = MagneticRepulsion(strip, InversePower(1.0, 4.0), foundation=6.0)
     >>> path = strip.cell.bandpath([[-0.5, 0, 0], [0.5, 0, 0]], npoints=20, pbc=strip.pbc)
     >>> bands = analytic_bands(strip, path, 'conventional', vectors=True)
     >>> ax = plot_edge_bands(bands, edge_weights(strip, bands))

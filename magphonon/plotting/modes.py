@@ -93,14 +93,14 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
                centre: ArrayLike | None = None, defects: ArrayLike = ()) -> Axes:
     """Shape of a mode of a patch: an arrow on every particle, and darker the more of the kinetic energy it has.
 
-    Where particles gyrate, with its orbit, and the arrows at the time of the largest displacement.
+    Of a complex mode with its orbit, and the arrows at the time of the largest displacement.
 
     Parameters
     ----------
     atoms : ase.Atoms
         A planar structure with its PairCalculator, at rest.
     shape : ndarray, shape (particles, dim)
-        A row of `Modes.shapes`; complex where particles gyrate.
+        A row of `Modes.shapes`; real or complex.
     ax : matplotlib.axes.Axes, optional
     title : str
     centre : array_like, shape (2,), optional

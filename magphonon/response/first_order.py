@@ -1,11 +1,11 @@
-"""The exact linear transient where losses differ from site to site, or sites gyrate: it is no function of K alone.
+"""The exact linear transient with any matrix B of losses and turning: it is no function of K alone.
 
     y'' + B y' + K y = g        z' = A z + (0, g/R)        z = (y, y'/R)        A = R X        X = [[0, 1], [-K/R^2, -B/R]]
 
     exp(A t) = J_0(R t) + 2 sum_n J_n(R t) F_n        F_{n+1} = 2 X F_n + F_{n-1}        F_1 = X        F_0 = 1
 
 is the Chebyshev series of e^{i lambda R t} at lambda = X/i, with F_n = i^n T_n(X/i): all numbers are real, and no root of K is
-needed.  All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest gyration g.  Losses lie off the
+needed.  All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest turning g.  Losses lie off the
 interval, so that F_n grows as e^{c n/R}, and with it the round-off of the coefficients: a motion is taken in parts of c t < 5,
 and R is at least 10 c.  Forces enter by their own coefficients, e^{i lambda R (t - t')} times their course, integrated by Gauss
 on the panels of `propagation`.
@@ -33,13 +33,13 @@ EPS = np.finfo(float).eps
 class FirstOrder:
     """Motion of a structure with any matrix B, part by part.
 
-    The interval is that of K, from its lowest eigenvalue, if negative, to a bound of the highest; loss (1/ms) and gyration
+    The interval is that of K, from its lowest eigenvalue, if negative, to a bound of the highest; loss (1/ms) and turning
     (rad/ms) are the largest of any site.
     """
 
-    def __init__(self, K: sparse.csr_array, B: sparse.csr_array, interval: Interval, loss: float, gyration: float) -> None:
+    def __init__(self, K: sparse.csr_array, B: sparse.csr_array, interval: Interval, loss: float, turning: float) -> None:
         off_axis = loss + np.sqrt(-interval.lowest)
-        self.rate = max(gyration / 2 + np.sqrt(gyration**2 / 4 + interval.highest), SLENDER * off_axis)
+        self.rate = max(turning / 2 + np.sqrt(turning**2 / 4 + interval.highest), SLENDER * off_axis)
         self.longest = FADED / off_axis if off_axis else np.inf
         self._X = sparse.csr_array(sparse.block_array([[None, sparse.eye_array(K.shape[0])],
                                                        [K / -(self.rate**2), B / -self.rate]]))

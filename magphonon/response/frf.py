@@ -179,7 +179,7 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     """
     from scipy import sparse
 
-    system = LinearSystem.of(atoms, 'gyration').moving()
+    system = LinearSystem.of(atoms, *LINEAR).moving()
     n = len(system)
     omega = finite('omega', np.atleast_1d(omega))
     rate = site_damping(damping, n)

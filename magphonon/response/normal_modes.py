@@ -16,7 +16,7 @@ from ..errors import Unstable, finite, refuse_memory, whole
 from ..files import Saved
 from ..results import InHertz
 from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
-from ..stiffness.matrices import gyrating_modes, signed_root
+from ..stiffness.matrices import lossless_modes, signed_root
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, STIFF, takes
@@ -40,9 +40,9 @@ class Modes(InHertz, Saved, kind='modes', units={
         Ascending, in rad/ms; that of an unstable mode is minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
         Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, where
-        particles gyrate.  Positive at the first particle and axis that moves by more than a third of the largest motion.  Of
-        modes with equal frequencies the first moves most there, and the others not at all, each in turn: so they are the same on
-        every machine, if all of the set are asked for.
+        forces turn velocities.  Positive at the first particle and axis that moves by more than a third of the largest motion.
+        Of modes with equal frequencies the first moves most there, and the others not at all, each in turn: so they are the same
+        on every machine, if all of the set are asked for.
     """
 
     omega: np.ndarray
@@ -78,7 +78,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     if system.turning or count == size:
         _refuse_all(system)
     if system.turning:
-        omega, vectors = (part[..., :count] for part in gyrating_modes(system.B().toarray(), system.K.toarray()))
+        omega, vectors = (part[..., :count] for part in lossless_modes(system.B().toarray(), system.K.toarray()))
         return Modes(omega, _fixed(np.arange(count), (system.shapes @ vectors).T, system))
     if count == size:
         squares, vectors = np.linalg.eigh(system.K.toarray())

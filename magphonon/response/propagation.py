@@ -198,7 +198,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         It should be smooth but for kinks and steps, and have no pulse shorter than the shortest period.  So should the course of
         a Wall, whose velocity is left at zero, as that of all held particles.
     damping : float or array_like, shape (particles,)
-        gamma in 1/ms; where it differs from particle to particle, or particles gyrate, the motion takes four times as many
+        gamma in 1/ms; where it differs from particle to particle, or forces turn velocities, the motion takes four times as many
         products.
     particles : array_like of int, optional
         The particles whose motion is returned; all if not given.

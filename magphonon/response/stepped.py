@@ -22,7 +22,7 @@ from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
-from ..traits import LIKE, takes
+from ..traits import SPRUNG, takes
 from .frf import Dof, FrequencyResponse
 
 TRANSIENT_FRACTION = 1e-3
@@ -35,7 +35,7 @@ HEADSTART = 1e3
 """Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 
 
-@takes('gyration', *LIKE)
+@takes(*SPRUNG)
 def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, damping: float, force: float,
                      dt: float) -> FrequencyResponse:
     """The response at a finite force, in time: a replica of the structure for each frequency, run until it is steady.

@@ -63,8 +63,9 @@ def check(scene: Scene) -> None:
         raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
                          f"use '{ALL}', the sum over all neighbours")
     _supports(scene)
-    if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
-        _gyration(scene)
+    if scene.turns and scene.law.shells == ALL:
+        raise ValueError("lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = "
+                         f"'{getattr(scene.law, 'asked', ALL)}', knows none; choose a number of shells")
     calc: Any = scene.perfect_cell().calc
     if scene.members:
         _frequencies(scene, calc)
@@ -106,13 +107,6 @@ def _modulation(scene: Scene) -> None:
                          'modulation out ("magphonon bands", "magphonon check" and DrivenVerlet in Python know it)')
     if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
         raise ValueError('foundation.modulation: it belongs to a chain or a planar lattice with a number of shells; take it out')
-
-
-def _gyration(scene: Scene) -> None:
-    if scene.law.shells == ALL:
-        asked = getattr(scene.law, 'asked', ALL)
-        raise ValueError(f"lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = '{asked}', knows none; choose a "
-                         'number of shells')
 
 
 def _title(scene: Scene) -> None:
@@ -284,7 +278,7 @@ def _bands(scene: Scene) -> None:
     if scene.bands.temperature_J is not None:
         cell = scene.perfect_cell()
         leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
-        if scene.law.shells == ALL or leaves or getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
+        if scene.law.shells == ALL or leaves or scene.turns:
             raise ValueError('bands.temperature_J takes time steps of a planar lattice with a number of shells, whose particles '
                              'neither turn nor leave the plane; take it out, or what asks for more')
     if scene.bands.path is None:

@@ -288,6 +288,11 @@ class Scene(Table):
         spatial = atoms.pbc.all() or (self.foundation is not None and self.foundation.out_of_plane is not None)
         return sites | ({'gyration': gyration} if gyration else {}) | ({} if spatial else {'dim': 2})
 
+    @property
+    def turns(self) -> bool:
+        """Whether the particles gyrate."""
+        return bool(getattr(self.lattice, 'gyration_rad_per_s', 0.0))
+
     def patch_atoms(self, model: Model = 'complete') -> Atoms:
         """The patch of [patch], or the finite structure, with its PairCalculator, `ase.Atoms` in mm, g and ms."""
         relaxation = self.relaxation(model)
@@ -369,7 +374,7 @@ class Scene(Table):
         if plan.wall is not None:
             picked['force'] = picked['wall']
         if plan.base_deg is not None:
-            if plan.gyration_seen_from is None and np.any(atoms.calc.gyration):
+            if plan.gyration_seen_from is None and atoms.calc.turning:
                 raise ValueError('frf.gyration_seen_from: a bench is shaken on which particles gyrate; say "bench" if gyration '
                                  'turns their motion relative to the bench, as of gyroscopes on pillars, or "floor" if it turns '
                                  'all motion, as on a bench that turns and of charges in a field')

@@ -35,7 +35,7 @@ VERGE = 1e-9  # distance from the foundation that is needed, as a fraction of it
 FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat
 SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among which a stable one is searched for
 STEPS = 12  # number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`
-GYRATING = 24  # wavevectors along each reciprocal vector at which gyration must hold what stiffness alone does not
+TURNED = 24  # wavevectors along each reciprocal vector at which B must hold what stiffness alone does not
 EXACT = 1e-9  # width of the interval within which an exponent is found
 
 
@@ -116,13 +116,13 @@ def on_the_verge(spring: float, needed: float) -> bool:
 
 
 def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
-    """Rate in 1/ms of the wave that grows fastest where particles gyrate, and its wavevector; zero if all are held.
+    """Rate in 1/ms of the wave that grows fastest with the matrix B of the velocities, and its wavevector; zero if all are held.
 
-    Of the complete model, on a mesh over the zone, with the wave that is softest without gyration among its points.
+    Of the complete model, on a mesh over the zone, with the wave that is softest for B = 0 among its points.
     """
-    along = [np.arange(GYRATING) / GYRATING if periodic else np.zeros(1) for periodic in system.atoms.pbc]
+    along = [np.arange(TURNED) / TURNED if periodic else np.zeros(1) for periodic in system.atoms.pbc]
     q = np.stack(np.meshgrid(*along, indexing='ij'), axis=-1).reshape(-1, 3)
-    q = np.vstack([softest_of(system.without_gyration(), 'complete', weighted=True).q, q])
+    q = np.vstack([softest_of(system.without_B(), 'complete', weighted=True).q, q])
     rates = growth(system.B().toarray(), system.bloch(q, 'complete'))
     return float(rates.max()), q[rates.argmax()]
 

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from ..bands.floquet import Hill
 from ..stiffness.bond import Model
 from ..stiffness.matrices import poles
-from ..traits import LIKE, takes
+from ..traits import SPRUNG, takes
 
 LINES = {1: 400, 2: 24, 3: 8}  # points of the mesh along each period, by the number of periods
 ORDERS = 3  # largest n; growth goes as eps^n, and what is damped at all is damped more than by eps^4
@@ -45,7 +45,7 @@ class ParametricGrowth:
     q: np.ndarray
 
 
-@takes('modulation', 'gyration', *LIKE)
+@takes('modulation', *SPRUNG)
 def parametric_growth(atoms: Atoms, model: Model | None = None, damping: ArrayLike = 0.0) -> ParametricGrowth | None:
     """The wave that a `Travelling` foundation makes grow fastest; None for a finite structure of too many particles.
 

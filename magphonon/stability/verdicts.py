@@ -190,7 +190,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     if pumped:
         run['pumped'] = on_foundation(system.atoms, law)
     if system.turning:
-        run['gyrating'], system = system, system.without_gyration()
+        run['gyrating'], system = system, system.without_B()
     away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())
     return Verdict(Case(system.atoms, system, system.left, away, closest, **run))
 
@@ -497,7 +497,7 @@ def timestep_limit(case: Case) -> Finding:
     if case.pumped is not None:  # on its springs where they are stiffest
         stiffest = on_foundation(case.pumped, case.pumped.calc.tie.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
         whole = LinearSystem.nearest(stiffest, None, 'gyration')
-    system = whole.without_gyration() if gyrates else whole
+    system = whole.without_B() if gyrates else whole
     if not waves:
         highest = highest_frequency(whole)
     elif gyrates and not case.held:  # then gyration counts, and so do the hills

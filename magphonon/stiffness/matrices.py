@@ -208,11 +208,11 @@ def first_order(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
     return H
 
 
-def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+def lossless_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     """Frequencies and modes e^{-iwt} of `y'' + B y' + K y = 0` without losses: K Hermitian, B real and antisymmetric.
 
     They are the lower halves, the velocities, of the eigenvectors of `first_order`.  Where K is not positive, so that only
-    gyration can hold the particles, they are those of the `poles`, and a mode that grows has minus its rate as frequency.
+    B can hold the particles, they are those of the `poles`, and a mode that grows has minus its rate as frequency.
     Frequencies ascend, one of each pair of opposite ones; modes, in columns of norm one, are not orthogonal.
     """
     n = K.shape[-1]
@@ -221,7 +221,7 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
         omega, z = np.linalg.eigh(H) if K.ndim > 2 else eigh(H, subset_by_index=(n, 2 * n - 1))  # of one alone half is cheaper
     except np.linalg.LinAlgError:
         if K.ndim > 2:
-            found = [gyrating_modes(B, one) for one in K.reshape(-1, n, n)]
+            found = [lossless_modes(B, one) for one in K.reshape(-1, n, n)]
             omega, modes = (np.array(part) for part in zip(*found, strict=True))
             return omega.reshape(K.shape[:-1]), modes.reshape(K.shape)
         s, z = np.linalg.eig(companion(B, K))

@@ -176,6 +176,12 @@ class Repulsion(Restartable):
         return sum((term.rate() for term in self.terms), 0.0)
 
     @property
+    def turning(self) -> float:
+        """The largest rate in rad/ms at which forces by the velocity turn it, zero where there are none."""
+        rate = self.rate
+        return float(np.sqrt((rate**2).sum(axis=(1, 2)) / 2).max()) if np.ndim(rate) else 0.0
+
+    @property
     def slack(self) -> NDArray[np.float64]:
         """Extension of the foundation springs at rest: vectors from anchor to rest in mm, shape (particles, 3)."""
         return np.broadcast_to(0.0, self.reference.positions.shape)

@@ -169,8 +169,8 @@ class LinearSystem:
             raise ValueError('the constraints hold every particle; free one')
         return self
 
-    def without_gyration(self) -> LinearSystem:
-        """The system at the same rest with g = 0."""
+    def without_B(self) -> LinearSystem:
+        """The system at the same rest with B = 0."""
         calc: Any = self.atoms.calc
         return LinearSystem.about(calc.about(calc.reference, gyration=0.0), self.atoms)
 
@@ -289,7 +289,7 @@ class LinearSystem:
     @cached_property
     def turning(self) -> float:
         """The largest rate in rad/ms at which forces by the velocity turn it, zero where there are none."""
-        return float(np.sqrt((self.rate**2).sum(axis=(1, 2)) / 2).max()) if np.ndim(self.rate) else 0.0
+        return self.atoms.calc.turning  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]  which `about` sets
 
     @property
     def rate(self) -> Any:

@@ -4,9 +4,9 @@ With the window h over the particles and the modes e of the linear lattice, of w
 
     u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
 
-Gyration does no work: <u u> does not know it, and these are frequencies without it.  Equipartition says no more than this:
-harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows
-anharmonic ones, as kT grows.  Three things spoil the number, and are taken off or told:
+Forces that turn velocities do no work: <u u> does not know them, and these are frequencies without them.  Equipartition says no
+more than this: harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows anharmonic ones, as kT
+grows.  Three things spoil the number, and are taken off or told:
 
 - few frames: the inverse of a mean of M frames is too large by some n/M.  The frames, in order, are cut into segments longer than
   they remember, and the record without each of them gives this bias, and the error (jackknife).
@@ -57,7 +57,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     q : ndarray, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     omega : ndarray, shape (wavevectors, branches)
-        In rad/ms, without the bias; of particles that gyrate those without gyration, which heat does not know.
+        In rad/ms, without the bias; those for B = 0, as heat does not know forces that turn velocities.
     error : ndarray, shape (wavevectors, branches)
         One standard error of omega.
     bias : ndarray, shape (wavevectors, branches)
@@ -124,7 +124,7 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     if len(u) < FEWEST * SEGMENTS:
         raise ValueError(f'{len(u)} frames are too few for an error; record {FEWEST * SEGMENTS} or more')
     waves, masses = _waves(system, cell, q, particles), np.repeat(cell.get_masses(), system.dim)
-    linear, shapes = bloch_modes(LinearSystem.of(cell).without_gyration(), q, vectors=True)
+    linear, shapes = bloch_modes(LinearSystem.of(cell).without_B(), q, vectors=True)
     for k in np.flatnonzero(linear.min(axis=1) <= SLACK * linear.max())[:1]:
         raise PhysicsError(f'nothing resists a wave at q = ({q[k, 0]:.4g}, {q[k, 1]:.4g}, {q[k, 2]:.4g}), as at Gamma without a '
                            'foundation; leave this wavevector out')

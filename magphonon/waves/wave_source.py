@@ -230,7 +230,7 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     not_negative('damping', damping, '1/ms')
     patch = _at_rest(patch)
     top = highest_frequency(patch)
-    highest = fastest(top**2, patch.calc.gyration)
+    highest = fastest(top**2, patch.calc.turning)
     if drive.omega > highest:
         model = patch.calc.parameters.model
         raise ValueError(f'the carrier of {units.hertz(drive.omega):.6g} Hz lies above the highest frequency of the '
@@ -239,7 +239,7 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     frame = 2 * np.pi / drive.omega / SAMPLES
     dt, order = STEP_FRACTION * 2 / top, 2
     if tolerance is not None:
-        only = engine == 'lammps' or patch.calc.gyration
+        only = engine == 'lammps' or patch.calc.turning
         dt, order = step_within(tolerance, highest, duration, frame, (2,) if only else tuple(SPLITTINGS))
     interval = max(1, int(frame / dt + 1e-9))
     if not positive('duration', duration, 'ms') > drive.end:
