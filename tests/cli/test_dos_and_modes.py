@@ -97,7 +97,7 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     write_scene(relaxed(atoms).atoms, tmp_path / 'file.toml', title='a light magnet')
     assert main(['modes', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
     shown = capsys.readouterr().out
-    assert 'modes of the patch: all 50, from' in shown
+    assert 'modes of the structure: all 50, from' in shown
     assert main(['dos', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
     assert 'patch: 50 free directions' in capsys.readouterr().out
 
