@@ -24,11 +24,10 @@ drawn, ax = figure.add_subplot(121, projection='3d'), figure.add_subplot(122)
 for model, mark, name in (('conventional', 'x', '$D^0$ alone'), ('complete', '.', '$D^0 + D^*$')):
     cables.calc = cables.calc.about(cables, model=model)
     ax.plot((found := modes(cables)).frequencies_Hz[:81], mark, label=name)     # the others are in its plane
-squares = np.sin(np.arange(1, N) * np.pi / (2 * N)) ** 2
-known = np.sqrt(4 * T / (m * L) * np.sort(np.add.outer(squares, squares).ravel()))
-ax.plot(u.hertz(known), 'ko', fillstyle='none', label='closed form')
+half = np.sin(np.arange(1, N) * np.pi / (2 * N)) ** 2
+ax.plot(u.hertz(np.sqrt(4 * T / (m * L) * np.sort(np.add.outer(half, half).ravel()))), 'ko', fillstyle='none', label='closed form')
 ax.set(xlabel='mode out of the plane', ylabel='frequency (Hz)')
-drawn.plot_wireframe(L * x, L * y, found.shapes[4, :, 2].reshape(x.shape))
 drawn.set_axis_off()
+drawn.plot_wireframe(L * x, L * y, found.shapes[4, :, 2].reshape(x.shape))
 legend_above(ax)
 figure.savefig('cables.png')
