@@ -1,7 +1,7 @@
 """Nets, ions and clusters, drawn: forces, Hessian, modes and stability beside sums written out here; words without magnets."""
 
 import re
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement, product
 
 import numpy as np
 import pytest
@@ -25,10 +25,12 @@ OWN = {  # slope and curvature of each law, written again
 }
 
 
-def oracle(atoms, members, springs, anchors, dim, static=True):
-    """Forces and Hessian of members between particles, their images and a trap: loops over pairs, blocks of three by three."""
+def oracle(atoms, members, springs, anchors, dim, static=True, q=(0, 0, 0)):
+    """Forces and stiffness of members between particles, their images and a trap, of one wavevector q in reciprocal vectors or
+    of many: loops over pairs, blocks of three by three.
+    """
     n = len(atoms)
-    F, K = np.zeros((n, 3)), np.zeros((n, 3, n, 3))
+    F, K = np.zeros((n, 3)), np.zeros((*np.shape(q)[:-1], n, 3, n, 3), complex if np.any(q) else float)
     for i, j, shift, law in members:
         R = atoms.positions[j] + np.array(shift) @ atoms.cell.array - atoms.positions[i]
         r = np.sqrt(R @ R)
@@ -37,12 +39,20 @@ def oracle(atoms, members, springs, anchors, dim, static=True):
         block = curvature * nn + static * slope / r * (np.eye(3) - nn)
         F[i] += slope * R / r
         F[j] -= slope * R / r
-        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
-            K[a, :, b] += sign * block
+        phase = np.multiply.outer(np.exp(2j * np.pi * np.dot(q, shift)), np.eye(3)) if np.any(q) else np.eye(3)
+        for a, b, factor in ((i, i, np.eye(3)), (j, j, np.eye(3)), (i, j, -phase), (j, i, -np.conj(phase))):
+            K[..., a, :, b, :] += factor @ block
     F -= springs * (atoms.positions - anchors)
     for i in range(n):
-        K[i, :, i] += np.diag(springs)
-    return F[:, :dim], K[:, :dim, :, :dim].reshape(n * dim, n * dim)
+        K[..., i, :, i, :] += np.diag(springs)
+    return F[:, :dim], K[..., :dim, :, :dim].reshape(*np.shape(q)[:-1], n * dim, n * dim)
+
+
+def drawn_law(rng, r):
+    """A law of either sign for members about as long as r."""
+    return [Spring(rng.uniform(1, 4), r * rng.uniform(0.8, 1.2)), Cable(rng.uniform(1, 4), r * rng.uniform(0.8, 1.2)),
+            InversePower(rng.uniform(0.1, 1), rng.uniform(1.5, 5)), Yukawa(rng.uniform(0.1, 1), rng.uniform(0.3, 2)),
+            Attraction(InversePower(rng.uniform(0.1, 1), 2.0))][rng.integers(5)]
 
 
 def drawn(seed):
@@ -57,10 +67,7 @@ def drawn(seed):
     members = []
     for i, j in pairs:
         r = np.linalg.norm(atoms.positions[j] - atoms.positions[i])
-        law = [Spring(rng.uniform(1, 4), r * rng.uniform(0.8, 1.2)), Cable(rng.uniform(1, 4), r * rng.uniform(0.8, 1.2)),
-               InversePower(rng.uniform(0.1, 1), rng.uniform(1.5, 5)), Yukawa(rng.uniform(0.1, 1), rng.uniform(0.3, 2)),
-               Attraction(InversePower(rng.uniform(0.1, 1), 2.0))][rng.integers(5)]
-        members.append((i, j, (0, 0, 0), law))
+        members.append((i, j, (0, 0, 0), drawn_law(rng, r)))
     if atoms.pbc[0]:
         members.append((0, n - 1, (-1, 0, 0), Spring(2.0, 5.0)))
         members = [member for k, member in enumerate(members) if member[:2] != (0, n - 1) or k == len(members) - 1]
@@ -97,6 +104,55 @@ def test_forces_hessian_modes_and_stability_are_those_of_sums_over_members(seed)
         poles = np.linalg.eigvals(np.block([[zero, one], [-K / m[:, None], g * J]]))
         if squares[0] > 0:
             assert_allclose(np.sort(modes(built).omega), np.sort(poles.imag)[len(K):], rtol=0, atol=1e-8 * abs(poles).max())
+
+
+def drawn_net(seed, dim, periods):
+    """A net that repeats along some directions of a skew cell: one law for each two nodes, whatever the images that it joins."""
+    rng = np.random.default_rng([seed, dim, periods])
+    n = int(rng.integers(2, 4))
+    cell = 1.5 * (np.eye(3) + 0.2 * rng.uniform(-1, 1, (3, 3)) * np.pad(np.ones((dim, dim)), (0, 3 - dim)))
+    cell[periods:dim] *= 4
+    atoms = Atoms(f'H{n}', rng.uniform(0, 0.5, (n, 3)) * (np.arange(3) < dim) @ cell + np.arange(n)[:, None] * 0.4 * cell[0],
+                  cell=cell, pbc=np.arange(3) < periods, masses=rng.uniform(0.5, 2, n))
+    shifts = [shift for shift in product((-1, 0, 1), repeat=3) if not any(shift[periods:])]
+    members = []
+    for i, j in combinations_with_replacement(range(n), 2):
+        law = drawn_law(rng, 1.5) if j else Spring(rng.uniform(1, 4), 1.0)  # taut, whatever the others are
+        apart = np.linalg.norm(atoms.positions[j] - atoms.positions[i] + shifts @ cell, axis=1)
+        members += [(i, j, shift, law) for shift, r in zip(shifts, apart, strict=True)
+                    if (i < j or shift > (0, 0, 0)) and 0.3 < r < 3.5 and (i == j or rng.random() < 0.7)]
+    return atoms, members, rng
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(('dim', 'periods'), [(2, 1), (2, 2), (3, 1), (3, 2), (3, 3)])
+def test_bands_with_gyration_and_stability_of_periodic_nets_are_those_of_sums_over_members(dim, periods, seed):
+    atoms, members, rng = drawn_net(seed, dim, periods)
+    springs = rng.choice([0.3, 6.0]) * rng.uniform(1, 2, 3) * (np.arange(3) < dim)
+    q = rng.uniform(0.1, 0.5, 3) * (np.arange(3) < periods)
+    F, K = oracle(atoms, members, springs, atoms.positions, dim, q=q)
+    built = net(atoms, members, foundation=[springs[:dim]], dim=dim)
+    scale = abs(K).max()
+    assert_allclose(built.get_forces()[:, :dim], F, rtol=0, atol=1e-11 * scale)
+    built.calc = built.calc.about(built, load=np.pad(-F, [(0, 0), (0, 3 - dim)]))  # what holds it
+    m = np.repeat(atoms.get_masses(), dim)
+
+    def squares(q, static=True):
+        return np.linalg.eigvalsh(oracle(atoms, members, springs, atoms.positions, dim, static, q)[1] / np.sqrt(np.outer(m, m)))
+
+    found = analytic_bands(built, [q]).omega[0]
+    assert_allclose(found * abs(found), squares(q), rtol=0, atol=1e-11 * scale / m.min())
+    assert abs(squares(q) - squares(q, static=False)).max() > 1e-3 * abs(squares(q)).max()  # the control
+    mesh = [np.linspace(-0.5, 0.5, 17 if periods < 3 else 9)] * periods + [[0.0]] * (3 - periods)
+    least = squares(np.array([*product(*mesh)])).min()
+    if abs(least) > 0.02 * scale / m.max():  # what lies between the points of the mesh is less
+        assert verdict(built).stable == (least > 0)
+    if squares(q)[0] > 0:
+        g = rng.normal(size=3) if dim == 3 else np.array([0, 0, rng.normal()])
+        built.calc.set(gyration=g[None] if dim == 3 else g[2])
+        turns = np.kron(np.eye(len(atoms)), np.array([[0, g[2], -g[1]], [-g[2], 0, g[0]], [g[1], -g[0], 0]])[:dim, :dim])
+        poles = np.linalg.eigvals(np.block([[np.zeros_like(K), np.eye(len(K))], [-K / m[:, None], turns]]))
+        assert_allclose(analytic_bands(built, [-q]).omega[0], np.sort(poles.imag)[len(K):], rtol=0, atol=1e-7 * abs(poles).max())
 
 
 @pytest.mark.parametrize('seed', range(6))

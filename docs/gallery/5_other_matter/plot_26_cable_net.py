@@ -25,7 +25,7 @@ for model, mark, name in (('conventional', 'x', '$D^0$ alone'), ('complete', '.'
     cables.calc = cables.calc.about(cables, model=model)
     ax.plot((found := modes(cables)).frequencies_Hz[:81], mark, label=name)     # the others are in its plane
 half = np.sin(np.arange(1, N) * np.pi / (2 * N)) ** 2
-ax.plot(u.hertz(np.sqrt(4 * T / (m * L) * np.sort(np.add.outer(half, half).ravel()))), 'ko', fillstyle='none', label='closed form')
+ax.plot(u.hertz(np.sqrt(4 * T / (m * L) * np.sort(np.add.outer(half, half), None))), 'ko', fillstyle='none', label='closed form')
 ax.set(xlabel='mode out of the plane', ylabel='frequency (Hz)')
 drawn.set_axis_off()
 drawn.plot_wireframe(L * x, L * y, found.shapes[4, :, 2].reshape(x.shape))
