@@ -1,6 +1,7 @@
 """How Sphinx builds the site: `python -m sphinx -W docs docs/_build`, without a network.
 
-`-t online` links to the pages of other projects; `-t all` runs the longer workflows for their pages, too.
+`-t online` links to the pages of other projects; `-t all` runs the longer workflows for their pages, too; `-t lite` gives every
+tutorial and example a button that runs it in the browser, with pip install '.[docs,lite]' (see `generate/lite.py`).
 """
 
 import sys
@@ -11,7 +12,7 @@ import magphonon
 
 sys.path.insert(0, str(Path(__file__).parent))  # generate, which writes pages from the code
 import generate
-from generate import mathml
+from generate import lite, mathml
 
 project = 'magphonon'
 author = copyright = 'the magphonon developers'
@@ -67,6 +68,12 @@ sphinx_gallery_conf = {
     'write_computation_times': False,
     'min_reported_time': 1000,
 }
+
+if tags.has('lite'):  # noqa: F821
+    extensions.append('jupyterlite_sphinx')
+    sphinx_gallery_conf['jupyterlite'] = {'notebook_modification_function': 'generate.lite.prepare'}
+    jupyterlite_build_command_options = {'piplite-wheels': lite.wheel(Path(__file__).parent / 'generated/wheels')}
+    jupyterlite_silence = True
 
 plot_formats = ['svg']
 plot_html_show_formats = plot_html_show_source_link = False

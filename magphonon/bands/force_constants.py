@@ -96,8 +96,12 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     >>> phonon.force_constants.shape
     (1, 9, 3, 3)
     """
-    from phonopy import Phonopy
-    from phonopy.structure.atoms import PhonopyAtoms
+    try:
+        from phonopy import Phonopy
+        from phonopy.structure.atoms import PhonopyAtoms
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError('finite_displacements needs phonopy, which is not installed: pip install phonopy; '
+                                  'analytic_bands gives the same bands without it') from None
 
     calc, free = _cell_calculator(atoms)
     rest = calc.reference

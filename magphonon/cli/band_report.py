@@ -49,13 +49,18 @@ class Case:
     scene: Scene
     atoms: Any
     bands: dict[str, Bands]
-    phonon: Phonopy | None = None  # None where forces depend on the velocity, which phonopy does not know
+    phonon: Phonopy | None = None  # None where it is not installed, and where forces depend on the velocity
     lossy: Bands | None = None
     hot: ThermalBands | None = None
 
     @property
     def path(self) -> BandPath:
         return self.bands['complete'].path
+
+    @property
+    def turned(self) -> bool:
+        """Whether particles gyrate."""
+        return bool(np.any(self.atoms.calc.rate))
 
 
 REPORT = Findings()
@@ -162,7 +167,7 @@ def thermal_motion(case: Case) -> Iterator[str]:
 @REPORT.remark
 def topology(case: Case) -> Iterator[str]:
     """Of particles that gyrate: Chern numbers of bands, gaps, and the waves that run one way along an edge in each."""
-    if case.phonon is not None:
+    if not case.turned:
         return
     judged = verdict(case.atoms)
     yield '\n' + judged.finding('buckling').words
@@ -186,6 +191,8 @@ def topology(case: Case) -> Iterator[str]:
 def by_phonopy(case: Case) -> Iterator[str]:
     """The foundation in the sums of phonopy's force constants, and how far its bands are from the exact ones."""
     if case.phonon is None:
+        if not case.turned:
+            yield '\nphonopy is not installed, so its bands are left out: pip install phonopy'
         return
     atoms, k = case.atoms, np.asarray(case.phonon.force_constants)
     sums = np.einsum('ixx->x', foundation_recovered(case.phonon)) / len(case.phonon.unitcell) / (units.N / units.m)
@@ -209,19 +216,19 @@ def by_phonopy(case: Case) -> Iterator[str]:
 @REPORT.remark
 def others(case: Case) -> list[str]:
     """What neighbours that are omitted would change."""
-    return [] if case.phonon is None else neighbours(case.scene, brief=True, speeds=True)
+    return [] if case.turned else neighbours(case.scene, brief=True, speeds=True)
 
 
 @REPORT.remark
 def out_of_plane(case: Case) -> str | None:
     """Whether a layer stands out of its plane."""
-    return verdict(case.atoms).finding('out_of_plane').words if case.phonon is not None and case.atoms.calc.layer else None
+    return verdict(case.atoms).finding('out_of_plane').words if not case.turned and case.atoms.calc.layer else None
 
 
 @REPORT.check
 def buckling(case: Case) -> Finding | None:
     """Whether the foundation holds the lattice."""
-    if case.phonon is None:
+    if case.turned:
         return None
     needed, softest = critical_foundation(case.atoms, 'complete')
     given, needed = _spring_in_plane(case.atoms), needed / (units.N / units.m)

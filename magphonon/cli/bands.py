@@ -48,7 +48,7 @@ def run(options: Namespace) -> None:
 
 
 def _bands(scene, atoms, path):
-    """The bands of both models and of phonopy, and phonopy's object, which is None where the velocity turns forces."""
+    """The bands of both models and of phonopy, and phonopy's object; None where it is missing or the velocity turns forces."""
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
 
@@ -57,6 +57,8 @@ def _bands(scene, atoms, path):
         return bands, None
     try:
         phonon = finite_displacements(atoms, scene.supercell())
+    except ModuleNotFoundError:
+        return bands, None
     except ValueError as error:
         given = scene.wanted('bands').supercell or scene.supercell()
         raise ValueError(f'bands.supercell = {list(given)}: {error}') from None

@@ -1,0 +1,26 @@
+"""Notebooks that run in the browser: JupyterLite with Pyodide, for `python -m sphinx -t lite docs docs/_build`.
+
+The site builds; whether the notebooks run is untried, because a browser fetches Pyodide, NumPy, SciPy and Matplotlib from the
+network.  phonopy and psutil are not among its packages; magphonon works without them.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FIRST = ['%pip install -q --no-deps magphonon\n', '%pip install -q ase lazy_loader pydantic tqdm']
+
+
+def wheel(folder):
+    """The wheel of these sources, which the site serves."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob('magphonon-*.whl'):
+        old.unlink()
+    subprocess.run([sys.executable, '-m', 'pip', 'wheel', '-q', '--no-deps', '-w', folder, ROOT], check=True)  # noqa: S603
+    return next(folder.glob('magphonon-*.whl'))
+
+
+def prepare(notebook, name):
+    """Let a notebook of sphinx-gallery begin with the packages that it needs."""
+    notebook['cells'].insert(0, {'cell_type': 'code', 'execution_count': None, 'metadata': {}, 'outputs': [], 'source': FIRST})
