@@ -181,15 +181,15 @@ def in_plane(q, branch, cells, model='complete'):
     momenta = np.zeros((len(atoms), 3))
     momenta[:, :2] = SWING * w * wave.imag  # u = Re(wave e^{-i w t})
     atoms.set_momenta(momenta)
-    dyn = DrivenVerlet(atoms, 2 * np.pi / w / 24, order=6)
+    dyn = DrivenVerlet(atoms, 2 * np.pi / w / 8, order=6)
     t, u = [], []
 
     def look():
         t.append(dyn.get_time())
         u.append(((dyn.displacements + 1j * dyn.velocities / w) * wave.conj()).sum())
 
-    dyn.attach(look, interval=6)
-    dyn.run(24 * TURNS)
+    dyn.attach(look, interval=2)
+    dyn.run(8 * TURNS)
     turned = np.unwrap(np.angle(u)) + w * np.array(t)  # the linear wave turns by -w t
     return -np.polyfit(t, turned, 1, w=np.sqrt(np.hanning(len(t))))[0] / w / SWING**2  # beats average out
 
