@@ -104,8 +104,9 @@ class Chart:
 def measure(candidates, error, repeats=5, patience=1.0):
     """Run every candidate for its error and, apart from that, for its time.
 
-    The first run of each gives the error and the counts, and warms up what is cached or compiled.  The timed runs
-    are interleaved, so that a disturbance of the machine strikes all methods alike.
+    The first run of each gives the error and the counts, and warms up what is cached or compiled; where another setting of its
+    method has done so, and one is enough or it takes longer than `patience`, it is the timed run too.  Other timed runs are
+    interleaved, so that a disturbance of the machine strikes all methods alike.
 
     Parameters
     ----------
@@ -131,18 +132,21 @@ def measure(candidates, error, repeats=5, patience=1.0):
     for name, count in Counter(names).items():
         if count > 1:
             raise ValueError(f'{count} candidates are called {name}; give each a setting of its own')
-    errors, costs = [], []
-    for candidate in tqdm(candidates, desc='errors', leave=False, disable=None):
-        cost = Counter()
-        found = float(error(candidate.run(cost)))
+    errors, costs, times = [], [], []
+    for k, candidate in enumerate(tqdm(candidates, desc='errors', leave=False, disable=None)):
+        cost, start = Counter(), perf_counter()
+        answer = candidate.run(cost)
+        seconds = perf_counter() - start
+        warm = any(other.method == candidate.method for other in candidates[:k])
+        times.append([seconds] if warm and (repeats == 1 or seconds > patience) else [])
+        found = float(error(answer))
         errors.append(found if np.isfinite(found) else np.inf)
         for counter in cost:
             one_of('counter', counter, COUNTERS)
         costs.append({counter: int(cost[counter]) for counter in COUNTERS})
-    times = [[] for _ in candidates]
     for _ in tqdm(range(repeats), desc='times', leave=False, disable=None):
         for candidate, spent in zip(candidates, times, strict=True):
-            if sum(spent) < patience:
+            if len(spent) < repeats and sum(spent) < patience:
                 start = perf_counter()
                 candidate.run(Counter())
                 spent.append(perf_counter() - start)
