@@ -5,6 +5,7 @@ Files of users are read in a limited size and from regular files only.
 
 from __future__ import annotations
 
+import csv
 import errno
 import json
 import os
@@ -106,12 +107,16 @@ def refuse_overflow(path: str | PathLike[str], arrays: Mapping[str, Any], missin
 
 
 def write_columns(path: str | PathLike[str], names: Sequence[str], columns: Sequence[Any], missing: Collection[str] = ()) -> None:
-    """Write columns of numbers to a CSV file with their names in its first line, whole or not at all.
+    """Write columns of numbers, or of words, to a CSV file with their names in its first line, whole or not at all.
 
     NaN and infinity raise FloatingPointError, but NaN in the columns named in `missing`, see `refuse_overflow`.
     """
     refuse_overflow(path, dict(zip(names, columns, strict=True)), missing)
     with whole_file(path) as file:
+        if any(np.asarray(column).dtype.kind in 'US' for column in columns):
+            rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+            csv.writer(file, lineterminator='\n').writerows([names, *rows])
+            return
         np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
 
 

@@ -170,6 +170,8 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
     units = {quantity: head.factor for quantity, head in told.items()}
     notes += [f'{head.name}: grams of a balance, {GRAM_FORCE / u.N:g} N each' for head in told.values()
               if head.spelt == 'g' and head.factor == GRAM_FORCE]
+    left = [head.name for k, head in enumerate(heads) if k not in places.values()]
+    notes += [f'other columns are left out: {shown(", ".join(left))}'] * bool(left)
     table = Table(path, {q: head.name for q, head in told.items()},
                   {q.removeprefix(POINT): head.spelt for q, head in told.items()}, units,
                   {q: column for q, column in values.items() if not q.startswith(POINT)}, np.asarray(lines),

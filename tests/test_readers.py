@@ -14,6 +14,9 @@ from numpy.testing import assert_allclose
 from scipy.io import savemat
 
 from magphonon import readers, units as u
+from magphonon.cli.main import main
+from magphonon.cli.read import columns_of, held
+from magphonon.files import write_columns
 from magphonon.interactions import read_forces
 from magphonon.readers import READERS
 from magphonon.response import read_transfer
@@ -334,6 +337,88 @@ def test_responses_that_cannot_be_known_are_refused_with_the_mend(written, mend,
     (tmp_path / 'h.csv').write_text(written)
     with pytest.raises(ValueError, match=mend):
         read_transfer(tmp_path / 'h.csv')
+
+
+# --- the command read ----------------------------------------------------------------------------------------------------------
+
+def as_text(written, coding='utf-8'):
+    return lambda path: path.write_bytes(written.encode(coding))
+
+
+def drawn_ridges(seed):
+    rng = np.random.default_rng(seed)
+    rows = zip(rng.uniform(0.5, 3, 6), rng.uniform(20, 90, 6), rng.uniform(0, 0.4, 6), rng.choice(['a', 'b'], 6), strict=True)
+    return text([['xi_rad', 'sigma_xi_rad', 'frequency_kHz', 'sigma_frequency_Hz', 'q1', 'q2', 'record', 'bin_Hz'], *(
+        [xi, 0.01, f / 1e3, 0.1, 0.0, q, record, 2.0] for xi, f, q, record in rows)], ';', ',')
+
+
+EXPORTS = {  # in every way of writing above: what writes a file of this suffix
+    **{f'forces, {name}': ('forces', '.csv', as_text(make(*forces(5)))) for name, make in EXPORTS_OF_FORCES.items()},
+    **{f'forces, {name}': ('forces', name[1:], lambda path, make=make: make(path, *forces(5))) for name, make in FORMATS.items()},
+    **{f'scan, {name}': ('a scan', '.csv', as_text(make(*waves(5)))) for name, make in EXPORTS_OF_SCANS.items()},
+    **{f'response, {name}': ('transfer functions', '.csv', as_text(make(*response(5)), 'utf-16'))
+       for name, make in EXPORTS_OF_RESPONSES.items()},
+    'ridges': ('ridges', '.csv', as_text(drawn_ridges(5))),
+    'responses of points': ('transfer functions', '.csv', as_text(text([
+        ['frequency_Hz', 're', 'im', 'sigma', 'x_mm', 'y_mm', 'direction_deg', 'drive_deg'], *(
+            [20 + k, 0.1 * k, -0.2, 0.01, x, 5.0, 90.0, 0.0] for x in (1.0, 2.0) for k in range(3))]))),
+}
+
+
+def numbers(record):
+    """All numbers of a record, and its words."""
+    parts = record if isinstance(record, list) else [record]
+    for part in parts:
+        for name, value in vars(part).items():
+            if name not in ('name', 'notes', 'order'):
+                yield from value.values() if isinstance(value, dict) else [value]
+
+
+@pytest.mark.parametrize('name', EXPORTS)
+def test_the_clean_table_reads_as_the_export_did(name, tmp_path):
+    """Tests above compare what is read with what was drawn; a scan is written as displacements."""
+    kind, suffix, write = EXPORTS[name]
+    write(tmp_path / f'f{suffix}')
+    found, record = held(tmp_path / f'f{suffix}')
+    assert found == kind
+    (table,) = columns_of(kind, record)
+    write_columns(tmp_path / 'clean.csv', [*table], [*table.values()])
+    again, clean = held(tmp_path / 'clean.csv')
+    assert again == kind
+    for one, other in zip(numbers(record), numbers(clean), strict=True):
+        if isinstance(one, np.ndarray) and one.dtype.kind in 'fc':
+            assert_allclose(other, one, rtol=1e-12, atol=1e-12 * abs(one).max())
+        elif isinstance(one, tuple):
+            assert one == other
+
+
+@pytest.mark.parametrize('name', ['forces, German', 'scan, Polytec', 'response, decibels', 'ridges'])
+def test_read_says_what_it_understood(name, tmp_path, capsys, monkeypatch):
+    kind, suffix, write = EXPORTS[name]
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / f'f{suffix}')
+    assert main(['read', f'f{suffix}']) == 0
+    said = capsys.readouterr().out
+    assert f'f{suffix} holds {kind}.' in said
+    assert {'forces': 'Kraft [N]: f in N', 'a scan': 'Velocity [m/s]: v in m_per_s',
+            'transfer functions': 'Magnitude [dB re 1 m/s/N]: amplitude in m_per_s_per_N',
+            'ridges': 'frequency_kHz: frequency in kHz'}[kind] in said
+    assert {file.name for file in (tmp_path / 'f-read').iterdir()} == {'clean.csv', 'clean.png', 'provenance.json'}
+
+
+def test_read_refuses_in_words(tmp_path, capsys):
+    (tmp_path / 'noise.csv').write_bytes(np.random.default_rng(0).bytes(4000))
+    (tmp_path / 'gaps.csv').write_text('gap_mm,f_N\n1,0.5\n2,0.4\n')
+    (tmp_path / 'none.csv').write_text('colour,size\nred,2\n')
+    for name, mend in (('noise', 'is not a text file; export it as CSV'), ('gaps', '--contact 6.35mm'),
+                       ('none', 'is no record that is known;\n  as forces: ')):
+        assert main(['read', str(tmp_path / f'{name}.csv'), '-o', str(tmp_path / 'out')]) == 2
+        said = capsys.readouterr().err
+        assert mend in said
+        assert all(letter.isprintable() or letter == '\n' for letter in said)
+        assert not (tmp_path / 'out').exists()
+    assert main(['read', str(tmp_path / 'gaps.csv'), '--contact', '6mm', '-o', str(tmp_path / 'out')]) == 0
+    assert 'r_m: 2 values from 0.007 to 0.008' in capsys.readouterr().out
 
 
 # --- readers of others ---------------------------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ EXAMPLES = {
     'frf': ['magphonon frf oscillator'],
     'modes': ['magphonon modes prototype'],
     'plan': ['magphonon plan oscillator --tolerance 1e-3'],
+    'read': ['magphonon read forces.csv'],
     'reproduce': ['magphonon reproduce chain -o out'],
     'scene': ['magphonon scene', 'magphonon scene --keys foundation'],
     'spectrum': ['magphonon spectrum scan.csv wave.toml'],
@@ -104,7 +105,7 @@ def run(lines, place):
 def prepare(name, place):
     """Write the files that an example takes for granted."""
     data = files('magphonon.data')
-    if name == 'fit':
+    if name in ('fit', 'read'):
         for file, own in (('forces.csv', 'synthetic_force.csv'), ('ridges.csv', 'prototype_ridges.csv')):
             (place / file).write_text((data / own).read_text(encoding='utf-8'), encoding='utf-8')
     if name in ('burst', 'spectrum'):

@@ -16,38 +16,17 @@ docs/coverage.md says how often its 95 % intervals contain the true value.
 
 from __future__ import annotations
 
-import os
 import re
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from importlib import import_module
-from importlib.resources import files
+from argparse import ArgumentParser, Namespace
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
-from ..tables import FORCE, LENGTH
 from .arguments import add_pictures, drawing
+from .read import KINDS, force, held, length, ready_table
 
 HELP = 'the force between two particles, or the lattice, from everything that was measured'
 RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'
 OF_FORCES = 'spacing', 'contact', 'magnet', 'distance_sigma', 'zero_sigma', 'hysteresis_sigma', 'backlash_sigma', 'gain_sigma'
-
-
-def length(text: str) -> float:
-    """A length in mm from words such as '10mm', or '0.01' in m."""
-    return _quantity(text, LENGTH)
-
-
-def force(text: str) -> float:
-    """A force in N from words such as '5mN', or '0.005' in N."""
-    return _quantity(text, FORCE)
-
-
-def _quantity(text, units):
-    match = re.fullmatch(r'\s*([-+.\deE]*[\d.])\s*([A-Za-z]*)\s*', text)
-    try:
-        return float(match[1]) * units[match[2] or next(iter(units))]
-    except (TypeError, ValueError, KeyError):
-        raise ArgumentTypeError(f'{text!r} is no number with one of the units {", ".join(units)}') from None
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -89,12 +68,6 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_pictures(parser, frequencies=False)
 
 
-def ready_table(name: str) -> str:
-    """The file of this name, or else the table of this name that comes with the package, as ready scenes do."""
-    table = files('magphonon.data') / f'{name}.csv'
-    return str(table) if re.fullmatch(r'\w+', name) and not os.path.lexists(name) and table.is_file() else name
-
-
 def run(options: Namespace) -> None:
     if options.frf is None and options.scene is None and len(options.files) > 1 and options.files[0].endswith('.toml'):
         _with_scene(options)
@@ -110,44 +83,34 @@ def run(options: Namespace) -> None:
 
 def _with_scene(options):
     """A scene and files that are recognised by what they hold: the fit of one kind of record, or of all of them together."""
-    scene, *names = options.files
-    held = {name: _held(ready_table(name)) for name in names}
-    kinds = {kind: [name for name, (one, _) in held.items() if one == kind] for kind in READERS}
-    if kinds['forces'] == names and len(names) == 1:
-        from ..scenes.scene import read_scene
+    from ..scenes.scene import read_scene
+    from ..scenes.sources import source_of
 
-        known = read_scene(scene)
+    scene, *names = options.files
+    law = read_scene(source_of(scene)).law
+    contact = not_negative('--contact', options.contact or 0.0, 'mm') or (law.magnet().contact if law.kind == 'magnets' else 0.0)
+    records = {name: held(ready_table(name), contact) for name in names}
+    kinds = {kind: {name: record for name, (one, record) in records.items() if one == kind} for kind in KINDS}
+    for name in kinds['a scan']:
+        raise ValueError(f'{name} holds a scan; "magphonon spectrum {name} {scene}" finds its ridges, which can be fitted')
+    if [*kinds['forces']] == names and len(names) == 1:
+        known = read_scene(source_of(scene))
         options.files, options.spacing = names, options.spacing or known.lattice.spacing_m * u.m
-        options.magnet = options.magnet or (scene if known.law.kind == 'magnets' else None)
-    elif kinds['ridges'] == names:
+        options.magnet = options.magnet or (scene if law.kind == 'magnets' else None)
+    elif [*kinds['ridges']] == names:
         options.scene, options.files = scene, names
-    elif kinds['transfer functions'] == names:
+    elif [*kinds['transfer functions']] == names:
         options.frf, options.files = scene, names
-    elif kinds['transfer functions']:
-        raise ValueError(f'{kinds["transfer functions"][0]} holds transfer functions: fit them by themselves, and give what '
-                         'they tell to a fit of the others with --prior')
     else:
-        _fit_together(options, scene, {kind: {name: held[name][1] for name in found} for kind, found in kinds.items()})
+        for name in kinds['transfer functions']:
+            raise ValueError(f'{name} holds transfer functions: fit them by themselves, and give what they tell to a fit of the '
+                             'others with --prior')
+        _fit_together(options, scene, kinds)
         return
     run(options)
 
 
-READERS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
-           'transfer functions': ('response.transfer_functions', 'read_transfer')}
-
-
-def _held(file):
-    """What a file holds: its kind, and as it was read."""
-    faults = []
-    for kind, (module, reader) in READERS.items():
-        try:
-            return kind, getattr(import_module(f'magphonon.{module}'), reader)(file)
-        except ValueError as error:
-            faults.append(f'as {kind}: {error}')
-    raise ValueError(f'{file} is no record that a fit takes; ' + '; '.join(faults))
-
-
-def _fit_together(options, name, held):
+def _fit_together(options, name, kinds):
     """All records of one lattice at once."""
     from ..interactions.fits import SharedErrors
     from ..scenes.frf_fits import KEYS, UNITS
@@ -158,19 +121,19 @@ def _fit_together(options, name, held):
     from .joint_report import joint_report
     from .results import results
 
-    for option in ('fix', 'without', 'magnet', 'spacing', 'contact'):
+    for option in ('fix', 'without', 'magnet', 'spacing'):
         if getattr(options, option):
             raise ValueError(f'--{option} belongs to a fit of one kind of record; leave it out, or write it into the scene')
     options.scene = source_of(name)
     scene = read_scene(options.scene)
     given = {one: getattr(options, f'{one}_sigma') for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
-    found = fit_records(scene, held['forces'], read_ridges(*map(ready_table, held['ridges'])) if held['ridges'] else None,
+    found = fit_records(scene, kinds['forces'], read_ridges(*map(ready_table, kinds['ridges'])) if kinds['ridges'] else None,
                         SharedErrors(**{one: value for one, value in given.items() if value is not None}),
                         not_negative('--pair-sigma', options.pair_sigma or 0.0),
                         _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}))
     text = joint_report(found)
     if options.output is not None:
-        with results(options, scene, *(ready_table(one) for names in held.values() for one in names)) as folder:
+        with results(options, scene, *(ready_table(one) for names in kinds.values() for one in names)) as folder:
             (folder / 'joint_fit.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
 

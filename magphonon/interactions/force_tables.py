@@ -17,6 +17,7 @@ from .pair_laws import PairLaw, repulsion
 COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT}
 LAYOUT = ('a table of forces has the columns r_m,f_N (or in mm, um, mN, uN; also as r [mm]; or gap_mm, with the size of magnets),'
           ' and perhaps sigma_N and direction')
+ASKED = {'columns': COLUMNS, 'needed': [('r', 'gap'), 'f'], 'layout': LAYOUT}
 DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
 """Words of the column `direction`."""
 MOST_NAMED = 5  # number of lines that a message lists
@@ -108,7 +109,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     >>> len(forces.r), float(forces.r[0])  # in mm
     (15, 8.0)
     """
-    table = read_table(path, COLUMNS, [('r', 'gap'), 'f'], layout=LAYOUT)
+    table = read_table(path, **ASKED)
     if 'r' in table and 'gap' in table:
         raise ValueError(f'{path}: the columns {table.header["r"]} and {table.header["gap"]} say the same; keep one of them')
     if 'gap' in table:

@@ -29,6 +29,11 @@ LAYOUT = ('transfer functions have the columns frequency_Hz, then re_m_per_N,im_
           'um, m_per_s, m_per_s2; re,im or amplitude,phase_deg alone for a shaken bench), and, where wanted, sigma_m_per_N, '
           'x_m,y_m,direction_deg of the point and drive_x_m,drive_y_m,drive_deg; records have time_s, drive_N and answer_m, '
           'answer_m_per_s or answer_m_per_s2, and record for several hits')
+COLUMNS = {'frequency': FREQUENCY, 'time': TIME, 'drive': {'N': u.N}, 'record': PURE, 'phase': {'deg': u.deg, 'rad': 1.0},
+           'answer': {name: factor for name, (factor, _) in MOTIONS.items()},
+           'direction': {'deg': u.deg}, 'x': LENGTH, 'y': LENGTH, 'drive_x': LENGTH, 'drive_y': LENGTH,
+           'drive_deg': {'': u.deg}, **dict.fromkeys(('re', 'im', 'amplitude', 'sigma'), PER_FORCE | PURE)}
+ASKED = {'columns': COLUMNS, 'needed': [], 'layout': LAYOUT}
 RESPONSE_FUNCTION, FREQUENCY_AXIS = 4, 18  # of dataset 58
 QUANTITIES = {8: 0, 11: 1, 12: 2}  # ordinates of dataset 58: displacement, velocity, acceleration
 FORCES = 9, 13  # force of reaction, and of excitation
@@ -186,12 +191,7 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
 
 
 def _table(path, held, estimator):
-    values = PER_FORCE | PURE
-    columns = {'frequency': FREQUENCY, 'time': TIME, 'drive': {'N': u.N}, 'record': PURE, 'phase': {'deg': u.deg, 'rad': 1.0},
-               'answer': {name: factor for name, (factor, _) in MOTIONS.items()},
-               'direction': {'deg': u.deg}, 'x': LENGTH, 'y': LENGTH, 'drive_x': LENGTH, 'drive_y': LENGTH,
-               'drive_deg': {'': u.deg}, **dict.fromkeys(('re', 'im', 'amplitude', 'sigma'), values)}
-    table = read_table(path, columns, [], layout=LAYOUT, held=held)
+    table = read_table(path, **ASKED, held=held)
     if 'time' in table and 'drive' in table and 'answer' in table:
         return [_from_records(table, estimator, *one) for one in _by_place(table)]
     parts = [name for name in ('re', 'im', 'amplitude') if name in table]

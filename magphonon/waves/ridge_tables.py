@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import units
-from ..files import refuse_overflow, whole_file
+from ..files import refuse_overflow, whole_file, write_columns
 from ..results import InHertz
 from ..tables import ANGLE, AREA, FREQUENCY, PURE, TEXT, read_table
 
@@ -27,6 +27,7 @@ NEEDED = 'xi', 'sigma_xi', 'frequency', 'sigma_frequency', 'q1', 'q2'
 HEADER = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with',
           'q1', 'q2', 'q3', 'bin_Hz', 'bin_xi_rad', 'source')
 LAYOUT = f'a table of ridge points, as "magphonon spectrum" and "magphonon burst" write it, has {", ".join(HEADER)}'
+ASKED = {'columns': COLUMNS, 'needed': NEEDED, 'layout': LAYOUT}
 SOURCES = 'row', 'point'  # of a wave
 DRIVEN = *SOURCES, 'bench'  # where a burst enters
 FIELD = 'field'  # in place of a source, where all directions of the plane are resolved
@@ -146,13 +147,19 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
 
 
 def write_points(path: str | PathLike[str], points: RidgePoints) -> None:
-    """The same table of points that come from a field, whose wavevectors lie on no line."""
+    """The same table of points as they were read or found in a field, whose wavevectors lie on no line."""
+    columns = columns_of(points)
+    write_columns(path, [*columns], [*columns.values()])
+
+
+def columns_of(points: RidgePoints) -> dict[str, Any]:
+    """The columns of such a table in SI by their names."""
     records = [name.removesuffix(f', {motion}') for name, motion in zip(points.names, points.motions, strict=True)]
-    columns = (points.xi, points.sigma_xi, points.frequencies_Hz, units.hertz(points.sigma_omega), points.power / units.m**2)
-    with whole_file(path) as file:
-        print(*HEADER, sep=',', file=file)
-        for k, point, q in zip(points.ridge, np.transpose(columns).tolist(), points.q.tolist(), strict=True):
-            print(records[k], points.motions[k], *point, '', *q, 0.0, points.bin_xi[0], points.sources[k], sep=',', file=file)
+    words = (np.array(each)[points.ridge] for each in (records, points.motions, points.sources or ('point',) * len(records)))
+    record, motion, source = words
+    return dict(zip(HEADER, (record, motion, points.xi, points.sigma_xi, points.frequencies_Hz, units.hertz(points.sigma_omega),
+                             points.power / units.m**2, np.full(len(points), ''), *points.q.T, units.hertz(points.line),
+                             points.bins, source), strict=True))
 
 
 def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
@@ -193,7 +200,7 @@ def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
 
 
 def _read(path):
-    table = read_table(path, COLUMNS, NEEDED, layout=LAYOUT)
+    table = read_table(path, **ASKED)
     _refuse_impossible(table)
     ridges = list(zip(*(table.get(name, '').tolist() for name in ('record', 'motion', 'source')), strict=True))
     each = list(dict.fromkeys(ridges))

@@ -21,6 +21,8 @@ MOTIONS = {f'{kind}{axis}': unit for kind, unit in (('u', LENGTH), ('v', SPEED))
 LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, then u_x_m, u_y_m or u_m (or v_y_m_per_s and '
           'so on), or time_s and a column for each point with its unit, as Point 17 [mm/s]; '
           'lengths in m, mm, um or nm and times in s, ms or us, as the header says')
+ASKED = {'columns': {'time': TIME, 'x': LENGTH, 'y': LENGTH} | NAMES | MOTIONS, 'needed': ['time'], 'blank': MOTIONS,
+         'layout': LAYOUT, 'points': LENGTH | SPEED}
 COLUMN = re.compile(r'(?:[uv](?:_([xyz]))?[ _-]+)?(?:(?:[^\W\d_]+[ _#.-]*)(?=\d))?(.+)')
 """The name of a column of one point: its direction, and its number or name without a word such as Point before a number."""
 HEADER = 'time_s', 'particle', 'u_x_m', 'u_y_m'
@@ -126,8 +128,7 @@ def _names(table: Table) -> Any:
 
 def _points(path, held) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of a table, and whether they are velocities."""
-    table = read_table(path, {'time': TIME, 'x': LENGTH, 'y': LENGTH} | NAMES | MOTIONS, ['time'], blank=MOTIONS, layout=LAYOUT,
-                       points=LENGTH | SPEED, held=held)
+    table = read_table(path, **ASKED, held=held)
     if table.points and not any(part in table for part in MOTIONS):
         return _of_columns(table)
     names, placed, parts = _names(table), 'x' in table or 'y' in table, [part for part in MOTIONS if part in table]

@@ -1,0 +1,168 @@
+"""`magphonon read FILE`: what a file of measurements holds, as all commands read it, with a picture and a clean table.
+
+Forces between two magnets, ridges, transfer functions, and scans are recognised by what they hold.  The report says which column
+was taken for what, and from where to where it goes, so that a wrong unit is seen; the clean table is in SI and reads the same.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Iterator
+from functools import partial
+from importlib import import_module
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import units as u
+from ..errors import not_negative
+from ..files import MEGABYTE, write_columns
+from ..readers import content
+from ..tables import FORCE, LENGTH, read_table
+from .arguments import add_output, add_pictures, drawing
+
+HELP = 'what a file of measurements holds, with a picture and a clean table'
+RESULTS = 'clean*.csv', 'clean.p*'
+KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
+         'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
+"""What a file may hold, and what reads it."""
+MOST_BYTES = 1000 * MEGABYTE  # of a scan, the largest of all
+MOST_WORDS = 6  # different words of a column that are listed
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument('file', metavar='FILE', help='text, .npz, .mat, .h5, .tdms, .xlsx or universal file of an instrument')
+    parser.add_argument('--contact', metavar='R', type=length, default=0.0,
+                        help='size of the magnets along the line between them, as 6.35mm, where a table of forces has gaps')
+    add_output(parser, default=None)
+    add_pictures(parser, frequencies=False)
+
+
+def length(text: str) -> float:
+    """A length in mm from words such as '10mm', or '0.01' in m."""
+    return _quantity(text, LENGTH)
+
+
+def force(text: str) -> float:
+    """A force in N from words such as '5mN', or '0.005' in N."""
+    return _quantity(text, FORCE)
+
+
+def _quantity(text, units):
+    match = re.fullmatch(r'\s*([-+.\deE]*[\d.])\s*([A-Za-z]*)\s*', text)
+    try:
+        return float(match[1]) * units[match[2] or next(iter(units))]
+    except (TypeError, ValueError, KeyError):
+        raise ArgumentTypeError(f'{text!r} is no number with one of the units {", ".join(units)}') from None
+
+
+def run(options: Namespace) -> None:
+    from ..plotting import plot_forces, plot_ridges, plot_scan, plot_transfer
+    from .results import results
+
+    file = options.file = ready_table(options.file)
+    kind, record = held(file, not_negative('--contact', options.contact, 'mm'))
+    tables = [*columns_of(kind, record)]
+    options.output = options.output or f'{Path(file).stem}-read'
+    with results(options, None, file) as folder, drawing(options, folder, Path(file).name) as save:
+        for k, table in enumerate(tables):
+            write_columns(folder / f'clean{f"_{k + 1}" if len(tables) > 1 else ""}.csv', [*table], [*table.values()])
+        draw: Any = {'forces': plot_forces, 'ridges': plot_ridges, 'a scan': plot_scan}.get(kind, partial(plot_transfer, curves={}))
+        save(getattr(drawn := draw(record), 'figure', drawn), 'clean')
+    print('\n'.join([f'{file} holds {kind}.', *_understood(file, kind), *(f'  {note}' for note in getattr(record, 'notes', ()))]))
+    for table in tables:
+        print('\n'.join(['', *(_range(name, np.asarray(column)) for name, column in table.items())]))
+    print(f'\npicture and clean table are in {options.output}')
+
+
+def ready_table(name: str) -> str:
+    """The file of this name, or else the table of this name that comes with the package, as ready scenes do."""
+    table = files('magphonon.data') / f'{name}.csv'
+    return str(table) if re.fullmatch(r'\w+', name) and not os.path.lexists(name) and table.is_file() else name
+
+
+def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
+    """What a file holds: its kind, and as it was read; `contact` in mm is needed where a table of forces has gaps."""
+    faults = []
+    for kind, (module, reader) in KINDS.items():
+        try:
+            given = {'contact': contact} if kind == 'forces' else {}
+            return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
+        except ValueError as error:
+            faults.append(f'as {kind}: {error}')
+    content(file, MOST_BYTES)  # what cannot be read at all is told once
+    raise ValueError(f'{file} is no record that is known;\n  ' + '\n  '.join(faults))
+
+
+def _understood(file, kind):
+    """Which column of the file is which quantity, and what was done to read it."""
+    module = import_module(f'magphonon.{KINDS[kind][0]}')
+    found = content(file, MOST_BYTES)
+    if isinstance(found, list):
+        return [f'  {len(found)} data sets of a universal file']
+    table = read_table(file, **module.ASKED, held=found)
+    told = [f'  {name}: {quantity}{f" in {table.spelt[quantity]}" * bool(table.spelt[quantity])}'
+            for quantity, name in table.header.items() if quantity in table]
+    if table.points:
+        told += [f'  {len(table.points)} columns of one point each, from {next(iter(table.points))} to {[*table.points][-1]}']
+    return [*told, *(f'  {note}' for note in table.notes)]
+
+
+def _range(name, column):
+    if column.dtype.kind in 'US':
+        words = [*dict.fromkeys(column.tolist())]
+        return f'  {name}: {", ".join(words[:MOST_WORDS])}' + f' and {len(words) - MOST_WORDS} more' * (len(words) > MOST_WORDS)
+    return f'  {name}: {len(column)} values from {column.min():.6g} to {column.max():.6g}'
+
+
+def columns_of(kind: str, record: Any) -> Iterator[dict[str, Any]]:
+    """The columns of the clean tables of a record by their names, in SI."""
+    yield from {'forces': _of_forces, 'ridges': _of_ridges, 'transfer functions': _of_transfer, 'a scan': _of_scan}[kind](record)
+
+
+def _of_forces(forces):
+    own, ways = {'r_m': forces.r / u.m, 'f_N': forces.f / u.N}, {-1.0: 'approach', 0.0: '', 1.0: 'return'}
+    if forces.sigma is not None:
+        own['sigma_N'] = forces.sigma / u.N
+    if forces.direction.any():
+        own['direction'] = [ways[way] for way in forces.direction.tolist()]
+    yield own
+
+
+def _of_ridges(points):
+    from ..waves.ridge_tables import columns_of
+
+    yield columns_of(points)
+
+
+def _of_transfer(functions):
+    """Functions that say where they are stand in one table, others each in its own."""
+    groups: dict[Any, list] = {}
+    for k, one in enumerate(functions):
+        placed = one.answer is not None
+        key = one.shaken, one.sigma is None, one.drive is None, placed or k
+        groups.setdefault(key, []).append(one)
+    for group in groups.values():
+        per, unit = ('', 1.0) if group[0].shaken else ('_m_per_N', u.m / u.N)
+        h = np.concatenate([one.response for one in group]) / unit
+        own = {'frequency_Hz': np.concatenate([u.hertz(one.omega) for one in group]), f're{per}': h.real, f'im{per}': h.imag}
+        if group[0].sigma is not None:
+            own[f'sigma{per}'] = np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in group]) / unit
+        for end, names in (('answer', ('x_m', 'y_m', 'direction_deg')), ('drive', ('drive_x_m', 'drive_y_m', 'drive_deg'))):
+            if getattr(group[0], end) is not None:
+                places = np.concatenate([np.tile(getattr(one, end), (len(one.omega), 1)) for one in group])
+                columns = zip(names, (places / [u.m, u.m, u.deg]).T, strict=True)
+                own |= {name: column for name, column in columns if not (end == 'drive' and group[0].shaken) or 'deg' in name}
+        yield own
+
+
+def _of_scan(scan):
+    frames, points = len(scan.times), len(scan.names)
+    places = [] if scan.places is None else [('x_m', scan.places[:, 0]), ('y_m', scan.places[:, 1])]
+    yield {'time_s': np.repeat(scan.times / u.s, points), 'point': np.tile(scan.names, frames),
+           **{name: np.tile(column / u.m, frames) for name, column in places},
+           **{f'u_{part}_m' if part else 'u_m': moved.ravel() / u.m for part, moved in scan.motions.items()}}
