@@ -71,7 +71,8 @@ def run(options: Namespace) -> None:
     with results(options, None, file) as folder, drawing(options, folder, Path(file).name) as save:
         for k, table in enumerate(tables):
             write_columns(folder / f'clean{f"_{k + 1}" if len(tables) > 1 else ""}.csv', [*table], [*table.values()])
-        draw: Any = {'forces': plot_forces, 'ridges': plot_ridges, 'a scan': plot_scan}.get(kind, partial(plot_transfer, curves={}))
+        draw: Any = {'forces': plot_forces, 'ridges': plot_ridges, 'a scan': plot_scan,
+                     'transfer functions': partial(plot_transfer, curves={})}[kind]
         save(getattr(drawn := draw(record), 'figure', drawn), 'clean')
     print('\n'.join([f'{file} holds {kind}.', *_understood(file, kind), *(f'  {note}' for note in getattr(record, 'notes', ()))]))
     for table in tables:
