@@ -147,7 +147,7 @@ def _scattered(scene, system, omega):
     from ..response.normal_modes import Modes, local_modes
 
     scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
-    if scatter is None or not scatter.std.any():
+    if not scatter:
         return []
     found = local_modes(system, omega[[0, -1]])
     spread = mode_scatter(system, scatter, Modes(found.omega[:SHOWN_PEAKS], found.shapes[:SHOWN_PEAKS]))

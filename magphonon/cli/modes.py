@@ -200,7 +200,7 @@ def _spread(scene, system, found):
     from ..design.scatter import mode_scatter, sampled_modes
 
     scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
-    if scatter is None or not scatter.std.any():
+    if not scatter:
         return {}, []
     first = units.hertz(mode_scatter(system, scatter, found).std)
     if system.directions > MOST_DRAWN:

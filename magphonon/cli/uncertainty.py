@@ -48,7 +48,7 @@ def run(options: Namespace) -> None:
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         if bands:
             lines += _bands(folder, save, scene, tolerances) if tolerances.changes else []
-            lines += ['', OWN_SCATTER] if tolerances.scatter.std.any() else []
+            lines += ['', OWN_SCATTER] if tolerances.scatter else []
         if scene.frf is not None:
             lines += _response(folder, save, scene, tolerances)
         if not (bands and tolerances.changes):

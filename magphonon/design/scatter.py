@@ -18,7 +18,8 @@ masses (`Slope`); with G_b = dJ/dK_b in place of e^x (x) e^y one solution w give
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -27,12 +28,12 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 
-from ..errors import PhysicsError, not_negative
+from ..errors import PhysicsError, not_negative, one_of
 from ..lattices.bonds import Bonds
 from ..response.frf import Dof, resolvents
 from ..response.normal_modes import Modes, modes, natural_frequencies
 from ..stiffness.bond import model_stiffness, stiffness_change
-from ..stiffness.defects import Scatter, scattered
+from ..stiffness.defects import Scatter, scattered, varied_sites
 from ..stiffness.factors import inverse
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem, freedom
@@ -40,6 +41,7 @@ from ..traits import LIKE, takes
 from .sensitivities import LawDerivative, exponent_change
 
 SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
+ALIKE = (*SITES, 'scale')  # those that all sites may have in common: the scale is that of all lengths, by a ruler
 ROWS = {'mass': slice(1), 'strength': slice(1, 2), 'stiffness': slice(2, 3), 'position': slice(3, 6)}
 """Where the derivatives by each quantity stand among all: the three logarithms, then the three coordinates."""
 REGULAR = 1e-12
@@ -52,7 +54,9 @@ CROSSING = 1e-9
 
 @dataclass(frozen=True)
 class SiteScatter:
-    """Standard deviations of the quantities of each site, relative but for places; all of them scatter independently.
+    """Standard deviations of the quantities of each site, relative but for places, and of what all sites have in common.
+
+    All of them scatter independently.
 
     Attributes
     ----------
@@ -66,6 +70,8 @@ class SiteScatter:
         Standard deviation of each coordinate in mm: of the feet of the pillars and of what is held, or of what was measured.
     at_rest : bool
         Whether the positions were measured at rest, so that they do not follow strengths and springs.
+    alike : dict of str to float
+        Relative standard deviations of 'mass', 'strength', 'stiffness' and 'scale' (of all lengths) of all sites alike.
     """
 
     mass: float = 0.0
@@ -73,15 +79,27 @@ class SiteScatter:
     stiffness: float = 0.0
     position: float = 0.0
     at_rest: bool = False
+    alike: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ROWS:
             not_negative(f'scatter of the {name}', getattr(self, name))
+        for name, value in self.alike.items():
+            not_negative(f'scatter of the {one_of("a quantity of all sites", name, ALIKE)} of all sites', value)
+
+    def __bool__(self) -> bool:
+        """Whether anything scatters."""
+        return bool(self.std.any() or any(self.alike.values()))
 
     @property
     def std(self) -> NDArray[np.float64]:
         """Those of the three logarithms and of the three coordinates, shape (6,)."""
         return np.array([self.mass, self.strength, self.stiffness, *3 * [self.position]])
+
+    @property
+    def std_alike(self) -> NDArray[np.float64]:
+        """Those of what all sites have in common, shape (4,)."""
+        return np.array([self.alike.get(name, 0.0) for name in ALIKE])
 
 
 NO_SCATTER = SiteScatter()
@@ -212,14 +230,20 @@ class SiteSlopes:
         return sum(direct) - ((change.dphi(r) / r)[:, None] * R * e).sum()
 
     def __call__(self, x: NDArray[Any], y: NDArray[Any], inertia: Any) -> NDArray[np.complex128]:
-        """Derivatives of `x.(H + inertia M) y` by logarithms of masses, strengths and springs, and by places.
+        """Derivatives of `x.(H + inertia M) y` by logarithms of masses, strengths and springs, and by places, of each site.
 
         Their shape is (6, particles).  The displacements x and y respect the constraints; the inertia is
         `-omega^2 + i omega gamma`, in rad^2/ms^2.
         """
+        return self.each_and_alike(x, y, inertia)[0]
+
+    def each_and_alike(self, x: NDArray[Any], y: NDArray[Any],
+                       inertia: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """The same, and those by what all sites have in common, by the logarithms of ALIKE, shape (4,)."""
         found, places = self.of(form(self.system.calc.bonds, x[..., None], y[..., None], inertia)), np.zeros((3, len(x)), complex)
         places[: x.shape[1]] = found['foot'].T
-        return np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])
+        each = np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])
+        return each, np.append(each[: len(SITES)].sum(axis=1), found['spacing'])
 
 
 def full_or_sparse(A: sparse.csr_array) -> Any:
@@ -273,8 +297,9 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
     ends = np.flatnonzero(np.diff(squares) > CROSSING * abs(squares).max()) + 1
     for alike in np.split(np.arange(len(squares)), ends):
         shapes = found.shapes[alike]
-        W = [slopes(x, y, -squares[alike].mean()).real for x in shapes for y in shapes]
-        variance[alike] = np.einsum('p,wpi->', scatter.std**2, np.square(W)) / len(alike)
+        W = [slopes.each_and_alike(x, y, -squares[alike].mean()) for x in shapes for y in shapes]
+        variance[alike] = sum(scatter.std**2 @ (each.real**2).sum(1) + scatter.std_alike**2 @ all_.real**2
+                              for each, all_ in W) / len(alike)
     with np.errstate(divide='ignore', invalid='ignore'):
         std = np.sqrt(variance) / (2 * abs(found.omega))
     return ModeScatter(found.omega, np.where(abs(squares) <= CROSSING * abs(squares).max(), np.nan, std))
@@ -288,7 +313,7 @@ def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0)
     """
     drawn, sites = [], Scatter(scatter.position, scatter.strength, scatter.mass, scatter.stiffness)
     for k in range(count):
-        sample: Any = scattered(atoms, sites, seed + k)
+        sample: Any = _scaled(scattered(atoms, sites, seed + k), scatter, np.random.default_rng([seed + k, len(ALIKE)]))
         try:
             if scatter.at_rest:
                 sample.calc = sample.calc.balanced(freedom(sample)[0])
@@ -300,18 +325,26 @@ def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0)
     return np.array(drawn)
 
 
+def _scaled(atoms, scatter, rng):
+    """The structure with random factors that all sites have in common."""
+    factors = dict(zip(ALIKE, np.exp(scatter.std_alike * rng.standard_normal(len(ALIKE))), strict=True))
+    return varied_sites(atoms, **{name: np.full(len(atoms), factors[name]) for name in SITES},
+                        moved=(factors['scale'] - 1) * atoms.positions * [1, 1, 0]) if any(scatter.alike.values()) else atoms
+
+
 def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64],
-                     damping: ArrayLike, at_rest: bool = False) -> NDArray[np.complex128]:
-    """Derivatives of a frequency response by the logarithms of masses, strengths and springs of all sites, and by their places.
+                     damping: ArrayLike, at_rest: bool = False) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Derivatives of a frequency response by the logarithms of masses, strengths and springs of each site, and by their places.
 
     The arguments are those of `magphonon.response.frf.harmonic_response`, the Place where the response is seen, and `at_rest` as
-    in SiteScatter.  Shape (6, particles, frequencies), in mm, those by places in mm per mm.
+    in SiteScatter.  Shape (6, particles, frequencies), in mm, those by places in mm per mm; and by the logarithms of what all
+    sites have in common, shape (4, frequencies).
     """
     system = LinearSystem.of(atoms)
     n, slopes, rate = len(system), SiteSlopes(system, at_rest), np.asarray(damping)
     both = np.stack([answer.force(n).ravel(), np.asarray(force, dtype=complex).ravel()], axis=1)
-    found = np.empty((6, n, len(omega)), dtype=complex)
+    each, alike = np.empty((6, n, len(omega)), complex), np.empty((len(ALIKE), len(omega)), complex)
     for k, G in enumerate(resolvents(system, omega, damping)):
         x, y = G(both).T.reshape(2, n, 3)[..., : system.dim]
-        found[..., k] = -slopes(x, y, -(omega[k] ** 2) + 1j * omega[k] * rate)
-    return found
+        each[..., k], alike[:, k] = slopes.each_and_alike(-x, y, -(omega[k] ** 2) + 1j * omega[k] * rate)
+    return each, alike

@@ -21,7 +21,7 @@ from ..response.frf import Dof
 from ..stiffness.bond import Model
 from ..stiffness.rest import LinearSystem
 from ..traits import STIFF, takes
-from .scatter import NO_SCATTER, ROWS, SiteScatter, response_scatter
+from .scatter import ALIKE, NO_SCATTER, ROWS, SiteScatter, response_scatter
 from .sensitivities import StiffnessDerivative, frequency_sensitivities, response_sensitivities
 
 ROUND_OFF = 1e-12
@@ -48,7 +48,7 @@ class Tolerances:
     def __post_init__(self) -> None:
         n = len(self.changes)
         C = finite('covariance', self.covariance, (n, n))
-        if not (n or self.scatter.std.any()):
+        if not (n or self.scatter):
             raise ValueError('neither parameters nor sites have a tolerance; name one')
         if not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C).min(initial=0) < -ROUND_OFF * np.trace(C):
             raise ValueError(f'covariance must be symmetric without negative eigenvalues, with a row for each of the {n} '
@@ -197,13 +197,14 @@ def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, 
     slopes, turns = np.real(u.conj() * du) / abs(u), np.imag(du / u)
     names, C, scatter = tuple(tolerances.changes), tolerances.covariance, tolerances.scatter
     own_std = {name: getattr(scatter, name) for name in ROWS if getattr(scatter, name)}
-    if own_std:
+    if scatter:
         own = response_scatter(atoms, force, answer, omega, damping, scatter.at_rest)
-        sites = [np.stack([np.linalg.norm(part[ROWS[name]], axis=(0, 1)) for name in own_std])
-                 for part in (np.real(u.conj() * own) / abs(u), np.imag(own / u))]
+        common = [ALIKE.index(name) for name in scatter.alike]
+        sites = [np.stack([*(np.linalg.norm(each[ROWS[name]], axis=(0, 1)) for name in own_std), *alike[common]])
+                 for each, alike in ([np.real(u.conj() * part) / abs(u) for part in own], [np.imag(part / u) for part in own])]
         slopes, turns = (np.concatenate(pair) for pair in zip((slopes, turns), sites, strict=True))
-        names = (*names, *(f'each {name}' for name in own_std))
-        C = np.asarray(block_diag(C, np.diag(np.square(list(own_std.values())))))
+        names = (*names, *(f'each {name}' for name in own_std), *scatter.alike)
+        C = np.asarray(block_diag(C, np.diag(np.square([*own_std.values(), *scatter.alike.values()]))))
     return ResponseSpread(names, C, abs(u), slopes, turns)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, create_model
 
 from .. import units as u
-from ..design.scatter import SITES, SiteScatter
+from ..design.scatter import ALIKE, SITES, SiteScatter
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
@@ -59,6 +59,10 @@ class _Uncertainty(Table):
     each_position_m: Positive | None = Field(
         None, description='the standard deviation of each coordinate of a site by itself: of the foot of a pillar and of what is '
         'held, or with lattice.positions = "rest" of a position measured in a photo', examples=[1e-4])
+    strength_percent: Positive | None = Field(
+        None, description='of particles from a file: the standard deviation of the mean strength of all magnets in percent')
+    scale_percent: Positive | None = Field(
+        None, description='of particles from a file: the standard deviation of the ruler, of all lengths alike, in percent')
     correlation_forces_exponent: Correlation | None = Field(
         None, description='the correlation of forces and exponent, as "magphonon fit" prints it')
 
@@ -66,7 +70,7 @@ class _Uncertainty(Table):
         changes = _changes(scene)
         sigma = self._sigma(scene, changes)
         scatter = self._scatter(scene)
-        if not sigma and not scatter.std.any():
+        if not sigma and not scatter:
             raise ValueError('uncertainty names no tolerance; add one, such as spacing_percent = 1.0')
         C, names = np.diag(np.square(list(sigma.values()))).reshape(len(sigma), len(sigma)), list(sigma)
         for one, other in (('a', 'b'), ('forces', 'exponent')):
@@ -85,11 +89,12 @@ class _Uncertainty(Table):
             place = _place(scene, name)
             given = {f'{name}_percent': getattr(self, f'{name}_percent'), place[-1]: getattr(self, place[-1], None)}
             given = {key: value for key, value in given.items() if value is not None}
-            if not given:
+            if not given or (not changes and name in ALIKE and [*given] == [f'{name}_percent']):  # a file has those of all alike
                 continue
             if not changes:
-                raise ValueError(f'uncertainty.{next(iter(given))}: of particles from a file only what each of them deviates by '
-                                 'is propagated, ' + ', '.join(f'each_{site}_percent' for site in SITES) + ' and each_position_m')
+                raise ValueError(f'uncertainty.{next(iter(given))}: of particles from a file these are propagated: '
+                                 + ', '.join(f'{name}_percent' for name in (*(f'each_{site}' for site in SITES), *ALIKE))
+                                 + ' and each_position_m')
             if name not in changes:
                 raise ValueError(f'uncertainty: {name} is no parameter of this scene; its parameters are {", ".join(changes)}')
             if len(given) > 1:
@@ -107,15 +112,22 @@ class _Uncertainty(Table):
         return sigma
 
     def _scatter(self, scene):
-        percent = {name: getattr(self, f'each_{name}_percent') or 0.0 for name in SITES}
-        if percent['stiffness'] and not np.any(scene.perfect_cell().calc.foundation):
-            raise ValueError('uncertainty.each_stiffness_percent belongs to a foundation, but the scene has none; leave it out')
+        of_file = isinstance(scene.lattice, FileLattice)
+        percent = {name: value for name in (*(f'each_{site}' for site in SITES), *ALIKE)
+                   if (value := getattr(self, f'{name}_percent')) and (of_file or name not in ('mass', 'stiffness'))}
         for name, value in percent.items():
+            if not of_file and name in ALIKE:
+                raise ValueError(f'uncertainty.{name}_percent belongs to particles from a file; of a lattice by kind and spacing '
+                                 'say spacing_percent, or the tolerance of its law, such as force_percent')
+            if 'stiffness' in name and not np.any(scene.perfect_cell().calc.foundation):
+                raise ValueError(f'uncertainty.{name}_percent belongs to a foundation, but the scene has none; leave it out')
             if value > 100 * LARGEST_TOLERANCE:
-                raise ValueError(f'uncertainty.each_{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} '
+                raise ValueError(f'uncertainty.{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} '
                                  'within which a linear propagation holds; measure it better, or leave it out')
-        return SiteScatter(**{name: value / 100 for name, value in percent.items()}, position=(self.each_position_m or 0.0) * u.m,
-                           at_rest=getattr(scene.lattice, 'positions', None) == 'rest')
+        each = {site: percent.get(f'each_{site}', 0.0) / 100 for site in SITES}
+        return SiteScatter(**each, position=(self.each_position_m or 0.0) * u.m,
+                           at_rest=getattr(scene.lattice, 'positions', None) == 'rest',
+                           alike={name: percent[name] / 100 for name in ALIKE if name in percent})
 
 
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all

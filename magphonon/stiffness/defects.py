@@ -55,7 +55,7 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
     factors['mass'][particle] = positive('mass', mass)
     factors['strength'][particle] = finite('strength', strength, ())
     factors['stiffness'][particle] = not_negative('stiffness', stiffness)
-    return _varied(atoms, **factors, kinds={} if kind is None else {particle: kind})
+    return varied_sites(atoms, **factors, kinds={} if kind is None else {particle: kind})
 
 
 def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
@@ -133,7 +133,7 @@ def scattered(atoms: Atoms, scatter: Scatter, seed: int) -> Atoms:
     if repulsion_of(atoms).dim == 2 or atoms.calc.layer:  # pyright: ignore[reportOptionalMemberAccess]
         moved[:, 2] = 0
     factors = {name: 1 + getattr(scatter, name) * normal[name] for name in ('mass', 'strength', 'stiffness')}
-    return _varied(atoms, moved=moved, **factors)
+    return varied_sites(atoms, moved=moved, **factors)
 
 
 def site_normals(seed: int, sites: int) -> NDArray[np.float64]:
@@ -147,7 +147,7 @@ def site_normals(seed: int, sites: int) -> NDArray[np.float64]:
     return ndtri(((raw >> np.uint64(11)) + 0.5) * 2.0**-53).reshape(sites, len(QUANTITIES))
 
 
-def _varied(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: Any = None, kinds: Any = None) -> Atoms:
+def varied_sites(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: Any = None, kinds: Any = None) -> Atoms:
     """The structure with a factor of mass, strength and stiffness for each site, with moved sites, and with other kinds."""
     calc = repulsion_of(atoms)
     moved = np.zeros((len(atoms), 3)) if moved is None else moved
