@@ -59,8 +59,6 @@ class _Uncertainty(Table):
     each_position_m: Positive | None = Field(
         None, description='the standard deviation of each coordinate of a site by itself: of the foot of a pillar and of what is '
         'held, or with lattice.positions = "rest" of a position measured in a photo', examples=[1e-4])
-    strength_percent: Positive | None = Field(
-        None, description='of particles from a file: the standard deviation of the mean strength of all magnets in percent')
     scale_percent: Positive | None = Field(
         None, description='of particles from a file: the standard deviation of the ruler, of all lengths alike, in percent')
     correlation_forces_exponent: Correlation | None = Field(
@@ -89,7 +87,7 @@ class _Uncertainty(Table):
             place = _place(scene, name)
             given = {f'{name}_percent': getattr(self, f'{name}_percent'), place[-1]: getattr(self, place[-1], None)}
             given = {key: value for key, value in given.items() if value is not None}
-            if not given or (not changes and name in ALIKE and [*given] == [f'{name}_percent']):  # a file has those of all alike
+            if not given or (not changes and [*given] == [f'{name}_percent'] and name in ALIKE):  # of all sites, in `_scatter`
                 continue
             if not changes:
                 raise ValueError(f'uncertainty.{next(iter(given))}: of particles from a file these are propagated: '
@@ -114,11 +112,10 @@ class _Uncertainty(Table):
     def _scatter(self, scene):
         of_file = isinstance(scene.lattice, FileLattice)
         percent = {name: value for name in (*(f'each_{site}' for site in SITES), *ALIKE)
-                   if (value := getattr(self, f'{name}_percent')) and (of_file or name not in ('mass', 'stiffness'))}
+                   if (value := getattr(self, f'{name}_percent')) and (of_file or name not in SITES)}
         for name, value in percent.items():
-            if not of_file and name in ALIKE:
-                raise ValueError(f'uncertainty.{name}_percent belongs to particles from a file; of a lattice by kind and spacing '
-                                 'say spacing_percent, or the tolerance of its law, such as force_percent')
+            if not of_file and name == 'scale':
+                raise ValueError('uncertainty.scale_percent belongs to particles from a file; say spacing_percent')
             if 'stiffness' in name and not np.any(scene.perfect_cell().calc.foundation):
                 raise ValueError(f'uncertainty.{name}_percent belongs to a foundation, but the scene has none; leave it out')
             if value > 100 * LARGEST_TOLERANCE:

@@ -264,7 +264,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     ase.io.write(tmp_path / 'bare.traj', bare)
     with pytest.raises(ValueError, match='written without a calculator of magphonon'):
         scene({'file': 'bare.traj'}, {'kind': 'saved'})
-    with pytest.raises(ValueError, match=r'uncertainty\.a_percent: of particles from a file these are propagated: each_mass_p.*scale_'):
+    with pytest.raises(ValueError, match=r'uncertainty\.a_percent: of particles from a file these are'):
         scene({'file': 'bare.traj'}, uncertainty={'a_percent': 1.0})
     with pytest.raises(ValueError, match='stiffness_percent belongs to a foundation, but the scene has none'):
         scene({'file': 'bare.traj'}, uncertainty={'stiffness_percent': 1.0})
