@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 
 from .. import units
-from ..errors import finite, one_of
+from ..errors import Unstable, finite, not_negative, number, one_of, positive, shown, whole
 from ..response.frf import Dof
 from ..stiffness.bond import model_stiffness
 from ..stiffness.factors import inverse
@@ -103,6 +103,10 @@ class Rest:
 
     def waves(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Squared frequencies of Bloch waves, shape (wavevectors, branches), and modes x of x.M x = 1 in columns."""
+        if not self.system.atoms.pbc.any():
+            raise ValueError('bands are those of a periodic cell, and this structure is finite; give atoms.pbc, or choose an '
+                             'objective of a finite structure, such as Level')
+
         def modes():
             squares, v = np.linalg.eigh(self.system.bloch(q, self.system.calc.model))
             return squares, np.asarray(self.system.shapes.todense()) @ v
@@ -149,7 +153,7 @@ class Objective:
         return Sum(((1.0, self), (-1.0, other)))
 
     def __rmul__(self, c: float) -> Sum:
-        return Sum(((float(c), self),))
+        return Sum(((number('the factor of an objective', c), self),))
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,10 @@ class Target(Objective):
     of: Objective
     wanted: float
     width: float
+
+    def __post_init__(self) -> None:
+        number('wanted', self.wanted)
+        positive('width', self.width)
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
         value, slope = self.of.value_and_slope(rest)
@@ -206,7 +214,7 @@ class Worst(Objective):
     width: float = 1.0
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
-        values, slopes = zip(*(one.value_and_slope(rest) for one in self.of), strict=True)
+        values, slopes = zip(*(one.value_and_slope(rest) for one in self.of), strict=True) if self.of else ((), ())
         value, share = soft_minimum(np.array(values), self.width)
         return value, sum((c * slope for c, slope in zip(share, slopes, strict=True)), Slope())
 
@@ -228,6 +236,9 @@ class Worst(Objective):
 
 def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDArray[np.float64]]:
     """The soft minimum of values, and its derivative by each; of infinite width their mean."""
+    if not len(values) or not width > 0:
+        raise ValueError(f'a soft minimum is that of one or more numbers, and its width is positive, or infinite for their mean: '
+                         f'not of {len(values)} with the width {width!r}')
     if np.isinf(width):
         return float(values.mean()), np.full(len(values), 1 / len(values))
     e = np.exp(-(values - values.min()) / width)
@@ -255,6 +266,11 @@ class Level(Objective):
     omega: float
     damping: float
     floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive('omega', self.omega, 'rad/ms')
+        not_negative('damping', self.damping, '1/ms')
+        not_negative('floor', self.floor, 'mm/N')
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
         x, y = (rest.response(place, self.omega, self.damping) for place in (self.seen, self.source))
@@ -297,14 +313,17 @@ class BandEdge(Objective):
     sharp: float = 100.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'q', np.reshape(finite('q', self.q), (-1, 3)))
+        q = np.atleast_2d(finite('q', self.q))
+        object.__setattr__(self, 'q', finite('q', q, (len(q), 3)))
+        whole('below', self.below, 0)
         one_of('side', self.side, ('top', 'bottom'))
+        positive('sharp', min(self.sharp, 1e300), 'ms')
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
         squares, x = rest.waves(self.q)
         branches, sign = (np.s_[: self.below], 1) if self.side == 'top' else (np.s_[self.below :], -1)
         squares, x = squares[:, branches], x[..., branches]
-        if not squares.size:
+        if not squares.size or (sign > 0 and squares.shape[1] < self.below):
             raise ValueError(f'the cell has {rest.system.directions} branches, and none of them lies on this side of a gap above '
                              f'{self.below}; choose another number of branches below the gap')
         omega = np.sign(squares) * np.sqrt(abs(squares))
@@ -354,6 +373,12 @@ def _slope_of_mode(rest, squares, x, at, own, pull, q=None):
     return slope + Slope(masses=-drop)
 
 
+def _frequency(square):
+    if not square > 0:
+        raise Unstable('the wave whose frequency is wanted does not vibrate but grows, in the model of the waves')
+    return float(np.sqrt(square))
+
+
 class Crossing(ValueError):
     """Two modes meet, so that neither has a derivative by itself."""
 
@@ -369,18 +394,26 @@ class GroupVelocity(Objective):
     branch : int
         Counted from 0 by frequency.
     direction : ndarray, shape (dim,)
-        Unit vector.
+        Of any length.
     """
 
     q: np.ndarray
     branch: int
     direction: np.ndarray
 
+    def __post_init__(self) -> None:
+        along = finite('direction', self.direction)
+        object.__setattr__(self, 'q', finite('q', self.q, (3,)))
+        object.__setattr__(self, 'direction', along / positive('the length of direction', np.linalg.norm(along)))
+        whole('branch', self.branch, 0)
+
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
-        calc, q = rest.system.calc, np.asarray(self.q, float)
+        calc, q = rest.system.calc, self.q
         squares, x = (part[0] for part in rest.waves(q[None]))
-        mode, omega, n = x[:, self.branch], np.sqrt(squares[self.branch]), len(rest.system)
-        towards, cell = np.asarray(self.direction, float)[: calc.dim], calc.reference.cell.array[:, : calc.dim]
+        if self.branch >= len(squares):
+            raise ValueError(f'branch is {self.branch}, but the {len(squares)} branches are counted from 0')
+        mode, omega, n = x[:, self.branch], _frequency(squares[self.branch]), len(rest.system)
+        towards, cell = self.direction[: calc.dim], calc.reference.cell.array[:, : calc.dim]
         gradient = bloch_gradient(calc.bonds, calc.rest_stiffness(calc.model), q[None], cell)[:, 0]
         pull = np.tensordot(towards, gradient, 1) @ mode / (2 * omega)
         value = float((mode.conj() @ pull).real)
@@ -414,9 +447,11 @@ class LocalMode(Objective):
         squares, v = rest.spectrum
         x, m = np.asarray(system.free @ v), system.masses
         share = m[:, None] * (x.reshape(len(m), system.dim, -1) ** 2).sum(1)  # of each particle in the energy of each mode
+        if not 0 <= self.site < len(m) or not system.mobile[self.site]:
+            raise ValueError(f'particle {self.site} has no mode: choose one of the {len(m)}, counted from 0, that can move')
         at = int(share[self.site].argmax())
         if self.quantity == 'frequency':
-            omega = float(np.sqrt(squares[at]))
+            omega = _frequency(squares[at])
             return omega, _slope_of_mode(rest, squares, x, at, 1 / (2 * omega), 0 * x[:, at])
         own = share[:, at]
         value = float(1 / (own**2).sum())
@@ -429,8 +464,8 @@ class LocalMode(Objective):
 class Margin(Objective):
     """How far a structure is from buckling: soft minimum of the eigenvalues of its statics over mass, in rad^2/ms^2.
 
-    Of the complete model, whatever the model of the waves, and of waves at `q` in a periodic cell.  As a constraint of
-    `optimise` it keeps designs away from the verge.
+    Of the complete model, whatever the model of the waves; of a periodic cell that of motion alike in all cells, q = 0.  As a
+    constraint of `optimise` it keeps designs away from the verge.
 
     Attributes
     ----------
@@ -439,6 +474,9 @@ class Margin(Objective):
     """
 
     sharp: float = 1000.0
+
+    def __post_init__(self) -> None:
+        positive('sharp', self.sharp, 'ms^2')
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
         system, m = rest.system, np.sqrt(rest.masses)
@@ -495,6 +533,19 @@ class BurstEnergy(Objective):
     dt: float = 0.25
     amplitude: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name, unit in (('omega', 'rad/ms'), ('cycles', ''), ('dt', 'ms')):
+            positive(name, getattr(self, name), unit)
+        not_negative('damping', self.damping, '1/ms')
+        not_negative('amplitude', self.amplitude, 'N')
+        start, end = finite('window', self.window, (2,))
+        if not max(start, 0) + self.dt <= end:
+            raise ValueError(f'the window in ms must go from an earlier to a later time than t = 0, by a step dt = {self.dt:g} '
+                             f'or more, not from {start:g} to {end:g}')
+        if not self.omega * self.dt < np.pi:
+            raise ValueError(f'dt = {self.dt:g} ms is longer than half a period of the burst, {np.pi / self.omega:g} ms; take a '
+                             'shorter one')
+
     def tuned(self, factor: float) -> Objective:
         return replace(self, omega=factor * self.omega)
 
@@ -508,8 +559,9 @@ class BurstEnergy(Objective):
         if not push.any():
             raise ValueError(f'the source drives particle {self.source.particle}, which is held; choose one that can move')
         counted = system.free.power(2).T @ np.repeat(np.isin(np.arange(len(system)), self.region) / 2, system.dim) * rest.masses
-        if not counted.any():
-            raise ValueError('no particle of the region can move; choose another region')
+        if not counted.any() or not np.isin(self.region, np.arange(len(system))).all():
+            raise ValueError(f'the region {shown(self.region)} must be of the {len(system)} particles, counted from 0, one of '
+                             'them free to move; choose another region')
         energy, slope = (self._stepped if self.amplitude else self._exact)(rest, push, counted)
         return DECIBEL * np.log(energy), DECIBEL / energy * slope
 

@@ -22,7 +22,7 @@ from scipy import linalg, sparse
 from tqdm import tqdm
 
 from .. import units
-from ..errors import Unstable, finite, one_of, whole
+from ..errors import Unstable, finite, not_negative, number, one_of, shown, whole
 from ..files import whole_file
 from ..interactions.pair_laws import InversePower
 from ..stability.buckling import common_spring, softest_of
@@ -74,6 +74,10 @@ class Robust:
     frequency: float = 0.0
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        whole('draws', self.draws)
+        not_negative('frequency', self.frequency)
+
     def drawn(self, particles: int) -> list[Draw]:
         """The drawn lattices."""
         found = []
@@ -109,10 +113,10 @@ class Variables:
         self.atoms, self.calc = atoms, repulsion_of(atoms).about(atoms, model='complete')
         self.system = LinearSystem.about(self.calc, atoms).moving()
         self.springs = np.broadcast_to(self.calc.foundation, (len(atoms), self.calc.dim))
-        self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(np.asarray(sites, int))
+        self.sites = np.flatnonzero(self.system.mobile) if sites is None else _indices(sites, len(atoms))
         if not over or not (len(self.sites) or set(over) & set(LATTICE)):
             raise ValueError('nothing may vary: name a parameter in over=, and at least one site that is free')
-        self.groups, group = groups, self.sites if groups is None else np.asarray(groups, int)[self.sites]
+        self.groups, group = groups, self.sites if groups is None else finite('groups', groups, (len(atoms),))[self.sites]
         self._group = np.unique(group, return_inverse=True)[1]
         self.over, self._parts, low, high = dict(over), {}, [], []
         count = int(self._group.max(initial=-1)) + 1
@@ -240,6 +244,15 @@ class Variables:
         edges = [*product(*((0.0, 0.5) if along else (0.0,) for along in pbc))][1:]
         K = model_stiffness(R, acts)
         return all(_solved(P.T @ hessian(self.calc.bonds, K, k, q) @ P)[1] for q in edges)
+
+
+def _indices(sites, particles):
+    """Indices of sites, increasing, from indices or a mask; ValueError for one that is not there."""
+    given = np.asarray(sites)
+    found = np.flatnonzero(given) if given.dtype == bool and len(given) == particles else np.unique(finite('sites', given))
+    if (given.dtype == bool and len(given) != particles) or (found % 1).any() or not np.isin(found, np.arange(particles)).all():
+        raise ValueError(f'sites are indices from 0 to {particles - 1} or a mask of {particles} particles, not {shown(sites)}')
+    return found.astype(int)
 
 
 def _solved(H):
@@ -421,8 +434,11 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     task = _Task(variables, objective, model, [Draw()] if robust is None else robust.drawn(len(atoms)),
                  np.inf if robust is None else robust.width)
     rng, found = np.random.default_rng(seed), []
+    whole('steps', steps)
+    constraints = [(one, number('the least value of a constraint', least)) for one, least in constraints]
+    first = None if start is None else finite('start', start, (len(variables),))
     for k in range(whole('starts', starts)):
-        x = variables.present + FIRST * rng.normal(size=len(variables)) if start is None or k else np.asarray(start, float)
+        x = variables.present + FIRST * rng.normal(size=len(variables)) if first is None or k else first
         found.append(_Ascent(task, np.clip(x, -1, 1), np.zeros(len(variables), bool), constraints, report).run(steps))
     x, value, history = max(found, key=lambda one: one[1])
     design = _design(task, x, value, history, [one[0] for one in found])
@@ -583,7 +599,10 @@ def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust 
         if name not in v.over or name == 'foot':
             raise ValueError(f'parts are of parameters that varied, {", ".join(v.over)}, not of {name!r}')
         part = v.slice_of(name)
-        one = np.sort((np.log(np.asarray(factors, float)) - v.middle[part][0]) / v.half[part][0])
+        given = np.atleast_1d(finite(f'parts of {name}', factors))
+        if not (given > 0).all():
+            raise ValueError(f'the parts of {name} must be positive factors, not {shown(factors)}')
+        one = np.sort((np.log(given) - v.middle[part][0]) / v.half[part][0])
         one = one[abs(one) <= 1 + AT_BOUND]
         if not len(one):
             raise ValueError(f'none of the parts {list(np.ravel(factors))} of {name} lies within its bounds {v.over[name]}')
@@ -651,10 +670,11 @@ def orbits(atoms: Atoms, operations: Sequence[ArrayLike]) -> NDArray[np.int_]:
     X, rows, columns = atoms.positions - atoms.positions.mean(axis=0), [], []
     for operation in operations:
         A = np.eye(3)
-        A[: len(operation), : len(operation)] = operation  # pyright: ignore[reportArgumentType]
+        given = finite('operation', operation)
+        A[: len(given), : len(given)] = finite('operation', given, (3, 3) if len(given) == 3 else (2, 2))
         distance = np.linalg.norm((X @ A.T)[:, None] - X, axis=2)
         if (distance.min(axis=1) > 1e-6 * np.ptp(X)).any():
-            raise ValueError(f'{np.asarray(operation).tolist()} is no symmetry of the places of the particles about their middle')
+            raise ValueError(f'{given.tolist()} is no symmetry of the places of the particles about their middle')
         rows += list(range(len(X)))
         columns += distance.argmin(axis=1).tolist()
     return sparse.csgraph.connected_components(sparse.coo_array((np.ones(len(rows)), (rows, columns)), (len(X), len(X))))[1]

@@ -70,6 +70,8 @@ class Dof:
 
     def force(self, particles: int) -> NDArray[np.float64]:
         """A unit force there, zero on all other of the `particles`; shape (particles, 3)."""
+        if not 0 <= self.particle < particles:
+            raise ValueError(f'there is no particle {self.particle}: the {particles} particles are counted from 0')
         force = np.zeros((particles, 3))
         force[self.particle] = self.direction
         return force

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from magphonon import InversePower, MagneticRepulsion, lattices, modes
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
 from magphonon.bands import bloch_modes
 from magphonon.design import (
     BandEdge,
@@ -215,6 +215,35 @@ def test_what_is_refused():
     with pytest.raises(ValueError, match="take the amplitude out for the conventional one"):
         BurstEnergy(free, (free.particle,), (0.0, 10.0), 0.5, 3, 0.01, amplitude=0.1).value(
             Variables(atoms, {'strength': (0.9, 1.1)}).rest(np.zeros(18), 'conventional'))
+
+
+WRONG = {'omega': np.nan, 'damping': -0.1, 'floor': -1.0, 'dt': 9.0, 'window': (8.0, 1.0), 'cycles': 0, 'amplitude': -1.0,
+         'region': (2, 999), 'below': 99, 'sharp': -3.0, 'branch': 77, 'q': (0.1, np.nan, 0), 'direction': (0, 0, 0), 'site': 999,
+         'of': (), 'wanted': np.nan, 'width': 0.0}
+
+
+@pytest.mark.parametrize('what', WRONG)
+def test_wrong_numbers_are_refused(what):
+    """Each was once an answer, or a design that "has no stable rest"; the control: with the right number there is one."""
+    place = Dof(0, np.array([1.0, 0, 0]))
+    level, wave = Level(place, place, 0.5, 0.01), (0.1, 0.2, 0.0)
+    objectives = [level, BurstEnergy(place, (1, 2), (0.0, 10.0), 0.5, 3, 0.01), BandEdge([wave], 2), Margin(), LocalMode(1),
+                  GroupVelocity(wave, 1, (1.0, 0, 0)), level.near(3.0, 1.0), Worst((level, level))]
+    system = LinearSystem.of(relaxed(cell(3, 2)).atoms)
+    for one in objectives:
+        if hasattr(one, what) and (what != 'of' or isinstance(one, Worst)):
+            assert np.isfinite(one.value(system))
+            with pytest.raises(ValueError, match=r'not|longer than half a period|counted from 0|numbers|must'):
+                replace(one, **{what: WRONG[what]}).value(system)
+
+
+def test_of_a_finite_structure_no_bands_and_of_held_sites_no_modes():
+    atoms = relaxed(patch(4)).atoms
+    held, system = int(atoms.constraints[0].index[0]), LinearSystem.of(atoms)
+    for one, words in ((BandEdge([(0.1, 0.2, 0)], 2), 'this structure is finite'), (LocalMode(held), 'can move'),
+                       (Level(Dof(999, np.ones(3)), Dof(999, np.ones(3)), 0.5, 0.01), 'there is no particle 999')):
+        with pytest.raises(ValueError, match=words):
+            one.value(system)
 
 
 def test_sums_of_branches_are_smooth_where_they_cross():
