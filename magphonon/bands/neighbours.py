@@ -17,7 +17,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from ..interactions.bond_laws import Laws, laws_of
-from ..interactions.pair_laws import InversePower, PairLaw, local_exponent
+from ..interactions.pair_laws import Composed, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
 from ..stiffness.bond import interaction_along
@@ -248,7 +248,7 @@ def _every(atoms, q):
 
 
 @dataclass(frozen=True)
-class _Continued:
+class _Continued(Composed):
     """A law that is known up to the distance `end` in mm, and an inverse power beyond."""
 
     law: PairLaw
@@ -258,15 +258,6 @@ class _Continued:
     def _part(self, name, r):
         near = getattr(self.law, name)(np.minimum(r, self.end))
         return np.where(np.real(r) <= self.end, near, getattr(self.beyond, name)(r))
-
-    def phi(self, r):
-        return self._part('phi', r)
-
-    def dphi(self, r):
-        return self._part('dphi', r)
-
-    def d2phi(self, r):
-        return self._part('d2phi', r)
 
 
 def _continued(law, low):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import finite, one_of, shown, whole
-from .pair_laws import PairInteraction, PairLaw
+from .pair_laws import Composed, PairInteraction, PairLaw
 
 Law = PairLaw | PairInteraction
 """A law of the distance, or an interaction that answers for vectors."""
@@ -76,7 +76,7 @@ def laws_along(laws: Laws, i: NDArray[np.intp], j: NDArray[np.intp], kinds: NDAr
 
 
 @dataclass(frozen=True, eq=False)
-class BondLaws:
+class BondLaws(Composed):
     """The pair laws of bonds that differ: `strength * law(r)` for each bond.
 
     Its methods take distances whose first axis is that of the bonds.
@@ -86,19 +86,7 @@ class BondLaws:
     which: NDArray[np.intp]  # shape (bonds,): index of the law of each bond in `laws`
     strength: NDArray[np.float64]  # shape (bonds,): factor of the law of each bond
 
-    def phi(self, r: Any) -> Any:
-        """Energy of each bond in mJ at the distances `r` in mm, shape (bonds, ...)."""
-        return self._each('phi', r)
-
-    def dphi(self, r: Any) -> Any:
-        """First derivative of the energy of each bond in N."""
-        return self._each('dphi', r)
-
-    def d2phi(self, r: Any) -> Any:
-        """Second derivative of the energy of each bond in N/mm."""
-        return self._each('d2phi', r)
-
-    def _each(self, name, r):
+    def _part(self, name, r):
         strength = self.strength.reshape(self.strength.shape + (1,) * (np.ndim(r) - self.strength.ndim))
         if len(self.laws) == 1:
             return strength * getattr(self.laws[0], name)(r)

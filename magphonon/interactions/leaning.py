@@ -19,11 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .pair_laws import GaussianMixture, InversePower, PairLaw
+from .pair_laws import Composed, GaussianMixture, InversePower, PairLaw
 
 
 @dataclass(frozen=True)
-class LeaningMagnets:
+class LeaningMagnets(Composed):
     """The law of upright magnets and that of the charges which leaning adds to it.
 
     Attributes
@@ -36,17 +36,8 @@ class LeaningMagnets:
     upright: PairLaw
     charges: InversePower
 
-    def phi(self, r: Any) -> Any:
-        """Energy in mJ."""
-        return self.upright.phi(r) + self.charges.phi(r)
-
-    def dphi(self, r: Any) -> Any:
-        """Its first derivative in N."""
-        return self.upright.dphi(r) + self.charges.dphi(r)
-
-    def d2phi(self, r: Any) -> Any:
-        """Its second derivative in N/mm."""
-        return self.upright.d2phi(r) + self.charges.d2phi(r)
+    def _part(self, name, r):
+        return getattr(self.upright, name)(r) + getattr(self.charges, name)(r)
 
 
 class LeaningMixture(LeaningMagnets):
@@ -55,11 +46,9 @@ class LeaningMixture(LeaningMagnets):
     upright: GaussianMixture
 
     def gaussians(self, t: Any) -> Any:
-        """Density rho of the Gaussians `exp(-t r^2)`."""
         return self.upright.gaussians(t) + self.charges.gaussians(t)
 
     def gaussian_moment(self, t: Any) -> Any:
-        """Integral of `t rho` from zero."""
         return self.upright.gaussian_moment(t) + self.charges.gaussian_moment(t)
 
     @property

@@ -15,7 +15,7 @@ from .. import units
 from ..errors import finite, positive
 from .law_cards import Card, Kind, Parameter
 from .magnets import Cuboid, Ring, Sphere, _side_by_side, moment
-from .pair_laws import InversePower, repulsion
+from .pair_laws import Composed, InversePower, repulsion
 
 CLEARANCE = 0.1
 """Smallest gap between two prisms, as a fraction of their width, for which the law is computed; closer to contact the
@@ -148,33 +148,22 @@ class MagnetLaw:
         return self.strength * r**-3.0 * self._factors[0](self._t(r))
 
     def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N."""
         return -self.strength * r**-4.0 * self._factors[1](self._t(r))
 
     def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
         return self.strength * r**-5.0 * self._factors[2](self._t(r))
 
 
 @dataclass(frozen=True)
-class SphereLaw(InversePower):
+class SphereLaw(Composed, InversePower):
     """Law of two equal spheres, point dipoles from `contact` (mm) on; below it raises ValueError."""
 
     contact: float
 
     card: ClassVar[Card] = Card(magnets=True)
 
-    def phi(self, r: Any) -> Any:
-        """Energy in mJ, zero at infinity."""
-        return super().phi(_apart(r, self.contact))
-
-    def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N."""
-        return super().dphi(_apart(r, self.contact))
-
-    def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
-        return super().d2phi(_apart(r, self.contact))
+    def _part(self, name, r):
+        return getattr(InversePower, name)(self, _apart(r, self.contact))
 
 
 def _apart(r, nearest):

@@ -10,6 +10,7 @@ import numpy as np
 from .. import units
 from ..errors import not_negative, positive
 from .law_cards import Card, Kind, Parameter
+from .pair_laws import Composed
 
 _KEYS = {'spring': Parameter('stiffness_N_per_m', units.N / units.m, 'the stiffness of a member in N/m', power=1,
                              examples=(20.0,)),
@@ -46,7 +47,6 @@ class Spring:
         not_negative('L0', self.L0, 'mm')
 
     def phi(self, r: Any) -> Any:
-        """Energy in mJ."""
         return self.k * (r - self.L0) ** 2 / 2
 
     def dphi(self, r: Any) -> Any:
@@ -54,12 +54,11 @@ class Spring:
         return self.k * (r - self.L0)
 
     def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
         return self.k + 0 * r
 
 
 @dataclass(frozen=True)
-class Cable(Spring):
+class Cable(Composed, Spring):
     """A cable: a spring where it is longer than `L0`, slack, without force or stiffness, where it is shorter.
 
     Examples
@@ -73,17 +72,5 @@ class Cable(Spring):
     card: ClassVar[Card] = Card(kinds=(Kind('cable', 'Cables between neighbours, which pull and do not push.', _KEYS,
                                             lambda spring, rest_length: Cable(spring, rest_length), shells=1),))
 
-    def phi(self, r: Any) -> Any:
-        """Energy in mJ."""
-        return self._taut(r) * super().phi(r)
-
-    def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N, the tension."""
-        return self._taut(r) * super().dphi(r)
-
-    def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
-        return self._taut(r) * super().d2phi(r)
-
-    def _taut(self, r):
-        return np.real(r) > self.L0
+    def _part(self, name, r):
+        return (np.real(r) > self.L0) * getattr(Spring, name)(self, r)

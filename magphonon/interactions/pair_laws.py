@@ -91,6 +91,22 @@ class PairLaw(Protocol):
         ...
 
 
+class Composed:
+    """A law made of others: its phi, dphi and d2phi are what `_part` makes of theirs, by name."""
+
+    def _part(self, name: str, r: Any) -> Any:
+        raise NotImplementedError
+
+    def phi(self, r: Any) -> Any:
+        return self._part('phi', r)
+
+    def dphi(self, r: Any) -> Any:
+        return self._part('dphi', r)
+
+    def d2phi(self, r: Any) -> Any:
+        return self._part('d2phi', r)
+
+
 @runtime_checkable
 class PairInteraction(Protocol):
     """An interaction of two particles that depends on the vector R from one to the other, not on its length alone.
@@ -231,19 +247,15 @@ class InversePower:
         return self.b * r ** (1 - self.a) / (self.a - 1)
 
     def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N."""
         return -self.b * r**-self.a
 
     def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
         return self.a * self.b * r ** (-self.a - 1)
 
     def gaussians(self, t: Any) -> Any:
-        """Density rho of the Gaussians `exp(-t r^2)`."""
         return self.b * np.exp((self.a - 3) / 2 * np.log(t) - lgamma((self.a + 1) / 2)) / 2
 
     def gaussian_moment(self, t: Any) -> Any:
-        """Integral of `t rho` from zero."""
         return t**2 * self.gaussians(t) * 2 / (self.a + 1)
 
     @property
@@ -253,7 +265,6 @@ class InversePower:
 
     @property
     def screening(self) -> float:
-        """Zero."""
         return 0.0
 
 
@@ -295,19 +306,15 @@ class Yukawa:
         return self.c * np.exp(-self.kappa * r) / r
 
     def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N."""
         return -self.phi(r) * (self.kappa + 1 / r)
 
     def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
         return self.phi(r) * (self.kappa**2 + 2 * self.kappa / r + 2 / r**2)
 
     def gaussians(self, t: Any) -> Any:
-        """Density rho of the Gaussians `exp(-t r^2)`."""
         return self.c / np.sqrt(np.pi * t) * np.exp(-(self.kappa**2) / (4 * t))
 
     def gaussian_moment(self, t: Any) -> Any:
-        """Integral of `t rho` from zero."""
         from scipy.special import erfcx
 
         z = self.kappa / (2 * np.sqrt(t))
@@ -320,7 +327,6 @@ class Yukawa:
 
     @property
     def screening(self) -> float:
-        """Inverse screening length kappa in 1/mm."""
         return self.kappa
 
 
@@ -383,11 +389,9 @@ class Hertz:
         return 2 / 5 * self.stiffness * self._overlap(r) ** 2.5
 
     def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N."""
         return -self.stiffness * self._overlap(r) ** 1.5
 
     def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
         return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
 
 
@@ -493,11 +497,9 @@ class Tabulated:
         return self._energies[k] - self._force_integral(k, r)
 
     def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N."""
         return -self._force(self._interval(r), r)[0]
 
     def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
         f, slope = self._force(self._interval(r), r)
         return -f * slope / r
 
@@ -527,7 +529,7 @@ def _warn_of_readings(r, f, spline):
 
 
 @dataclass(frozen=True)
-class Attraction:
+class Attraction(Composed):
     """The opposite of a law: particles that attract each other as strongly as others repel.
 
     Examples
@@ -545,17 +547,8 @@ class Attraction:
         """What is known of the law whose sign it turns; no law of scenes of its own."""
         return card_of(self.repulsion)
 
-    def phi(self, r: Any) -> Any:
-        """Energy in mJ."""
-        return -self.repulsion.phi(r)
-
-    def dphi(self, r: Any) -> Any:
-        """Slope of the energy in N, positive."""
-        return -self.repulsion.dphi(r)
-
-    def d2phi(self, r: Any) -> Any:
-        """Curvature of the energy in N/mm."""
-        return -self.repulsion.d2phi(r)
+    def _part(self, name, r):
+        return -getattr(self.repulsion, name)(r)
 
 
 def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laid
-from ..interactions.pair_laws import GaussianMixture, InversePower, PairLaw, local_exponent
+from ..interactions.pair_laws import Composed, GaussianMixture, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, Bonds, bonds_within, distances_within, image_of
 from .bond import MODELS, Central, Model, bond_stiffness
 from .ewald import EwaldSums
@@ -244,25 +244,17 @@ class AllNeighbours(Repulsion):
 
 
 @dataclass(frozen=True)
-class LawDifference:
-    """What a law has more than its tail, up to the distance `end` in mm, where both have the same force and slope."""
+class LawDifference(Composed):
+    """What a law has more than its tail, up to the distance `end` in mm, where both have the same force and slope; 0 beyond."""
 
     law: PairLaw
     tail: PairLaw
     end: float
 
-    def phi(self, r: Any) -> Any:
-        """Energy in mJ, zero from the end on."""
-        at_end = self.law.phi(self.end) - self.tail.phi(self.end)
-        return np.where(r < self.end, self.law.phi(r) - self.tail.phi(r) - at_end, 0.0)
-
-    def dphi(self, r: Any) -> Any:
-        """Slope in N."""
-        return np.where(r < self.end, self.law.dphi(r) - self.tail.dphi(r), 0.0)
-
-    def d2phi(self, r: Any) -> Any:
-        """Curvature in N/mm."""
-        return np.where(r < self.end, self.law.d2phi(r) - self.tail.d2phi(r), 0.0)
+    def _part(self, name, r):
+        law, tail = getattr(self.law, name), getattr(self.tail, name)
+        at_end = law(self.end) - tail(self.end) if name == 'phi' else 0.0
+        return np.where(r < self.end, law(r) - tail(r) - at_end, 0.0)
 
 
 def nearest_distance(atoms: Atoms) -> float:
