@@ -120,6 +120,8 @@ def _refuse_unknown(scene: Scene) -> None:
     """Refuse scenes that the page cannot compute: only planar lattices with a few shells of neighbours are possible."""
     if scene.single:
         raise ValueError('the oscillator is one particle without bands; "magphonon frf" is for it')
+    if scene.finite:
+        raise ValueError('a finite structure has no bands to explore; "magphonon modes" shows its modes')
     if scene.lattice.kind == 'file':
         raise ValueError('lattice.kind = "file": the positions of a file need not stay in balance when spacing or exponent '
                          'change; the explorer needs a lattice given by its name, such as kind = "triangular"')

@@ -76,8 +76,8 @@ class Explorer:
             raise ValueError('the foundation differs from particle to particle or has a part along z, but the page has one '
                              'slider for all of it; give one number')
         if not self._force(1.0) > 0:
-            raise ValueError(f'at the spacing of {self.spacing:g} mm nearest neighbours do not repel each other, so that there '
-                             'is nothing to explore; bring them closer together')
+            raise ValueError(f'at the spacing of {self.spacing:g} mm no force acts between nearest neighbours, so that there is '
+                             'nothing to explore; change the spacing')
 
     @cached_property
     def spacing(self) -> float:
@@ -85,13 +85,17 @@ class Explorer:
         return float(self.atoms.calc.bonds.lengths.min())
 
     def _force(self, scale: float) -> float:
-        """Repulsion of nearest neighbours in N, all bonds `scale` times as long; NaN where the law of any bond is not known."""
-        calc = self.atoms.calc
+        """Repulsion of nearest neighbours in N, or tension if they pull, all bonds `scale` times as long; NaN where the law of any
+        bond is not known.
+        """
+        law, r = self.atoms.calc.law, self.atoms.calc.bonds.lengths
         try:
-            forces = -np.asarray(calc.law.dphi(scale * calc.bonds.lengths))
+            here, there = -np.asarray(law.dphi(r)), -np.asarray(law.dphi(scale * r))
         except ValueError:
             return np.nan
-        return float(forces[calc.bonds.lengths < (1 + 1e-6) * self.spacing].max())
+        nearest = np.flatnonzero(r < (1 + 1e-6) * self.spacing)
+        strongest = nearest[abs(here[nearest]).argmax()]
+        return float(np.sign(here[strongest]) * there[strongest])
 
     @cached_property
     def unit(self) -> str:

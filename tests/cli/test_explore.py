@@ -47,12 +47,14 @@ def test_motion_out_of_the_plane_is_refused(scene_file, tmp_path, capsys):
     assert '[foundation.out_of_plane]: the explorer shows motion in the plane' in capsys.readouterr().err
 
 
-def test_a_structure_from_a_file_is_refused(tmp_path, capsys):
+@pytest.mark.parametrize(('cell', 'words'), [('', '"magphonon modes" shows its modes'),
+                                             ('cell_m = [[0.03, 0.0]]\n', 'the explorer needs a lattice given by its name')])
+def test_a_structure_from_a_file_is_refused(cell, words, tmp_path, capsys):
     (tmp_path / 'particles.csv').write_text('x_m,y_m,held\n0,0,0\n0.01,0,1\n0.02,0,0\n')
-    (tmp_path / 'my.toml').write_text('title = "mine"\n[lattice]\nkind = "file"\nfile = "particles.csv"\nmass_kg = 1e-3\n[law]\n'
-                                      'kind = "inverse_power"\nb_N_m_a = 1e-8\na = 4.0\nshells = 1\n')
+    (tmp_path / 'my.toml').write_text('title = "mine"\n[lattice]\nkind = "file"\nfile = "particles.csv"\nmass_kg = 1e-3\n'
+                                      f'{cell}[law]\nkind = "inverse_power"\nb_N_m_a = 1e-8\na = 4.0\nshells = 1\n')
     assert main(['explore', str(tmp_path / 'my.toml'), '-o', str(tmp_path / 'page.html')]) == 2
-    assert 'the explorer needs a lattice given by its name' in capsys.readouterr().err
+    assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('by', 'words'), [('anchors', ''), ('rest', 'give positions = "anchors"')])

@@ -135,7 +135,7 @@ def test_two_shells_of_a_table_are_known_at_every_value_of_the_slider():
 
 
 def test_what_the_page_cannot_show_is_refused():
-    with pytest.raises(ValueError, match=r'at the spacing of 25 mm nearest neighbours do not repel each other'):
+    with pytest.raises(ValueError, match=r'at the spacing of 25 mm no force acts between nearest neighbours'):
         explored(Hertz(1.0, 20.0), spacing=25.0)
     with pytest.raises(ValueError, match='the foundation differs from particle to particle'):
         explored(kind='honeycomb', foundation=[0.1, 0.2])

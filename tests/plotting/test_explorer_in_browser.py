@@ -14,6 +14,7 @@ import pytest
 from magphonon import (
     InversePower,
     MagneticRepulsion,
+    Spring,
     Tabulated,
     Yukawa,
     analytic_bands,
@@ -65,6 +66,7 @@ MADE = {
     'honeycomb': Made('honeycomb', InversePower(0.3 * 10.0**3.1, 3.1), masses=[0.7, 1.05], foundation=100.0),
     'kagome, two shells': Made('kagome', InversePower(0.2 * 10.0**5.0, 5.0), shells=2, foundation=150.0, masses=[0.6, 0.7, 0.9]),
     'square by Yukawa': Made('square', Yukawa(40.0, 0.2), shells=3, foundation=60.0),
+    'honeycomb of taut springs': Made('honeycomb', Spring(0.5, 8.0), foundation=10.0),
     'chain by a table': Made('chain', Tabulated(np.linspace(7, 14, 9), 0.2 * np.linspace(0.7, 1.4, 9) ** -3.3), foundation=120.0),
 }
 
