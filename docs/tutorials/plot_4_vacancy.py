@@ -2,7 +2,8 @@
 A lattice with a missing magnet
 ===============================
 
-Take one magnet out.  Its neighbours are pushed into the hole, the bonds change, and vibrations appear that no branch has.
+Take one magnet out.  Its neighbours are pushed into the hole, the bonds change, and vibrations appear
+at frequencies outside all branches.
 The order matters: first find the new rest, then ask linear questions about it.
 """
 

@@ -51,15 +51,15 @@ rows = [f'{x:.1f},{y:.1f},{h:d}' for (x, y), h in zip(seen, held, strict=True)]
 print('\n'.join(['x_px,y_px,held', *rows[:3]]))
 
 # %%
-# Two marks cannot tell a mirrored photo: with ``x_px`` and ``y_px`` exchanged, or y counted upwards, a lattice comes out that has
-# the same frequencies at other places.  Look at the picture of ``magphonon modes photo.toml``, which shows the patch as it is
+# Two marks cannot tell a mirrored photo: with ``x_px`` and ``y_px`` exchanged, or y counted upwards, the lattice is mirrored:
+# the same frequencies, but in other places.  Look at the picture of ``magphonon modes photo.toml``, which shows the patch as
 # understood: does the missing magnet, or a corner that you know, stand where you see it on the bench?
 
 # %%
 # The scene
 # ---------
-# ``positions = "rest"`` says that the magnets stand there.  ``[uncertainty]`` says what each of them may differ by.  The shell
-# says the same by ``magphonon modes photo.toml``.
+# ``positions = "rest"`` says that the magnets are at rest there.  ``[uncertainty]`` says how much each of them may differ.
+# On the command line: ``magphonon modes photo.toml``.
 
 text = f"""title = "From a photo"
 [lattice]
@@ -92,7 +92,7 @@ found = modes(scene.atoms())
 # %%
 # How well?
 # ---------
-# To first order in what each magnet may differ by, ``mode_scatter`` gives the standard deviations, which ``magphonon modes``
+# To first order in these differences, ``mode_scatter`` gives the standard deviations, which ``magphonon modes``
 # prints beside the frequencies.
 
 from magphonon.design import mode_scatter
@@ -102,8 +102,8 @@ for k in range(4):
     print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} +- {std[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
 
 # %%
-# Read as the photo of the feet, the magnets would move to rest a second time, and the lowest modes, beside the hole, would be
-# wrong by more than that:
+# If the photo were taken as the positions of the feet, the magnets would be relaxed twice, and the lowest modes, beside the hole,
+# would be off by more than that:
 
 (folder / 'feet.toml').write_text(text.replace('"rest"', '"anchors"'), encoding='utf-8')
 twice = modes(read_scene(folder / 'feet.toml').atoms())

@@ -17,7 +17,7 @@ On the command line::
 # -------------------
 # Any analysis will do: a row for each point, its phase per step with its uncertainty, its frequency, and the wavevector
 # in fractions of the reciprocal vectors.  `record` and `motion` tell ridges apart; `source` tells what sent the waves,
-# and a table that does not name it is taken for that of a point.  Here the table that comes with the package is cut in
+# and a table without it is treated as that of a point source.  Here the table that comes with the package is cut in
 # two, one for each motion.
 
 import tempfile
@@ -41,7 +41,7 @@ print(rows[0])
 # The fit
 # -------
 # Both tables are one measurement.  The scene gives spacing and mass, and where the fit starts; these simulated magnets
-# know their nearest neighbours alone, real ones know all: leave `shells` out of a scene of your own.
+# repel nearest neighbours only; real ones repel all others: omit `shells` in a scene of your own.
 
 from magphonon import read_scene
 from magphonon.scenes import fit_bands
@@ -60,8 +60,8 @@ told(fit_bands(scene, points))
 # %%
 # What the source does
 # --------------------
-# Waves of a point source shift all ridges of a branch by about a fifth of a bin, which no residual shows.  Were these ridges
-# of a point source, the honest intervals would be wider:
+# A point source shifts all ridges of a branch together by about a fifth of a bin, so that no residual shows it.  If these ridges
+# came from a point source, the honest intervals would be wider:
 
 from dataclasses import replace
 
@@ -80,7 +80,7 @@ print('biased:', known.biased)
 
 # %%
 # A ridge that does not fit is first a question: are neighbours missing in the scene, is the mass right, what sent the
-# wave?  One that is left out, `without=[...]` or ``--without``, widens all intervals by what the fit misses of it.
+# wave?  A ridge that you omit, by `without=[...]` or ``--without``, widens all intervals accordingly.
 
 from magphonon.plotting import plot_band_fits
 

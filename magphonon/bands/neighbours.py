@@ -88,13 +88,13 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
 
 @dataclass(frozen=True)
 class ConvergedShells:
-    """As many shells as the frequencies of a lattice need.
+    """The number of shells that the frequencies of a lattice need.
 
     Attributes
     ----------
     shells : int
     cutoff : float
-        A distance in mm between the last one and the next.
+        A distance in mm between the last shell that counts and the next.
     error : float
         Largest relative error of a frequency with them.
     clear : bool

@@ -106,8 +106,8 @@ class EdgeFlow(NamedTuple):
     Attributes
     ----------
     right, left : int
-        Number of waves that run along the period less that of those that run against it, at the edge on the right of the period
-        (the lower one of a strip along x) and at that on the left.
+        Number of waves that run along the period minus the number that run against it, at the edge to the right of the period
+        vector (the lower edge of a strip along x) and at the left edge.
     q : ndarray, shape (waves,)
         Their wavevectors, in fractions of the reciprocal vector.
     velocity : ndarray, shape (waves,)

@@ -198,8 +198,8 @@ def by_phonopy(case: Case) -> Iterator[str]:
     sums = np.einsum('ixx->x', foundation_recovered(case.phonon)) / len(case.phonon.unitcell) / (units.N / units.m)
     along_z = f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
     held = ', which contain the bonds to the held particles' if atoms.constraints else ''
-    yield (f'\nfoundation: {_spring_in_plane(atoms):.6g} N/m in the scene, {sums[: 2 if along_z else atoms.calc.dim].mean():.6g} '
-           f"N/m in the sums of phonopy's force constants{held}{along_z}")
+    yield (f"\nfoundation: {_spring_in_plane(atoms):.6g} N/m in the scene; phonopy's force constants sum to "
+           f'{sums[: 2 if along_z else atoms.calc.dim].mean():.6g} N/m{held}{along_z}')
     squares = [np.sign(case.bands[name].omega) * case.bands[name].omega ** 2 for name in ('complete', 'phonopy')]
     off = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
     line = f'phonopy differs from complete by at most {off.max():.1e} of the highest squared frequency'

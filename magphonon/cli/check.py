@@ -110,7 +110,7 @@ def guided(case: Case) -> str | None:
 @REPORT.check
 def defects(case: Case) -> str | None:
     """Where a structure with defects or disorder stands."""
-    return case.relaxation and f'Defects and disorder: {case.relaxation} There it is stable.'
+    return case.relaxation and f'Defects and disorder: {case.relaxation} At this rest it is stable.'
 
 
 @REPORT.check

@@ -79,7 +79,7 @@ def _shifts(scene, told, atoms, points, within, limit, brief):
     largest = abs(found.relative).max()
     if largest <= TOLERANCE:
         where = '' if brief else ", ".join(q)
-        return where and f'{told}: all others would shift no frequency at {where} by more than {100 * TOLERANCE:g} %{end}.'
+        return where and f'{told}: the others would shift no frequency at {where} by more than {100 * TOLERANCE:g} %{end}.'
     branch, shifts, first = 'branch in the plane' if atoms.calc.layer else 'branch', [], 0
     for name, several in q.items():
         here = slice(first, first + len(several))
@@ -90,11 +90,11 @@ def _shifts(scene, told, atoms, points, within, limit, brief):
             shifts.append((x, f'{name}, {branch} {k + 1}', f'{"" if to else "up to "}{100 * x:+.2g} %{to}', (name, k + 1)))
     if brief:
         _, place, words, _ = max(shifts, key=lambda shift: abs(shift[0]))
-        return f'{told}: all would shift {place} by {words}{end}. "magphonon check" names the other shifts.'
+        return f'{told}: the others would shift {place} by {words}{end}. "magphonon check" names the other shifts.'
     least = sorted((abs(x) for x, *_ in shifts), reverse=True)[:MOST_SHOWN][-1]
     shown = [f'{place} by {words}' for x, place, words, _ in shifts if abs(x) >= max(least, TOLERANCE)]
     others = max((abs(x) for x, *_ in shifts if TOLERANCE < abs(x) < least), default=0.0)
-    line = f'{told}: all would shift {"; ".join(shown)}{f"; others by up to {100 * others:.2g} %" if others else ""}{end}.'
+    line = f'{told}: the others would shift {"; ".join(shown)}{f"; others by up to {100 * others:.2g} %" if others else ""}{end}.'
     exceeding = [place for x, place, _, which in shifts if abs(x) > within.get(which, np.inf)]
     if exceeding:
         few = 'Nearest neighbours' if scene.law.shells == 1 else 'So few neighbours'
@@ -115,4 +115,4 @@ def _speeds(atoms):
         return []
     told = ', '.join(f'that of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
                      for k, (x, c) in enumerate(zip(shifts, all_, strict=True)) if np.isfinite(c))
-    return [f'Long waves feel neighbours much farther away: all would shift the speeds above, {told or "without bound"}.']
+    return [f'Long waves feel neighbours much farther away: the others would shift the speeds above, {told or "without bound"}.']

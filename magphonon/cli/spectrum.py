@@ -1,8 +1,8 @@
 """`magphonon spectrum SCAN ... SCENE`: measured scans of a row or of the plane, their maps and ridges over the bands of a scene.
 
-A scan is a table of text or a universal file; points that cover the plane are recognised.  They may have any numbers, and some
+A scan is a table of text or a universal file; points that cover the plane are recognised.  Points may carry any numbers, and some
 may be missing or dead; the names of the columns give units and components.  Of the scene only the lattice, its law and its
-foundation are needed.  Each scan is analysed for itself; `magphonon fit --bands` takes the ridges of all of them.
+foundation are needed.  Each scan is analysed on its own; `magphonon fit --bands` takes the ridges of all of them.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('tables', metavar='SCAN', nargs='+',
                         help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or one of them, or '
-                             'velocities v_y_m_per_s; mm and um by the name (u_y_um); or a universal file (.uff, .unv) with '
-                             'records of dataset 58; several are analysed one after the other')
+                             'velocities v_y_m_per_s; in mm or um if the name says so (u_y_um); or a universal file (.uff, '
+                             '.unv) with records of dataset 58; several are analysed one after the other')
     add_scene(parser)
     parser.add_argument('--geometry', metavar='POINTS.csv',
                         help='places of the points, columns point, x_m, y_m, if the scan has none; without them its points are '
                              'particles, numbered as in the row.csv that "magphonon burst" writes')
     parser.add_argument('--source', choices=('row', 'point'),
-                        help='how the waves were driven: fronts along R1, or waves along the measured row (default: as [burst] '
-                             'says, else point; of the plane, noise if the motion lasts)')
+                        help='how the waves were driven: fronts along R1, or waves along the measured row (default: what [burst] '
+                             'says, otherwise point; in the plane, noise if the motion does not decay)')
     parser.add_argument('--at', metavar='HZ', type=float,
                         help='of points that cover the plane: also the motion at this frequency, over the wavevectors with the '
                              'contours of the bands, and over the points')

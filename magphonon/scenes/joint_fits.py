@@ -261,12 +261,12 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     forces : dict of Forces, optional
         By name; each table has shared errors of its own.
     ridges : RidgePoints, optional
-        All that were measured: their shift is that of the specimen, so that they are one record.
+        All measured ridges. They share the shift of their specimen, so they are one record.
     shared : SharedErrors, optional
         Of each table of forces.
     pair_sigma : float
-        Relative standard deviation of the force of a pair from the mean of the lattice; with strengths that scatter by s it is
-        the root of two times s.
+        Relative standard deviation of the force of a pair from the mean of the lattice; for strengths that scatter by s it is
+        sqrt(2) s.
     priors : dict, optional
         What is known from elsewhere of 'force', 'a', the springs or 'mass': value in SI and standard uncertainty.
 

@@ -71,7 +71,7 @@ REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
 class Verdict:
     """What the checks find about a structure; `str(verdict)` tells all of it in words and SI units.
 
-    Each check has an attribute of its name, the value that it found, and is made when this is first asked for: `residual` (N),
+    Each check is an attribute that holds what it found, and runs when this is first read: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
     `supercell`, `displacements` (mm), `pumping` (Growth), `supports` (Supports), `amplitude` (mm), `gyration` (rad/ms),
     `density` (g/mm^3).  It is None where the question does not arise, or was not judged.
@@ -138,8 +138,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     """Judge a structure before it runs.
 
     A periodic cell is judged as an infinite lattice, by its whole zone; a cell of more than 200 degrees of freedom only by waves
-    that fit into one or two cells along each vector, which its notes say.  A finite structure is judged as given.  Quantities
-    that take too long are not judged and listed in `Verdict.unjudged`: the spacing above 2000 degrees of freedom, and for a
+    that fit into one or two cells along each vector; its notes say so.  A finite structure is judged as given.  Quantities
+    that take too long are not judged, and are listed in `Verdict.unjudged`: the spacing above 2000 degrees of freedom, and for a
     periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours none of these is judged.
 
     The structure is judged at rest: about the reference of its calculator, or about its present positions if they are another
@@ -156,8 +156,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     distance : float, optional
         Their displacement in mm; by default that of `finite_displacements`.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms, against which a `Travelling` foundation makes waves grow, and which may ask for shorter time
-        steps; all else is judged on its mean springs.
+        Force per momentum in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
+        All else is judged with the mean springs of that foundation.
 
     Examples
     --------

@@ -66,8 +66,8 @@ class PairCalculator(Repulsion):
     rest it pulls with -k (rest - anchor), which gives with the dead load the constant force h = load - k (rest - anchor).  In a
     perfect lattice both positions coincide and h = 0; after `magphonon.relaxed` they differ near defects and rims.
 
-    The conventional model keeps the bond directions fixed.  Where the forces of a pair are not along its bond the energy is that
-    of the vectors R + du, and in the conventional model that of the same vectors stretched, to (r0 + n.du)/r0 of R.
+    The conventional model keeps the bond directions fixed.  Where forces are not along the bond, phi is a function of the
+    vector: of R + du in the complete model, of R (r0 + n.du)/r0 in the conventional one.
 
     Particles that share one z are planar, unless the structure is periodic in all three directions: no force acts along z.
     (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
@@ -91,7 +91,7 @@ class PairCalculator(Repulsion):
     strengths : array_like, shape (particles,), optional
         Strength s of each particle, by default 1: two particles repel by the law `s_i s_j phi(r)`.  For magnets s is the
         magnetic moment divided by that of the magnets with which the law was measured; those of opposite signs attract each
-        other, as upside down.
+        other, as if one were upside down.
     anchors : array_like, shape (particles, 3), optional
         Where the foundation springs are slack, in mm; the positions of the reference if not given.
     load : array_like, shape (particles, 3), optional
@@ -107,8 +107,8 @@ class PairCalculator(Repulsion):
     gyration : float or array_like, shape (particles,), or in space (3,) or (particles, 3)
         g in rad/ms, of all particles or of each: the force `m u' x g` turns velocities about the vector g, or about z, as
         gyroscopes, a rotating bench (twice its rate) or a magnetic field on charges do.  In the plane it is `m g J u'`,
-        J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work, and is none of the `forces` that ASE asks for: the tools of
-        this package that know it, and `DrivenVerlet`, add it, the others refuse it; ASE's own dynamics cannot, and leave it out.
+        J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work and is not among the `forces` that ASE asks for:
+        tools of this package either include it, as `DrivenVerlet` does, or refuse it; the dynamics of ASE ignore it.
     dim : {2, 3}, optional
         Number of components of a displacement, if it is not to be decided by the positions, the cell and the foundation.
 

@@ -238,7 +238,7 @@ def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
     Parameters
     ----------
     row : Motion
-        That of particles in equal steps of R2, away from the source.
+        The motion of particles in equal steps of R2, away from the source.
     cell : ase.Atoms
         With its PairCalculator.
     source : {'row', 'point'}

@@ -59,7 +59,7 @@ def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
     assert main(['check', str(tmp_path / 'v.toml')]) == 0
     said = capsys.readouterr().out
     assert moved in said
-    assert 'There it is stable' in said
+    assert 'At this rest it is stable' in said
     assert main(['frf', str(tmp_path / 'v.toml'), '-o', str(tmp_path / 'out')]) == 0
     assert moved in capsys.readouterr().out
     (tmp_path / 'soft.toml').write_text(text.replace('stiffness_N_per_m = 80.0', 'stiffness_N_per_m = 1.0'))
