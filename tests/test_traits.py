@@ -243,7 +243,7 @@ def test_no_trait_is_ignored(tool, base, tmp_path):
             assert found.shape != plain.shape or not np.allclose(found, plain, rtol=1e-6, atol=1e-9), name
 
 
-HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'displacement_errors', 'hessian_changes', 'response_slopes',
+HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
            'series_response', 'stepped_response', 'thermal_bands', 'thermal_run', 'response_spread', 'spectral_function',
            'plan_peak', 'plan_waveform', 'Variables', 'chern_numbers', 'edge_flow', 'vibration'}
 """Declared, and asked in the tests of their rooms: they take more than a structure."""

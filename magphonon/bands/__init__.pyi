@@ -18,13 +18,10 @@ from .density import (
 )
 from .evanescent import (
     ComplexBands as ComplexBands,
-    MeasuredDecay as MeasuredDecay,
     complex_bands as complex_bands,
-    measured_decay as measured_decay,
 )
 from .floquet import FloquetBands as FloquetBands, floquet_bands as floquet_bands
 from .force_constants import (
-    displacement_errors as displacement_errors,
     extracted_dstar as extracted_dstar,
     finite_displacements as finite_displacements,
     foundation_recovered as foundation_recovered,

@@ -20,14 +20,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import gcd, lcm
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from ..errors import finite, one_of
+from ..errors import finite
 from ..results import InHertz
 from ..stiffness.bond import Model
 from ..stiffness.plausibility import asked_frequencies
@@ -275,49 +275,3 @@ def _waves(D, dynamic, unit, lossy):
     xi[: len(order)] = (phase[order] if one_way else abs(phase[order])) + 1j * decay[order]
     modes[: len(order)] = v[order] if one_way else np.where(phase[order, None] < 0, v[order].conj(), v[order])
     return xi, modes
-
-
-class MeasuredDecay(NamedTuple):
-    """Decay per step, Im xi, and its standard uncertainty from the scatter about the fit."""
-
-    decay: float
-    sigma: float
-
-
-def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> MeasuredDecay:
-    """Decay per step, Im xi, from the amplitudes at one frequency along a row, by least squares.
-
-    Behind a row of sources, |U| = A e^{-Im xi n}.  Around a point source the wave spreads as well:
-    |U| = A e^{-Im xi n + c/n}/sqrt(n), the Hankel function of a decaying cylindrical wave with its first correction; it
-    holds from a few decay lengths on, and for the wave of the slowest decay.
-
-    Parameters
-    ----------
-    amplitudes : array_like, shape (points,)
-        Complex or absolute, in any unit.
-    steps : array_like, shape (points,)
-        Distances from the source in steps, positive.
-    source : {'row', 'point'}
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon.bands import measured_decay
-    >>> round(measured_decay(np.exp(-0.3 * np.arange(1, 7)), np.arange(1, 7), 'row').decay, 9)
-    0.3
-    """
-    amplitudes, n = finite('amplitudes', abs(np.asarray(amplitudes))), finite('steps', steps)
-    one_of('source', source, ('row', 'point'))
-    columns = [np.ones_like(n), -n] if source == 'row' else [np.ones_like(n), -n, 1 / n]
-    if amplitudes.shape != n.shape or len(n) < len(columns) + 2:
-        raise ValueError(f'the fit needs at least {len(columns) + 2} amplitudes, each with its distance, '
-                         f'not {amplitudes.shape} and {n.shape}')
-    if not (n.min() > 0 and amplitudes.min() > 0):
-        raise ValueError(f'distances and amplitudes must be positive, not {n.min():g} steps and {amplitudes.min():g}; '
-                         'leave out the source and particles at rest')
-    spreading = 0 if source == 'row' else np.log(n) / 2
-    B = np.stack(columns, axis=1)
-    y = np.log(amplitudes) + spreading
-    solution = np.linalg.lstsq(B, y)[0]
-    scatter = ((y - B @ solution) ** 2).sum() / (len(n) - len(columns))
-    return MeasuredDecay(float(solution[1]), float(np.sqrt(scatter * np.linalg.inv(B.T @ B)[1, 1])))

@@ -26,7 +26,7 @@ from ..interactions.pair_laws import STEEPEST
 from ..stiffness.matrices import signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..traits import STIFF, takes
-from .bands import Bands, analytic_bands, path_of
+from .bands import Bands, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,7 +79,7 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
         right at the wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
         Displacement in mm, to both sides; by default 1e-5 of the shortest bond, where bands are good to 1e-9 of the
-        highest frequency (see `DISTANCE` and `displacement_errors`), less where the law is steep (`STEEPEST`).  From 1e-12 to
+        highest frequency (see `DISTANCE`), less where the law is steep (`STEEPEST`).  From 1e-12 to
         0.1 of the shortest bond.
 
     Returns
@@ -316,34 +316,3 @@ def foundation_recovered(phonon: Phonopy) -> NDArray[np.float64]:
     19.6757
     """
     return force_constants_of(phonon).sum(axis=1)
-
-
-@takes(*STIFF, 'all neighbours')
-def displacement_errors(atoms: Atoms, path: BandPath, distances: Sequence[float]) -> NDArray[np.float64]:
-    """Error of phonopy's bands against the analytic ones for different displacements.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        One cell with its PairCalculator of the complete model.
-    path : ase.dft.kpoints.BandPath
-    distances : sequence of float
-        Displacements in mm.
-
-    Returns
-    -------
-    ndarray, shape (distances,)
-        Largest difference of frequencies along the path, in units of the highest frequency.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.bands import displacement_errors
-    >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> errors = displacement_errors(cell, cell.cell.bandpath('GMKG', npoints=8, pbc=cell.pbc), [1e-4, 1.0])
-    >>> bool(errors[0] < 1e-6 < errors[1])
-    True
-    """
-    exact = analytic_bands(atoms, path).omega
-    bands = (phonopy_bands(finite_displacements(atoms, distance=d), path) for d in distances)
-    return np.array([abs(b.omega - exact).max() for b in bands]) / exact.max()

@@ -120,8 +120,8 @@ class Fit:
         Shares of the variance of the slope by their cause; they add up to one.
     with_care : float
         Half width of the interval of ln(-f') if the zero of the distances were known to WITH_CARE.
-    zeros, zeros_sigma : ndarray, shape (4,)
-        F0 in N, d in mm, h in N and b in mm as the table has them, and their standard deviations.
+    zeros : ndarray, shape (4,)
+        F0 in N, d in mm, h in N and b in mm as the table has them.
     weight : float
         Of the named shape against the free curve; 0 where none is named.
     conflicts : ndarray, shape (4,)
@@ -142,7 +142,6 @@ class Fit:
     shares: dict[str, float]
     with_care: float
     zeros: NDArray[np.float64]
-    zeros_sigma: NDArray[np.float64]
     weight: float
     conflicts: NDArray[np.float64]
     scatter: float
@@ -237,7 +236,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     return Fit(
         Tabulated(r, np.exp(curve)), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
-        float(wide * np.sqrt(with_care)), zeros, np.sqrt(variances), float(weights[len(noises):].sum()),
+        float(wide * np.sqrt(with_care)), zeros, float(weights[len(noises):].sum()),
         abs(zeros) / np.sqrt(told), float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
 
 

@@ -1,4 +1,4 @@
-from .all_neighbours import AllNeighbours as AllNeighbours, reach as reach
+from .all_neighbours import AllNeighbours as AllNeighbours
 from .bond import bond_stiffness as bond_stiffness, model_stiffness as model_stiffness
 from .calculator import MagneticRepulsion as MagneticRepulsion, PairCalculator as PairCalculator
 from .defects import (

@@ -1,21 +1,12 @@
-"""ASE calculator of an infinite lattice in which every particle repels every other one; and how far other laws must be summed.
+"""ASE calculator of an infinite lattice in which every particle repels every other one.
 
 A law that is no mixture of Gaussians, such as that of discs, is one beyond `TAIL` spacings, where the inverse power with its
 force and slope takes its place: the power is summed over all particles, what the law has more than it over the nearer ones.
-
-Other laws are summed up to a cutoff, with a bound on the rest.  A term that falls with the distance is
-smaller than its mean over the cell next to it on the inner side, so the sum over all particles beyond R is less than an integral
-that begins one cell diameter D closer,
-
-    sum |phi'' nn + (phi'/r)(I - nn)|  <  n S int_{R-D}^inf (phi'' + |phi'|/r) r^(d-1) dr
-
-with n particles per mm^d and S = 2, 2 pi, 4 pi in d = 1, 2, 3 dimensions.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,10 +14,10 @@ from ase import Atoms
 from ase.geometry import find_mic
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import one_of, positive
+from ..errors import one_of
 from ..interactions.bond_laws import laid
 from ..interactions.pair_laws import Composed, GaussianMixture, InversePower, PairLaw, local_exponent
-from ..lattices.bonds import ON_SHELL, Bonds, bonds_within, distances_within, image_of
+from ..lattices.bonds import Bonds, bonds_within, distances_within, image_of
 from .bond import MODELS, Central, Model, bond_stiffness
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
@@ -232,16 +223,6 @@ class AllNeighbours(Repulsion):
         """The part of the Bloch matrix that exceeds k^2 in long waves; see `EwaldSums.singular`."""
         return self.sums.singular(along, PART[one_of('model', model or self.model, MODELS)])
 
-    def onsite(self, part: str = 'all') -> NDArray[np.float64]:
-        """Sum of the stiffness of all bonds of each particle in N/mm, shape (particles, dim, dim), without the foundation."""
-        K = self._near(part)
-        total = np.zeros((len(self.reference), self.dim, self.dim))
-        np.add.at(total, self.bonds.i, K)
-        np.add.at(total, self.bonds.j, K)
-        far = self._far_onsite(part).real
-        # the far sum of a particle with its own images includes itself
-        return total + far - (self.strengths**2)[:, None, None] * self.sums.wide_at_zero(part) * np.eye(self.dim)
-
 
 @dataclass(frozen=True)
 class LawDifference(Composed):
@@ -276,67 +257,3 @@ def tail_of(law: PairLaw, atoms: Atoms, spacings: float = TAIL) -> GaussianMixtu
     except (AttributeError, ValueError):
         return None
     return InversePower(force * r**a, a) if force > 0 and a < STEEPEST_TAIL else None
-
-
-def missing_stiffness(atoms: Atoms, law: PairLaw, cutoff: float) -> float:
-    """Bound in N/mm on the stiffness, of D0 and of D* in each direction, that neighbours beyond `cutoff` (mm) add to a particle.
-
-    Slope and curvature of the law fall with the distance, and may be zero beyond a finite range.  It raises ValueError if the law
-    is not known that far (a table), or its range is so long that the sum diverges.
-    """
-    from scipy.integrate import quad
-
-    periods = atoms.cell.array[atoms.pbc]
-    d = len(periods)
-    volume = np.sqrt(np.linalg.det(periods @ periods.T))
-    start = positive('cutoff', cutoff, 'mm') - np.linalg.norm(periods, axis=1).sum()
-    if not start > 0:
-        return np.inf
-
-    def term(v):  # integrand over log r
-        r = np.exp(v)
-        return (law.d2phi(r) + abs(law.dphi(r)) / r) * r**d
-
-    ends = np.log(start) + np.array([0.0, 1.0, 3.0, 9.0, 27.0])  # algebraic tails: the last piece is r = 5e11 times as far
-    total = sum(quad(term, a, b, epsabs=0, epsrel=1e-6, limit=200)[0] for a, b in pairwise(ends) if term(a))
-    if not term(ends[-1]) <= 1e-3 * total:
-        raise ValueError(f'the stiffness of all neighbours diverges in {d} dimensions for the law {law!r}; '
-                         'choose AllNeighbours, or a number of shells')
-    return len(atoms) / volume * {1: 2, 2: 2 * np.pi, 3: 4 * np.pi}[d] * total
-
-
-def reach(atoms: Atoms, law: PairLaw, tolerance: float = 1e-5) -> float:
-    """Cutoff beyond which all neighbours together add less than a fraction `tolerance` of the stiffness within.
-
-    Parameters
-    ----------
-    atoms, law
-        As for `missing_stiffness`.
-    tolerance : float
-
-    Returns
-    -------
-    float
-        In mm, between two shells: for `PairCalculator(atoms, law, cutoff=reach(...))`.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, lattices
-    >>> from magphonon.stiffness import reach
-    >>> reach(lattices.triangular(1.0, 1.0), InversePower(1.0, 6.0), tolerance=1e-2) < 20
-    True
-    """
-    periods = atoms.cell.array[atoms.pbc]
-    cutoff = 2 * np.linalg.norm(periods, axis=1).sum()
-    r = bonds_within(atoms, cutoff).lengths
-    stiffness = np.sum(law.d2phi(r)) / len(atoms)
-    while missing_stiffness(atoms, law, cutoff) > positive('tolerance', tolerance) * stiffness:
-        cutoff *= 1.2
-        pairs = len(atoms) ** 2 * cutoff ** len(periods) / np.sqrt(np.linalg.det(periods @ periods.T))
-        if pairs > MOST_BONDS:
-            raise ValueError(f'{law!r} has such a long range that {pairs:.0e} neighbours miss more than {tolerance:g} of '
-                             'the stiffness; raise the tolerance, or use AllNeighbours')
-    lengths = np.unique(bonds_within(atoms, 1.1 * cutoff).lengths)
-    gaps = np.flatnonzero(np.diff(lengths) > 4 * ON_SHELL * lengths[1:])
-    last = gaps[lengths[gaps] >= cutoff / 1.05][0]
-    return float(lengths[last : last + 2].mean())

@@ -244,18 +244,12 @@ class EwaldSums:
         itself = np.exp(2j * np.pi * R[~here] @ np.linalg.pinv(self.periods) @ q).sum()
         return total - itself * self.wide_at_zero()
 
-    def wide_at_zero(self, part: str | None = None) -> float:
-        """Contribution of the wide Gaussians to the energy phi(0) of a particle with itself, or to its stiffness."""
-        def total(f, m):  # integral of f, which behaves as rho t^m near t = 0
-            if np.isfinite(self.decay):
-                return self.eta2 * f(self.eta2) / (self.decay / 2 + m)
-            t, w = nodes(self.law.screening**2 / 4 / (REACH + 20), self.eta2)
-            return w @ f(t)
-
-        if part is None:
-            return total(self.law.gaussians, 0)
-        alpha, beta = self.mixture(part)
-        return (total(alpha, 1) if alpha else 0.0) - 2 * total(lambda t: t * beta(t), 1)
+    def wide_at_zero(self) -> float:
+        """Contribution of the wide Gaussians to the energy phi(0) of a particle with itself."""
+        if np.isfinite(self.decay):
+            return self.eta2 * self.law.gaussians(self.eta2) / (self.decay / 2)
+        t, w = nodes(self.law.screening**2 / 4 / (REACH + 20), self.eta2)
+        return w @ self.law.gaussians(t)
 
     def singular(self, along: NDArray[np.float64], part: str = 'all') -> NDArray[np.float64]:
         """Signs of the stiffness that exceeds k^2 in long waves, if the law decays no faster than r^-d.

@@ -266,15 +266,15 @@ class TwoScreenings:
 
 def test_a_gaussian_mixture_of_the_user_is_summed_over_all_neighbours():
     """Stiffness is linear in the law: with all neighbours that of a sum of laws is the sum of theirs."""
-    def onsite(law):
-        return AllNeighbours(triangular(4.0, 0.5), law).onsite()
+    def matrix(law):
+        return AllNeighbours(triangular(4.0, 0.5), law).bloch_matrix(np.array([[0.3, 0.1, 0.0]]))
 
     parts = Yukawa(1.0, 0.2), Yukawa(2.0, 0.4)
     mixed = TwoScreenings(parts)
     assert isinstance(mixed, GaussianMixture)
     assert not isinstance(LAWS['table'], GaussianMixture)  # no Gaussians are known of it
-    first, second = (onsite(part) for part in parts)
-    np.testing.assert_allclose(onsite(mixed), first + second, rtol=0, atol=1e-11 * abs(first).max())  # quadrature: some 1e-13
+    first, second = (matrix(part) for part in parts)
+    np.testing.assert_allclose(matrix(mixed), first + second, rtol=0, atol=1e-11 * abs(first).max())  # quadrature: some 1e-13
     assert abs(second).max() > 0.1 * abs(first).max()  # both count
 
 
