@@ -22,7 +22,7 @@ import lazy_loader
 
 from .renamed import with_old
 
-__version__ = '0.2.0'
+__version__ = '0.3.0'
 
 if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workflows stand beside the package
     __path__.append(str(Path(__file__).parents[1]))
