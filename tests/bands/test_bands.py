@@ -152,22 +152,6 @@ def test_sound_speeds_are_the_slopes_at_small_k(name, model, shells):
     assert abs(np.sort(slopes * abs(slopes)) - speeds * abs(speeds)).max() < 10 * (k * 20) ** 2 * fastest
 
 
-@pytest.mark.parametrize('model', MODELS)
-@pytest.mark.parametrize('name', LATTICES)
-def test_sound_does_not_depend_on_the_cell(name, model):
-    atoms = cell_of(name)
-    larger = atoms.repeat(np.where(atoms.pbc, (2, 3, 2), 1))
-    larger.calc = atoms.calc.on(larger)
-    direction = [0.8, 0.6, 0.3][: atoms.calc.dim]
-    c, C = sound_speeds(atoms, direction, model), sound_speeds(larger, direction, model)
-    # NaN where there is none; the inner modes of a larger cell are softer, down to 1e-2, and lose as many digits
-    np.testing.assert_allclose(C * abs(C), c * abs(c), rtol=0, atol=1e-12 * np.nanmax([1, *c]) ** 2)
-
-
-def test_sound_ignores_the_foundation():
-    np.testing.assert_array_equal(sound_speeds(cell_of('honeycomb', foundation=1.0)), sound_speeds(cell_of('honeycomb')))
-
-
 # Paths
 
 

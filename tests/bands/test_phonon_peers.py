@@ -1,17 +1,17 @@
-"""Two independent codes against the force constants and bands: ase.phonons, and matscipy's exact Hessian."""
+"""An independent code against the force constants: matscipy's exact Hessian."""
 
 import numpy as np
 import pytest
 from ase import Atoms
 from ase.build import bulk
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, units as u
 
 A, B = 4.5824, 1.6209e-10 * u.N * u.m**4.5824
 PILLAR = 19.675721234 * u.N / u.m
 LATTICES = 'chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc'
 
-# Both methods displace by d = 1e-5 L0; the curvature of the law gives a relative error of 2 to 20 times (d/L0)^2.
+# phonopy displaces by d = 1e-5 L0; the curvature of the law gives a relative error of 2 to 20 times (d/L0)^2.
 FINITE_DIFFERENCE = 1e-8
 """Tolerance in units of the highest frequency, or of the largest force constant."""
 
@@ -24,34 +24,6 @@ def prototype(lattice='triangular'):
         cell = getattr(lattices, lattice)(spacing=10 * u.mm, mass=0.707 * u.g)
     cell.calc = MagneticRepulsion(cell, InversePower(b=B, a=A), foundation=PILLAR)
     return cell
-
-
-def ase_frequencies(cell, kpts, directory, acoustic):
-    from ase import units as ase_units
-    from ase.phonons import Phonons
-
-    supercell = (3, 3, 1)
-    ours = cell.repeat(supercell)
-    phonons = Phonons(cell, cell.calc.on(ours), supercell=supercell, delta=1e-4, name=str(directory / 'ase'))
-    phonons.run()
-    phonons.read(method='standard', acoustic=acoustic)
-    energies = phonons.band_structure(kpts, verbose=False)
-    phonons.clean()
-    root = energies / (ase_units._hbar * 1e10 / np.sqrt(ase_units._e * ase_units._amu))  # of N/(mm g): rad/ms
-    return np.sort(root, axis=1)[:, -2 * len(cell) :]
-
-
-def test_ase_phonons_agree(tmp_path):
-    cell = prototype()
-    path = cell.cell.bandpath('GMKG', npoints=40, pbc=cell.pbc)
-    exact = analytic_bands(cell, path).omega
-    assert abs(ase_frequencies(cell, path.kpts, tmp_path, acoustic=False) - exact).max() < FINITE_DIFFERENCE * exact.max()
-
-
-def test_ase_phonons_with_the_sum_rule_lose_the_foundation(tmp_path):
-    cell = prototype()
-    omega = ase_frequencies(cell, [[0, 0, 0]], tmp_path, acoustic=True)
-    assert abs(omega / (2 * np.pi) / u.Hz).max() < 1e-3  # 26.55 Hz without the rule; the root of round-off
 
 
 @pytest.mark.peer

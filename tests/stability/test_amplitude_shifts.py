@@ -5,7 +5,7 @@ import pytest
 from ase.constraints import FixedLine
 from scipy.optimize import least_squares
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, OnSite, Recorder, Yukawa, lattices
+from magphonon import InversePower, MagneticRepulsion, OnSite, Yukawa, lattices
 from magphonon.bands import bloch_modes
 from magphonon.errors import PhysicsError
 from magphonon.interactions.pair_laws import higher_derivatives
@@ -40,44 +40,6 @@ def test_oscillator_softens_by_its_closed_form(theta0, curvature):
     # control: without the third derivative of the energy the frequency would rise
     k, beta = derivatives_of_energy(oscillator(theta0))
     assert 3 * beta / (8 * k) > 1 > 0 > shifts.curvature
-
-
-@pytest.mark.parametrize('a', [2.0, 4.5824, 9.0])
-def test_above_three_magnets_for_any_exponent(a):
-    # theta0 = pi/2: V = 3 phi(1 + y), k = 3 a, alpha = -3 a (a+1)/2, beta = a (a+1)(a+2)/2
-    atoms = oscillator(np.pi / 2)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), bonds=lattices.OSCILLATOR_BONDS).balanced([3])
-    expected = 3 / 16 * (a + 1) * (a + 2) / 3 - 5 / 48 * (a + 1) ** 2
-    assert frequency_shifts(atoms).curvature == pytest.approx([expected], rel=1e-10)
-
-
-@pytest.mark.parametrize('mode', [0, 1])
-def test_wave_at_m_is_shifted_as_in_a_run(mode):
-    """Two rows of the triangular lattice, moving against each other, at two amplitudes: what remains grows as A^4."""
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, LAW, foundation=7.0)
-    shifts = frequency_shifts(cell)
-    first = np.flatnonzero((shifts.q == (0.5, 0, 0)).all(axis=1))[mode]
-    omega, curvature = shifts.omega[first], shifts.curvature[first]
-    assert omega**2 == pytest.approx((2 * (4 - 3), 6 * 4 - 2)[mode] + 7.0, rel=1e-12)
-    direction = np.array([(1, np.sqrt(3)), (np.sqrt(3), -1)][mode]) / 2
-
-    def run(amplitude):
-        pair = cell.repeat((2, 1, 1))
-        pair.calc = MagneticRepulsion(pair, LAW, foundation=7.0)
-        pair.positions[:, :2] += amplitude * np.array([direction, -direction])
-        dyn = DrivenVerlet(pair, 0.04 / omega, engine='numpy')
-        recorder = Recorder(dyn, interval=1)
-        dyn.run(int(4 * 2 * np.pi / 0.04))
-        x = recorder.displacements[:, 0] @ direction
-        down = np.flatnonzero((x[:-1] > 0) & (x[1:] <= 0))
-        crossings = (down + x[down] / (x[down] - x[down + 1])) * dyn.dt
-        discrete = 2 * np.arcsin(0.02) / 0.04  # the frequency of Verlet's steps over the true one
-        return 2 * np.pi / ((crossings[-1] - crossings[0]) / (len(crossings) - 1)) / omega / discrete - 1
-
-    for amplitude in (0.01, 0.03):
-        # the next order is some (10 A)^2 of this one, and crossings interpolate to 8e-6
-        assert run(amplitude) == pytest.approx(curvature * amplitude**2, rel=100 * amplitude**2, abs=8e-6)
 
 
 @pytest.mark.parametrize('a', [4.0, 5.0])

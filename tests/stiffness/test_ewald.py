@@ -181,17 +181,6 @@ def test_each_half_alone_depends_on_the_splitting():
     assert abs(EwaldSums(TRIANGULAR, law, 1.4).near_energy(r)[0] - EwaldSums(TRIANGULAR, law).near_energy(r)[0]) > 1e-3
 
 
-def test_the_same_lattice_in_another_basis():
-    other = np.array([[1, 0], [7, 1]]) @ OBLIQUE
-    for s in (1.0, 3.3):
-        assert_allclose(lattice_sum(other, s), lattice_sum(OBLIQUE, s), rtol=1e-13)
-
-
-@pytest.mark.parametrize('s', [1.0, 4.2])
-def test_units_scale(s):
-    assert_allclose(lattice_sum(1e-3 * OBLIQUE, s), 1e3**s * lattice_sum(OBLIQUE, s), rtol=1e-13)
-
-
 def test_of_atoms_the_periodic_vectors_count():
     assert lattice_sum(lattices.triangular(1.0, 1.0), 3) == lattice_sum(np.append(TRIANGULAR, [[0], [0]], axis=1), 3)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import neighbour_vectors, second_derivatives
+from oracles import second_derivatives
 
 from magphonon import InversePower, MagneticRepulsion, Yukawa, finite_displacements, lattices, phonopy_bands, units as u, verdict
 from magphonon.bands import band_path, bloch_modes, gruneisen_parameters, sound_speeds
@@ -12,71 +12,7 @@ from magphonon.interactions.magnets import Ring
 from magphonon.stability import frequency_shifts
 from magphonon.stiffness import AllNeighbours, elastic_moduli
 
-CELLS = 'chain', 'square', 'triangular', 'honeycomb', 'kagome'
 M, K = [0.5, 0, 0], [2 / 3, 1 / 3, 0]
-
-
-class Power:
-    """f = b r^-a, of particles in space or of upright magnets, by formulas of its own."""
-
-    def __init__(self, b, a, upright):
-        self.b, self.a, self.upright = b, a, upright
-
-    @property
-    def law(self):
-        law = InversePower(self.b, self.a)
-        return UprightMagnets(law) if self.upright else law
-
-    def energy(self, d):
-        """Of complex vectors, shape (..., 3)."""
-        flat, z = d[..., 0] ** 2 + d[..., 1] ** 2, d[..., 2]
-        if not self.upright:
-            return self.b * (flat + z**2) ** ((1 - self.a) / 2) / (self.a - 1)
-        g = -(self.a - 1) * self.b * flat ** (-(self.a + 1) / 2)  # Laplace's equation of phi(rho)
-        return self.b * flat ** ((1 - self.a) / 2) / (self.a - 1) + g * z**2 / 2
-
-
-def drawn_layer(seed):
-    """A cell or a cut of a lattice, jittered in its plane, on springs and supports that differ from particle to particle."""
-    rng = np.random.default_rng(seed)
-    cell = getattr(lattices, rng.choice(CELLS))(10.0, rng.uniform(0.3, 2.0))
-    atoms = cell.repeat((2, 1, 1)) if rng.random() < 0.5 else cell.repeat((2, 2 if cell.pbc[1] else 1, 1))
-    atoms.pbc = atoms.pbc & (rng.random() < 0.7)
-    if len(atoms) > 3 and rng.random() < 0.5:
-        del atoms[int(rng.integers(len(atoms)))]
-    atoms.positions[:, :2] += rng.uniform(-0.4, 0.4, (len(atoms), 2))
-    springs = np.column_stack([rng.uniform(0.0, 0.3, (len(atoms), 2)), rng.uniform(0.1, 2.0, len(atoms))])
-    return atoms, springs, Power(6000.0, rng.choice([2.5, 4.0, 4.5824]), rng.random() < 0.5), rng
-
-
-@pytest.mark.parametrize('seed', range(12))
-def test_forces_and_hessian_are_derivatives_of_an_energy_in_space(seed):
-    atoms, springs, power, rng = drawn_layer(seed)
-    reach = 13.0  # beyond the first shell of all of them, jitter included
-    atoms.calc = MagneticRepulsion(atoms, power.law, foundation=springs, cutoff=reach)
-    pairs = [(i, j, v) for i, j, _, v in neighbour_vectors(atoms, reach)]
-    i, j = np.array([pair[:2] for pair in pairs]).T
-    R = np.array([pair[2] for pair in pairs])
-
-    def energy(x, power=power):
-        d = x.reshape(*x.shape[:-1], -1, 3)
-        bonds = power.energy(R + d[..., j, :] - d[..., i, :]) - power.energy(R.astype(complex))
-        return bonds.sum(axis=-1) / 2 + (springs * d * d).sum(axis=(-1, -2)) / 2
-
-    x = rng.uniform(-0.3, 0.3, 3 * len(atoms))
-    moved = atoms.copy()
-    moved.calc = atoms.calc
-    moved.positions += x.reshape(-1, 3)
-    H = second_derivatives(energy, x, radius=0.3)
-    scale = abs(H).max()
-    assert abs(moved.calc.get_hessian(moved).toarray() - H).max() < 1e-9 * scale  # circle of Cauchy's formula: round-off
-    assert moved.get_potential_energy() == pytest.approx(energy(x.astype(complex)).real, rel=1e-11, abs=1e-11)
-    step = 1e-30  # a complex step has no round-off of differences
-    forces = [-energy(x + 1j * step * e).imag / step for e in np.eye(len(x))]
-    assert moved.get_forces().ravel() == pytest.approx(forces, rel=1e-9, abs=1e-10 * scale)
-    other = Power(power.b, power.a, not power.upright)  # control: the other kind of particles
-    wrong = second_derivatives(lambda x: energy(x, other), x, radius=0.3)
-    assert abs(wrong - H).max() > 1e-3 * scale
 
 
 @pytest.mark.parametrize(('kappa', 'at_M', 'at_K', 'gate'),

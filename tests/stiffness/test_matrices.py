@@ -6,7 +6,7 @@ from oracles import LATTICES, LAWS, Energy, displaced, in_plane, lattice, second
 
 from magphonon import MagneticRepulsion
 from magphonon.lattices import Bonds
-from magphonon.stiffness.matrices import bloch_gradient, bloch_matrix, bloch_series, condense, mass_weighted
+from magphonon.stiffness.matrices import bloch_gradient, bloch_matrix, bloch_series, condense
 
 # Of the largest entry: round-off of the energy over its curvature, see second_derivatives.
 TOLERANCE = 1e-12
@@ -84,10 +84,3 @@ def test_condensed_is_the_block_of_the_free_particles():
     free = np.array([True, False, False, True, True, False, True, False])
     rows = np.repeat(free, 3)
     np.testing.assert_array_equal(condense(H, free).toarray(), H.toarray()[np.ix_(rows, rows)])
-
-
-def test_mass_weighting():
-    D = np.arange(16.0).reshape(4, 4)
-    masses = np.array([4.0, 9.0])
-    expected = D / [[4, 4, 6, 6], [4, 4, 6, 6], [6, 6, 9, 9], [6, 6, 9, 9]]
-    np.testing.assert_allclose(mass_weighted(D, masses), expected, rtol=1e-15)

@@ -163,17 +163,6 @@ def test_a_guide_along_an_oblique_line_does_not_change_the_mass():
     assert frequency_shifts(atoms).omega == pytest.approx(np.sqrt(square), rel=1e-9)
 
 
-def test_spacings_above_ten_millimetres_relax():
-    atoms = lattices.parallelogram(lattices.kagome(12.0, 0.707), 5, 5)
-    middle = atoms.positions[atoms.get_tags() != RIM].mean(axis=0)
-    del atoms[int(np.linalg.norm(atoms.positions - middle, axis=1).argmin())]
-    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.1)
-    large = relaxed(atoms)
-    assert large.lowest > 0
-    assert large.after < 1e-12 * large.before
-    assert large.shift == pytest.approx(0.805, abs=0.001)
-
-
 @pytest.mark.parametrize('mass', [np.nan, 0.0, -1.0])
 def test_masses_spoilt_after_the_calculator_was_made_are_named(mass):
     atoms = hexagon(20.0, 0.1)

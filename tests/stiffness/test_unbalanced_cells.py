@@ -11,7 +11,6 @@ from magphonon import (
     critical_foundation,
     finite_displacements,
     lattices,
-    relaxed,
 )
 
 
@@ -30,16 +29,6 @@ def test_a_cell_out_of_balance_has_no_bands(calculator):
     for ask in (lambda: analytic_bands(cell, path), lambda: finite_displacements(cell), lambda: critical_foundation(cell)):
         with pytest.raises(ValueError, match='not at rest, and linear theory holds only about rest'):
             ask()
-
-
-def test_a_cell_that_was_relaxed_has_the_bands_of_its_rest():
-    cell = skewed_cell()
-    rest = relaxed(cell).atoms
-    path = cell.cell.bandpath('GMKG', npoints=7, pbc=cell.pbc)
-    perfect = lattices.honeycomb(10.0, 0.7)
-    perfect.calc = MagneticRepulsion(perfect, LAW)
-    expected = analytic_bands(perfect, path).omega
-    assert_allclose(analytic_bands(rest, path).omega, expected, atol=1e-7 * expected.max())
 
 
 def test_what_becomes_of_a_cell_of_one_magnet_is_noticed():
