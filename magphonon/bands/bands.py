@@ -18,7 +18,7 @@ from ase.dft.kpoints import BandPath, parse_path_string
 from ..errors import finite, positive
 from ..files import Saved, not_saved, saved_arrays
 from ..results import InHertz
-from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
+from ..stiffness.matrices import mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.site_laws import each_spring
 from ..traits import LINEAR, SPRUNG, takes
@@ -306,7 +306,7 @@ class GroupVelocities(NamedTuple):
     velocity: np.ndarray
 
 
-@takes(*LINEAR)
+@takes(*LINEAR, 'all neighbours')
 def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None = None) -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
@@ -316,7 +316,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell with its PairCalculator.
+        One cell with its PairCalculator or AllNeighbours.
     q, model
         As for `bloch_modes`.
 
@@ -330,13 +330,13 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
     ((1, 2), (1, 2, 2))
     """
     system = LinearSystem.of(atoms)
-    calc, masses = system.calc, system.masses
-    K, B = calc.rest_stiffness(model), (system.free @ system.B() @ system.free.T).toarray()
+    calc: Any = system.atoms.calc
+    B = (system.free @ system.B() @ system.free.T).toarray()
     omegas, slopes = [], []
     for part in in_batches(wavevectors(q), calc):
         omega, vectors = bloch_modes(system, part, model, vectors=True)
         v = vectors.reshape(*omega.shape, -1)
-        gradient = mass_weighted(bloch_gradient(calc.bonds, K, part, system.atoms.cell.array), masses)
+        gradient = mass_weighted(calc.bloch_gradient(part, model), system.masses)
         omegas.append(omega)
         weight = 2 * omega - (np.einsum('qma,ab,qmb->qm', v.conj(), B, v).imag if B.any() else 0.0)
         with np.errstate(divide='ignore', invalid='ignore'):

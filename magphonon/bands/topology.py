@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from ..errors import positive
 from ..stiffness.bond import Model
-from ..stiffness.matrices import bloch_gradient, first_order, mass_weighted
+from ..stiffness.matrices import first_order, mass_weighted
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
@@ -176,7 +176,7 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = N
     velocity, at_right = np.empty(len(found)), np.empty(len(found), bool)
     for k, (q, n) in enumerate(found):
         y = P @ np.linalg.eigh(at(q)[0])[1][:, n]
-        gradient = bloch_gradient(calc.bonds, calc.rest_stiffness(model), q * np.eye(3)[[along]], atoms.cell.array)
+        gradient = calc.bloch_gradient(q * np.eye(3)[[along]], model)
         slope = np.einsum('xab,x->ab', mass_weighted(gradient[:, 0], system.masses), period[: system.dim] / length)
         velocity[k] = (y.conj() @ slope @ y).real / (2 * omega - (y.conj() @ P @ B @ P.T @ y).imag)
         share = (abs(y[low]) ** 2).sum()

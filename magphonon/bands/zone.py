@@ -85,14 +85,14 @@ class ZoneMap(InHertz, Saved, kind='frequencies over the zone', units={
         return 2 * np.pi * (self.q @ Cell(self.cell).reciprocal().array)[..., :2]
 
 
-@takes(*LINEAR)
+@takes(*LINEAR, 'all neighbours')
 def zone_map(atoms: Atoms, steps: int = 96, model: Model | None = None) -> ZoneMap:
     """Frequencies and group velocities over the first Brillouin zone.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell of a planar lattice with its PairCalculator.
+        One cell of a planar lattice with its PairCalculator or AllNeighbours.
     steps : int
         Mesh steps along each reciprocal vector; a multiple of 6 puts M and K of the hexagonal lattices on the mesh.
     model : {'complete', 'conventional'}, optional

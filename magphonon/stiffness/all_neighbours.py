@@ -31,6 +31,8 @@ TAIL = 12.3
 then change by less than 1e-6 (tests/bands/test_neighbours.py)."""
 STEEPEST_TAIL = 10.0
 """Exponent of the force beyond which a law has no tail: of the stiffness of a particle less than 1e-8 lies beyond `TAIL`."""
+STEP = 2e-3
+"""Step of the wavevector in rad per shortest bond for the derivative of a Bloch matrix, which is good to 1e-10 of the largest."""
 MOST_BONDS = 300_000  # largest number of bonds of one cell in a lattice sum
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
@@ -209,6 +211,14 @@ class AllNeighbours(Repulsion):
             T = self.sums.far_stiffness(self.sums.waves(q[few][:, self.reference.pbc]), offsets, part)
             D[few] += self._assembled(self._weighted(T), onsite)
         return D
+
+    def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
+        """The derivative of the Bloch matrix by the wavevector, from differences of fourth order."""
+        h = STEP / self.bonds.lengths.min()
+        steps = h / (2 * np.pi) * (self.reference.cell.array.T * self.reference.pbc)[: self.dim]  # one along each axis
+        near, far = (np.array([self.bloch_matrix(q + n * k, model) - self.bloch_matrix(q - n * k, model) for k in steps])
+                     for n in (1, 2))
+        return (8 * near - far) / (12 * h)
 
     def bloch_series(self, along: NDArray[np.float64],
                      model: Model | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:

@@ -21,7 +21,7 @@ from ..errors import Unstable, one_of
 from ..interactions.bond_laws import checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, Model, displaced, interaction_along, model_stiffness
-from .matrices import bloch_matrix, bloch_series, hessian
+from .matrices import bloch_gradient, bloch_matrix, bloch_series, hessian
 from .plausibility import refuse_infinite, warn_of_units
 from .repulsion import Repulsion, masses_of
 from .site_laws import range_of
@@ -317,6 +317,9 @@ class PairCalculator(Repulsion):
     def bloch_matrix(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
         return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.site_stiffness)
+
+    def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
+        return bloch_gradient(self.bonds, self.rest_stiffness(model), q, self.reference.cell.array)
 
     def bloch_series(self, along: NDArray[np.float64],
                      model: Model | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:

@@ -221,6 +221,10 @@ class Repulsion(Restartable):
         """Bloch matrix at the reference, foundation included, N/mm; `q` of shape (wavevectors, 3)."""
         raise NotImplementedError
 
+    def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
+        """Its derivative by the Cartesian wavevector in N, shape (dim, wavevectors, particles * dim, particles * dim)."""
+        raise NotImplementedError
+
     def bloch_series(self, along: NDArray[np.float64],
                      model: Model | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """The Bloch matrix without foundation to second order in the wavevector `along`, a unit vector."""

@@ -17,6 +17,7 @@ from magphonon import (
     analytic_bands,
     find_bonds,
     finite_displacements,
+    group_velocities,
     lattices,
     phonopy_bands,
     sound_speeds,
@@ -222,6 +223,20 @@ def test_phonopy_agrees_where_the_wave_fits_its_supercell(lattice, supercell, po
     between = cell.cell.bandpath(points, npoints=8, pbc=cell.pbc)  # the control: in between phonopy only interpolates
     difference = phonopy_bands(phonon, between).omega - analytic_bands(cell, between).omega
     assert abs(difference).max() > 1e-4 * exact.max()
+
+
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
+@pytest.mark.parametrize(('name', 'law'), [('honeycomb', Yukawa(1.0, 0.4)), ('square', DIPOLES), ('chain', DIPOLES)])
+def test_group_velocities_are_slopes_of_the_frequencies(name, law, model):
+    cell = with_all(getattr(lattices, name)(1.0, 1.0), law, foundation=30.0)
+    q, h = np.random.default_rng(4).uniform(0.1, 0.4, (6, 3)) * cell.pbc, 1e-4
+    velocity = group_velocities(cell, q, model).velocity
+    for axis in range(2):
+        step = cell.cell.array[:, axis] * h / (2 * np.pi) * cell.pbc
+        slope = (bloch_modes(cell, q + step, model)[0] - bloch_modes(cell, q - step, model)[0]) / (2 * h)
+        assert_allclose(velocity[..., axis], slope, rtol=0, atol=1e-6 * abs(velocity).max())  # of the differences here
+    cell.calc = MagneticRepulsion(cell, law, foundation=30.0)  # the control: nearest neighbours
+    assert abs(group_velocities(cell, q, model).velocity - velocity).max() > 1e-2 * abs(velocity).max()
 
 
 # --- refusals --------------------------------------------------------------------------------------------------------
