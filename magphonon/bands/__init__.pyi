@@ -6,7 +6,6 @@ from .bands import (
     cut_off as cut_off,
     edge_weights as edge_weights,
     group_velocities as group_velocities,
-    path_of as path_of,
     sound_speeds as sound_speeds,
 )
 from .bloch import bloch_modes as bloch_modes

@@ -26,7 +26,6 @@ from .sensitivities import (
     force_change as force_change,
     frequency_sensitivities as frequency_sensitivities,
     response_sensitivities as response_sensitivities,
-    screening_change as screening_change,
     spacing_change as spacing_change,
 )
 from .site_designs import (

@@ -4,7 +4,6 @@ from .bonds import (
     distances_within as distances_within,
     explicit_bonds as explicit_bonds,
     find_bonds as find_bonds,
-    pairs_within as pairs_within,
     repeat_bonds as repeat_bonds,
 )
 from .crystals import (

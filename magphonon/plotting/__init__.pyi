@@ -9,8 +9,6 @@ from .axes import (
     print_style as print_style,
 )
 from .bands import (
-    mode_names as mode_names,
-    name_branches as name_branches,
     plot_bands as plot_bands,
     plot_edge_bands as plot_edge_bands,
 )
