@@ -249,13 +249,6 @@ class LawFamily:
         The spacing in mm.
     shape : PairLaw, optional
         The law of the magnets, if their shape is known.
-
-    Examples
-    --------
-    >>> from magphonon.interactions.fits import LawFamily
-    >>> ln_f, by_p, falls = LawFamily(10.0).curve([0.5, 0.3, 0, 0, 0, 0, 0], [10.0])
-    >>> float(ln_f[0]), float(falls[0])  # a force of e^0.5 N, whose exponent is larger than 4 by delta
-    (0.5, -4.3)
     """
 
     def __init__(self, r0: float, shape: PairLaw | None = None) -> None:
@@ -379,18 +372,7 @@ class CurveRecord(NamedTuple):
 
 def curve_record(forces: Forces, family: LawFamily, shared: SharedErrors,
                  near: NDArray[np.float64] | None = None) -> CurveRecord:
-    """What a table tells of the law for a fit of several records, `near` a p or its own best one; shared errors are eliminated.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon import InversePower
-    >>> from magphonon.interactions.fits import LawFamily, SharedErrors, curve_record
-    >>> from magphonon.interactions.force_tables import synthetic_forces
-    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
-    >>> round(float(curve_record(forces, LawFamily(10.0), SharedErrors(distance=0.05)).p[0]), 1)  # of 0.2 N
-    -1.6
-    """
+    """What a table tells of the law for a fit of several records, near a p or its own best one; shared errors are eliminated."""
     from scipy.optimize import least_squares
     from scipy.stats import t
 

@@ -113,14 +113,7 @@ def card_of(law: Any) -> Card:
 
 
 def kinds_of_laws() -> dict[str, Kind]:
-    """All kinds of laws that scenes know, by name: those on the cards of the laws that this room exports.
-
-    Examples
-    --------
-    >>> from magphonon.interactions.law_cards import kinds_of_laws
-    >>> kinds_of_laws()['yukawa'].shape
-    'screening_length'
-    """
+    """All kinds of laws that scenes know, by name: those on the cards of the laws that this room exports."""
     from importlib import import_module
 
     room = import_module(__name__.rpartition('.')[0])  # of which `bond_laws` and others need no magnets

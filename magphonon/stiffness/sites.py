@@ -42,14 +42,6 @@ class Sites:
     Where all sites are alike a property may be one number; the foundation may be a law of the site.  A new property is one more
     field, and one more keyword of the calculator: supercells, defects, replicas, copies and files carry it.  The masses are those
     of `ase.Atoms`.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> cell = lattices.honeycomb(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=[20.0, 30.0])
-    >>> cell.calc.sites[[1, 0, 0]].foundation[:, 0].tolist()  # of three sites that are like the second and the first one
-    [30.0, 20.0, 20.0]
     """
 
     strengths: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_strengths(given, len(atoms))))
