@@ -85,7 +85,7 @@ class Explorer:
         return float(self.atoms.calc.bonds.lengths.min())
 
     def _force(self, scale: float) -> float:
-        """Repulsion of nearest neighbours in N, or tension if they pull, all bonds `scale` times as long; NaN where the law of any
+        """Repulsion of nearest neighbours in N, or tension if they pull, all bonds `scale` times as long; NaN where the law of a
         bond is not known.
         """
         law, r = self.atoms.calc.law, self.atoms.calc.bonds.lengths
