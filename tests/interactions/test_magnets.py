@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import Legendre, leggauss
 
-from magphonon import Tabulated, units as u
+from magphonon import units as u
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_energy, pair_force
 from magphonon.interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence, moment
@@ -224,25 +224,6 @@ def test_magpylibs_field_on_the_charges_gives_the_same_force():
         assert repulsion(magnet_law(RING), r) == pytest.approx(force[0], rel=1e-9)
 
 
-@pytest.mark.peer
-def test_magpylibs_field_on_a_spheres_charges_gives_the_dipoles_force():
-    magpylib = pytest.importorskip('magpylib')
-    sphere = Sphere(5.0, 1.2 * u.T)
-    points, charges = sphere_charges(sphere, 32)
-    source = magpylib.magnet.Sphere(diameter=5e-3, polarization=(0, 0, 1.2))
-    force = charges @ source.getB((points + np.array([9.0, 0, 0])) / u.m) * u.T
-    assert repulsion(magnet_law(sphere), 9.0) == pytest.approx(force[0], rel=1e-9)
-
-
-@pytest.mark.peer
-def test_magpylibs_own_force_approaches_it_with_its_mesh():
-    magpylib = pytest.importorskip('magpylib', minversion='5.2')
-    source, target = magpylib_ring(RING), magpylib_ring(RING, position=(0.01, 0, 0))
-    exact = repulsion(magnet_law(RING), 10.0)
-    errors = [abs(magpylib.getFT(source, target, meshing=mesh)[0][0] * u.N / exact - 1) for mesh in (30, 3000)]
-    assert errors[1] < 5e-4 < 2e-3 < errors[0]  # a mesh of cells with one dipole each: first order in cells^(2/3)
-
-
 # --- the law ---
 
 
@@ -262,17 +243,6 @@ def test_slender_rods_take_more_terms_and_the_slenderest_are_refused():
     np.testing.assert_allclose(repulsion(magnet_law(rod), r), exact, rtol=1e-7)  # least at the end of the series
     with pytest.raises(ValueError, match='such slender rods'):
         magnet_law(Ring(2, 0, 200, 1 * u.T))
-
-
-def test_the_series_is_worth_more_than_a_table():
-    law, r = magnet_law(RING), np.linspace(7.1, 39, 500)
-    table = Tabulated(np.geomspace(7, 40, 100), repulsion(law, np.geomspace(7, 40, 100)))
-    # 32 terms against 100 points: the spline's error falls as the fourth power of their distance, of its slope as the third
-    assert len(law.series) == 32
-    assert abs(table.dphi(r) / law.dphi(r) - 1).max() > 1e-7
-    assert abs(table.d2phi(r) / law.d2phi(r) - 1).max() > 1e-5
-    exact = [pair_force(RING, RING, (d, 0, 0), n=200)[0] for d in r[::50]]
-    np.testing.assert_allclose(repulsion(law, r[::50]), exact, rtol=1e-10)
 
 
 @every_magnet

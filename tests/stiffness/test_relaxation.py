@@ -23,13 +23,6 @@ def patch(shells, foundation=0.02):
     return atoms
 
 
-def test_nearest_neighbours_are_in_balance():
-    atoms = patch(1)
-    result = relaxed(atoms)
-    assert not result.needed
-    assert (result.atoms.positions == atoms.positions).all()
-
-
 @pytest.mark.parametrize('foundation', [0.0, 0.02])
 def test_second_neighbours_push_the_row_inside_the_rim(foundation):
     atoms = patch(2, foundation)
