@@ -91,13 +91,7 @@ class LinearSystem:
         if isinstance(atoms, LinearSystem):
             return atoms
         if not getattr(atoms.calc, 'pairwise', True) and isinstance(atoms.calc, Repulsion):  # the latter alone takes 0.1 ms
-            freedom(atoms)
-            sums: Any = atoms.calc
-            away = np.linalg.norm(sums.displacements(atoms), axis=1).max()
-            if away > ROUND_OFF * sums.bonds.lengths.min():
-                raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold '
-                                'only there; make another one at these positions')
-            return cls.about(sums, atoms).balanced()
+            return cls._of_sums(atoms)
         calc = repulsion_of(atoms)
         freedom(atoms)  # refuses other constraints
         there = same_cell(calc, atoms) and np.array_equal(atoms.positions, calc.reference.positions)
@@ -108,6 +102,17 @@ class LinearSystem:
             return system.balanced(f'set the positions back to those of atoms.calc.reference, where the forces balance (up to '
                                    f'{away:.3g} mm away), or ')
         return system.balanced()
+
+    @classmethod
+    def _of_sums(cls, atoms):
+        """With AllNeighbours, whose sums hold at its reference only."""
+        freedom(atoms)
+        sums: Any = atoms.calc
+        away = np.linalg.norm(sums.displacements(atoms), axis=1).max()
+        if away > ROUND_OFF * sums.bonds.lengths.min():
+            raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold '
+                            'only there; make another one at these positions')
+        return cls.about(sums, atoms).balanced()
 
     @classmethod
     def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None, *also: str) -> LinearSystem:
