@@ -20,7 +20,7 @@ from .. import __version__, units
 from ..bands.zone import first_zone
 from ..interactions.pair_laws import InversePower
 from ..stiffness.rest import freedom
-from ..traits import all_but, refuse
+from ..traits import Tool, refuse
 from .zone import upwards
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ POINTS = 201  # wavevectors along the path
 ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
 FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'zone.js', 'ridges.js', 'burst.js', 'burst_view.js',
          'share.js', 'page.js')
-TAKEN = all_but('the page of a structure', 'all neighbours', 'gyration', 'modulation', 'site law', 'out of plane', 'conventional',
-                'attraction', 'oblique')
+TAKEN = Tool('the page of a structure', __name__, frozenset({'constraints', 'unlike'}))
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
 
