@@ -215,8 +215,10 @@ class SiteSlopes:
         e = C @ w
         springs = k * slope.springs + calc.spring_forces * w
         stretched = (push * R).sum() - np.einsum('bx,bxy,by->', e, complete, R) + (calc.spring_forces * w).sum() + slope.lengths
-        found = {'mass': self.system.masses * slope.masses, 'strength': abs(C).T @ (each - (pull * e).sum(1)), 'spring': springs,
-                 'foot': foot, 'spacing': stretched, 'height': -3 * springs.sum()}
+        each = each - (pull * e).sum(1)  # of a bond between a particle and its own image, whose row of C is zero, both ends count
+        strengths = sum(np.bincount(end, each, len(on)) for end in (calc.bonds.i, calc.bonds.j))
+        found = {'mass': self.system.masses * slope.masses, 'strength': strengths, 'spring': springs, 'foot': foot,
+                 'spacing': stretched, 'height': -3 * springs.sum()}
         return found if kept is None else found | {'exponent': self._by_exponent(kinds, slope, e, kept)}
 
     def _by_exponent(self, kinds, slope, e, kept):

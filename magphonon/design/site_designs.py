@@ -605,7 +605,7 @@ def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust 
         one = np.sort((np.log(given) - v.middle[part][0]) / v.half[part][0])
         one = one[abs(one) <= 1 + AT_BOUND]
         if not len(one):
-            raise ValueError(f'none of the parts {list(np.ravel(factors))} of {name} lies within its bounds {v.over[name]}')
+            raise ValueError(f'none of the parts {given.tolist()} of {name} lies within its bounds {v.over[name]}')
         allowed[part] = [one] * (part.stop - part.start)
     task = _Task(v, design.objective, design.model, [Draw()] if robust is None else robust.drawn(len(design.atoms)),
                  np.inf if robust is None else robust.width)

@@ -188,7 +188,8 @@ def _steady(atoms, level, frequencies):
     """Displacements per unit force at each frequency, all driven at once, read when the motion is steady."""
     calc, source = atoms.calc, level.source
     push = SMALL * calc.bonds.lengths.min() * abs(calc.rest_hessian('complete').diagonal()).min()
-    dyn = _runner(atoms, [Harmonic(source.particle, source.direction, push, omega) for omega in frequencies], level.damping)
+    dyn = _runner(atoms, [Harmonic(source.particle, source.direction, push, omega) for omega in frequencies], level.damping,
+                  2 * STEP / max(frequencies))  # which counts where they lie above those of the structure
     reading = READ * 2 * np.pi / min(frequencies)
     dyn.run(int(SETTLED / level.damping / dyn.dt))
     recorder = Recorder(dyn, interval=max(1, int(0.2 / max(frequencies) / dyn.dt)))

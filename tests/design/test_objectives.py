@@ -124,6 +124,21 @@ def test_slopes_of_other_structures(name, seed):
     compared(name, 'complete', seed)
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_bonds_to_own_images_count_at_both_ends(seed):
+    """In a cell one row wide some of a magnet's bonds lead to images of itself; both ends of these grow with its strength."""
+    rng = np.random.default_rng(seed)
+    atoms = drawn(lattices.triangular(10.0, 0.7).repeat((int(rng.integers(2, 5)), 1, 1)), rng)
+    own = atoms.calc.bonds.i == atoms.calc.bonds.j
+    assert own.any()
+    variables = Variables(atoms, {'strength': OVER['strength']})
+    x = 0.1 * rng.normal(size=len(variables))
+    edge = BandEdge(rng.uniform(-0.5, 0.5, (2, 3)), len(atoms), 'top', 30.0)
+    for objective in (edge, GroupVelocity((0.1, 0.2, 0), 1, (1.0, 0))):
+        ours, theirs = slopes_and_differences(variables, objective, 'complete', rng, x)['strength']
+        assert abs(ours - theirs).max() < DIGITS * abs(theirs).max()
+
+
 def test_the_rest_that_follows_matters():
     """The control: slopes at fixed positions are wrong."""
     atoms, objective = tasks(11)['level']

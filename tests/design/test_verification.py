@@ -46,6 +46,16 @@ def test_time_steps_find_the_levels():
     assert abs(steps - level.value(LinearSystem.of(patch('conventional')))) > 0.2  # the control
 
 
+def test_time_steps_follow_a_force_above_all_frequencies():
+    """A fast force was once taken in the steps of slow waves; far above these a free mass answers 1/(m omega^2)."""
+    atoms = patch()
+    source, *_ = places(atoms)
+    omega, damping = 9.0, 0.5
+    steps = by_time_steps(Level(source, source, omega, damping), atoms)
+    m = atoms.get_masses()[source.particle]
+    assert steps == pytest.approx(20 * np.log10(source.direction @ source.direction / (m * omega**2)), abs=0.4)
+
+
 @pytest.mark.parametrize('amplitude', [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_time_steps_find_the_share_of_a_burst(amplitude):
     source, *_ = places(patch())
