@@ -252,8 +252,11 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, misfit / noise, 0.0, np.zeros(len(names)))
 
 
-def _solved(build, names, functions, start, tolerance, *, centre, spread, noise=1.0, widened=0.0):
-    """Least squares from the logarithms `start` on; rows of the priors `centre` and `spread` come after those of the data."""
+def _solved(build, names, functions, start, tolerance, *, centre, spread, noise=1.0, widened=0.0, at_start=None):
+    """Least squares from the logarithms `start` on; rows of the priors `centre` and `spread` come after those of the data.
+
+    `at_start` are `response_slopes` there, if they are known.
+    """
     from scipy.optimize import least_squares
 
     weight, measured = _weights(functions) / noise, np.concatenate([one.response for one in functions])
@@ -261,7 +264,10 @@ def _solved(build, names, functions, start, tolerance, *, centre, spread, noise=
     @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
     def at(x):
         factors = dict(zip(names, np.exp(x).tolist(), strict=True))
-        h, slopes = response_slopes(build(factors), functions, names, widened)
+        if at_start is not None and np.array_equal(x, start):
+            h, slopes = at_start
+        else:
+            h, slopes = response_slopes(build(factors), functions, names, widened)
         return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
 
     def residuals(x):
@@ -309,7 +315,8 @@ def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], Para
     for drawn in _drawn(built, tau, DRAWS):
         theirs = np.split(gain * responses(drawn, functions), ends)
         seen = [replace(one, response=response) for one, response in zip(functions, theirs, strict=True)]
-        again = _solved(build, fit.names, seen, x, REFITTED, centre=fit.factors, spread=spread, noise=fit.noise)
+        again = _solved(build, fit.names, seen, x, REFITTED, centre=fit.factors, spread=spread, noise=fit.noise,
+                        at_start=(h, slopes))
         moved.append((again.x - x - _own_means(built, drawn, fit.names)) @ told)
     bias, wide = np.mean(moved, axis=0), np.std(left) / left.mean()  # pyright: ignore[reportPossiblyUnbound]  ROUNDS is not zero
     covariance = np.diag(1 / values) + (1 + 1 / DRAWS) * np.cov(np.transpose(moved)).reshape(2 * (len(values),))
