@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms, FixedLine
-from motion import DT, apart, oscillator, patch, states_of
+from ase.constraints import FixedLine
+from motion import DT, patch
 
 from magphonon import (
     Constant,
@@ -14,7 +14,6 @@ from magphonon import (
     ToneBurst,
     lattices,
     propagate,
-    units as u,
 )
 from magphonon.response.frf import frequency_response, harmonic_response
 
@@ -34,24 +33,6 @@ def test_drives_are_what_they_say():
     constant = Constant(0, (0, 0, 1), 2.0)
     assert np.array_equal(constant(5.0), [[0, 0, 2.0]])
     assert np.array_equal(constant(t), np.tile([0, 0, 2.0], (len(t), 1, 1)))
-
-
-def test_many_replicas_in_one_run_are_as_many_runs():
-    law = InversePower(b=1e4 * u.N * u.m**4, a=4.0)
-    angles, frequencies = [0, np.pi / 6, np.pi / 4], np.array([0.05, 0.15, 0.25])
-    single = []
-    for theta0 in angles:
-        single.append(oscillator(theta0))
-    batch = single[0] + single[1] + single[2]
-    batch.set_constraint(FixAtoms([k for k in range(12) if k % 4 != 3]))
-    bonds = [(4 * k + i, 4 * k + j) for k in range(3) for i, j in lattices.OSCILLATOR_BONDS]
-    batch.calc = MagneticRepulsion(batch, law, bonds=bonds, load=np.concatenate([atoms.calc.load for atoms in single]))
-    drives = [Harmonic([3, 7, 11], (0, 1), 1.0, frequencies)]
-    together = states_of(batch, 300, dt=0.5, drives=drives, damping=0.01, engine='numpy')
-    for k, atoms in enumerate(single):
-        drives = [Harmonic(3, (0, 1), 1.0, frequencies[k])]
-        alone = states_of(atoms, 300, dt=0.5, drives=drives, damping=0.01, engine='numpy')
-        assert apart(together[:, 4 * k : 4 * k + 4], alone) < 1e-12
 
 
 @pytest.mark.parametrize(('make', 'words'), [

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from oracles import LAWS
 
-from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Tabulated, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Tabulated, lattices
 from magphonon.dynamics import memory_layout
 from magphonon.dynamics.bond_increments import DEGREE, RANGES, TOLERANCE, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
-from magphonon.dynamics.engine import PIECES, Blocks
+from magphonon.dynamics.engine import PIECES
 from magphonon.dynamics.memory_layout import arrange
 from magphonon.dynamics.verlet import threads_for
 from magphonon.interactions.bond_laws import labels
@@ -153,65 +153,6 @@ def test_other_structures_go_into_a_table():
     assert arrange(twice, MagneticRepulsion(twice, LAW, bonds=[(0, 1), (64, 65)]).bonds, np.ones(128, bool)).offset is None
 
 
-def structures():
-    for name in cells():
-        for shape, patch in shapes(name):
-            yield f'{name} {shape}', patch
-    yield 'free edges', vacancies(lattices.parallelogram(cells()['triangular'], 6, 6), share=0, free=True)
-    yield 'free vacancies on a grid', vacancies(lattices.hexagon(cells()['triangular'], 50.0), free=True)
-    table = vacancies(lattices.parallelogram(cells()['triangular'], 10, 9), free=True)
-    table.set_array('site', None)
-    yield 'table', table
-    yield 'periodic', cells()['honeycomb'].repeat((3, 4, 1))
-    large = vacancies(lattices.parallelogram(cells()['triangular'], 80, 80), share=0.02, free=True)  # several runs and windows
-    yield 'many runs on a grid', large
-    large = large.copy()
-    large.set_array('site', None)
-    yield 'many runs of a table', large
-
-
-STRUCTURES = dict(structures())
-# what differs for each number of bond groups, with or without bonds that may not be there, for every length of polynomials, which
-# goes with the amplitude, or of the longest row of a table, is compiled anew: the compiled tests share a few
-FEW = ['triangular hexagon', 'free edges', 'free vacancies on a grid', 'table', 'many runs on a grid', 'many runs of a table']
-
-
-def blocks_of(name, atoms, model, engine, amplitude, law=LAW, **bonds):
-    atoms = atoms.copy()
-    atoms.calc = MagneticRepulsion(atoms, law, foundation=0.02, model=model, **bonds)
-    u = amplitude * np.random.default_rng(2).normal(size=(len(atoms), 3))
-    u[:, 2] = 0
-    atoms.positions += u
-    atoms.set_momenta(np.zeros((len(atoms), 3)))
-    with in_table(name):
-        blocks = Blocks(atoms, 0.1, [], np.zeros(len(atoms)))
-    blocks.use(engine)
-    return atoms, blocks
-
-
-def accelerations(blocks):
-    blocks.advance(0, 1)  # finds the polynomials that reach far enough
-    a = blocks._state[2]
-    return blocks.layout.gather(a).T.copy()
-
-
-@pytest.mark.parametrize(('engine', 'name'), [('numpy', name) for name in STRUCTURES] + [('compiled', name) for name in FEW])
-def test_kernels_compute_the_calculators_forces(name, engine):
-    if engine == 'compiled':
-        pytest.importorskip('numba')
-    atoms = STRUCTURES[name]
-    models = MODELS if len(atoms) < 1000 else MODELS[:1]
-    for model in models:
-        for amplitude in (0.002, 0.2) if engine == 'numpy' else (0.002,):
-            moved, blocks = blocks_of(name, atoms, model, engine, amplitude)
-            a = accelerations(blocks)
-            blocks.write()
-            expected = moved.get_forces()[:, :2] / 0.7  # at the new positions; FixAtoms holds the rim here too
-            # the calculator rounds positions of 1e2 mm to 1e-14, against strains of 1e-4
-            assert abs(a - expected).max() < 1e-10 * abs(expected).max()
-            assert blocks.engine == engine
-
-
 @pytest.mark.parametrize('engine', ['numpy', pytest.param('compiled', marks=pytest.mark.slow)])
 def test_a_strain_that_comes_and_goes_within_a_block_is_noticed(engine):
     if engine == 'compiled':
@@ -293,34 +234,6 @@ def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
 
 
 # --- threads ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings('ignore:the foundation of')  # stiff on purpose: bonds hardly strain
-@pytest.mark.parametrize('name', ['free vacancies on a grid', 'many runs on a grid', 'many runs of a table'])
-def test_threads_and_steps_that_go_together_leave_every_bit_as_it_is(name, monkeypatch):
-    pytest.importorskip('numba')
-    from magphonon.dynamics import kernels_numba
-
-    monkeypatch.setattr(kernels_numba, 'RUN', 64)  # 90 runs in the large ones
-
-    def run(threads, together, amplitude=0.01):
-        monkeypatch.setattr(kernels_numba, 'TOGETHER', together)
-        atoms = STRUCTURES[name].copy()
-        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=40.0)
-        drives = [Harmonic(np.arange(len(atoms))[:: len(atoms) // 9], (1, 2), amplitude, 0.5)]
-        dyn = DrivenVerlet(atoms, 0.1, drives, np.linspace(0, 0.01, len(atoms)), 'compiled', threads=threads)
-        dyn.attach(lambda: None, 7)
-        with in_table(name):
-            dyn.run(60)
-        assert dyn.engine == 'compiled'
-        return dyn.displacements, dyn.velocities, atoms.positions
-
-    expected = run(1, 1)  # one step after the other
-    assert abs(expected[0]).max() > 1e-6
-    for threads, together in ((1, 3), (1, 40), (2, 1), (2, 3), (3, 2), (5, 3)):
-        assert all(np.array_equal(x, y) for x, y in zip(run(threads, together), expected, strict=True))
-    assert not np.array_equal(run(2, 3, 0.0100001)[0], expected[0])  # the control
 
 
 def test_threads_are_a_whole_number_and_one_by_default_in_small_patches(monkeypatch):
