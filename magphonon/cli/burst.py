@@ -17,7 +17,7 @@ from .arguments import add_output, add_pictures, add_scene, drawing
 FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
 HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
 MOST_THREADS = 1024
-RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', 'row.csv', 'ridges.*'
+RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', '*_film.gif', 'row.csv', 'ridges.*'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -32,7 +32,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                        'run again')
     parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
     parser.add_argument('--verbose', action='store_true', help='print every ridge, as ridges.txt holds them')
-    parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
+    parser.add_argument('--animation', action='store_true',
+                        help='also a GIF of each burst crossing the patch, both models side by side')
 
 
 def run(options: Namespace) -> None:
@@ -132,13 +133,17 @@ def _save(folder, name, passages, found, filmed):
     from ..plotting.animation import animate
     from ..waves.scan_tables import write_scan
 
-    for model, (patch, site, passage) in passages.items():
+    for model, (*_, passage) in passages.items():
         write_scan(folder / f'{name}_{model}.csv', passage.row)
         for wave in found[model]:
             wave.spectrum.save(folder / f'{name}_{model}_{wave.motion}.npz')
-        if filmed:
-            shown, times = passage.field.displacements[:FILM], passage.field.times[:FILM]
-            animate(folder / f'{name}_{model}.gif', patch, shown, times, title=f'{model} simulation', site=site)
+    if filmed:
+        patch, site, passage = passages['complete']
+        times, films = passage.field.times[:FILM], {}
+        for model, (*_, other) in reversed(passages.items()):  # as in the paper; each model has time steps of its own
+            near = abs(other.field.times[:, None] - times).argmin(axis=0)
+            films[f'{model} simulation'] = other.field.displacements[near]
+        animate(folder / f'{name}_film.gif', patch, films, times, title=name.replace('_', ', '), site=site)
 
 
 def _draw(save, name, carrier, passages, found):

@@ -26,7 +26,7 @@ MOST_SHOWN = 6
 
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
                within: Mapping[tuple[str, int], float] | None = None, speeds: bool = False,
-               limit: str = 'its 95 % interval', brief: bool = False) -> list[str]:
+               limit: str = 'the 95 % interval', brief: bool = False) -> list[str]:
     """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
 
     In `brief` it names the largest shift only, if any matters.  `points` are the wavevectors asked, in fractions of the

@@ -430,7 +430,7 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
 
 
 def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
-    """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more.
+    """Bonds between all particles closer than `cutoff` (mm); there may be none.  `find_bonds` checks more.
 
     Examples
     --------

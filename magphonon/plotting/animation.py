@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +14,7 @@ import numpy as np
 from .. import units
 from ..errors import finite, positive
 from ..stiffness.repulsion import repulsion_of
-from .axes import new_axes
+from .axes import new_figure
 from .structures import draw_bonds, frame, mark_defects, seen_about, spacing
 from .waves import bar_of_crests, draw_crests, main_axis, mark_site, visible
 
@@ -48,7 +49,8 @@ def mode_frames(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) 
     return np.real(np.multiply.outer(np.exp(-2j * np.pi * np.arange(frames) / frames), shape * amplitude / largest))
 
 
-def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, times: ArrayLike | None = None, *,
+def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | Mapping[str, ArrayLike],
+            times: ArrayLike | None = None, *,
             magnification: float | None = None, title: str = '', fps: float = 12, site: BurstSetup | None = None,
             centre: ArrayLike | None = None, defects: ArrayLike = ()) -> float:
     """Write a film of moving particles; every frame has the same scale, and the title states the magnification.
@@ -62,8 +64,9 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
         Ends in `.gif`, or in `.mp4`, for which ffmpeg or the package imageio-ffmpeg must be there.
     atoms : ase.Atoms
         A planar structure with its PairCalculator, at the places from which displacements count.
-    displacements : array_like, shape (frames, particles, dim)
-        In mm: of a mode from `period`, of a wave from `propagate` or a `Recorder`.
+    displacements : array_like, shape (frames, particles, dim), or mapping from titles to such arrays
+        In mm: of a mode from `mode_frames`, of a wave from `propagate` or a `Recorder`.  Those of a mapping, such as both models,
+        move side by side, 500 pixels each.
     times : array_like, shape (frames,), optional
         In ms, shown in s.
     magnification : float, optional
@@ -85,12 +88,13 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     """
     from matplotlib.animation import FuncAnimation
 
-    path, u = Path(path), finite('displacements', displacements)
-    if u.ndim != 3 or u.shape[1] != len(atoms) or u.shape[2] not in (2, 3):
-        raise ValueError(f'displacements must have the shape (frames, {len(atoms)}, 2 or 3), not {u.shape}')
-    moments = None if times is None else finite('times', times, u.shape[:1])
+    path, films = Path(path), displacements if isinstance(displacements, Mapping) else {'': displacements}
+    u = np.array([finite('displacements', film) for film in films.values()])
+    if u.ndim != 4 or u.shape[2] != len(atoms) or u.shape[3] not in (2, 3):
+        raise ValueError(f'displacements must have the shape (frames, {len(atoms)}, 2 or 3), not {u.shape[1:]}')
+    moments = None if times is None else finite('times', times, u.shape[1:2])
     positive('fps', fps, '1/s')
-    largest = max(np.linalg.norm(moment, axis=1).max() for moment in u)
+    largest = max(np.linalg.norm(moment, axis=1).max() for film in u for moment in film)
     if not largest:
         raise ValueError('nothing moves in any frame; there is nothing to film')
     bond = repulsion_of(atoms).bonds.lengths.min()
@@ -99,28 +103,33 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     seen, axis = seen_about(atoms, centre), main_axis(u)
     rest = seen.positions[:, :2]
     wide, high = np.ptp(rest, axis=0) + 2 * bond
-    ax = new_axes(5.0, 1.2 + 3.6 * min(1.5, high / wide))
-    draw_bonds(ax, seen)
-    frame(ax, rest / units.m, spacing(atoms))
-    dots, power = draw_crests(ax, seen, u[0, :, axis], visible(u[..., axis]), DOT)
-    bar_of_crests(dots, ax, axis, power)
-    if site is not None:
-        mark_site(ax, seen, site)
-    mark_defects(ax, seen, defects)
+    figure = new_figure(5.0 * len(films), 1.2 + 3.6 * min(1.5, high / wide))
+    drawn = []
+    for ax, name, film in zip(figure.subplots(1, len(films), squeeze=False)[0], films, u, strict=True):
+        draw_bonds(ax, seen)
+        frame(ax, rest / units.m, spacing(atoms))
+        dots, power = draw_crests(ax, seen, film[0, :, axis], visible(u[..., axis].reshape(-1, len(atoms))), DOT)
+        if site is not None:
+            mark_site(ax, seen, site)
+        mark_defects(ax, seen, defects)
+        ax.set_title(name)
+        drawn.append((dots, film))
+    bar_of_crests(dots, figure.axes, axis, power)
 
     def show(k):
-        dots.set_offsets((rest + factor * u[k, :, :2]) / units.m)
-        dots.set_array(u[k, :, axis] / units.m / 10.0**power)
+        for dots, film in drawn:
+            dots.set_offsets((rest + factor * film[k, :, :2]) / units.m)
+            dots.set_array(film[k, :, axis] / units.m / 10.0**power)
         when = '' if moments is None else f', {moments[k] / units.s:.4f} s'
-        ax.set_title(f'{title}\ndisplacements drawn {factor:.3g} times as large{when}'.strip(), fontsize='medium')
+        figure.suptitle(f'{title}\ndisplacements drawn {factor:.3g} times as large{when}'.strip(), fontsize='medium')
 
     show(0)
-    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
-    ax.figure.set_layout_engine('none')  # pyright: ignore[reportAttributeAccessIssue]  the axes stand still
+    figure.draw_without_rendering()
+    figure.set_layout_engine('none')  # the axes stand still
     try:
         with TemporaryDirectory(prefix='.film-', dir=path.parent) as folder:
             whole = Path(folder) / f'film{path.suffix.lower()}'
-            film = FuncAnimation(ax.figure, show, frames=len(u))  # pyright: ignore[reportArgumentType]  no subfigure
+            film = FuncAnimation(figure, show, frames=u.shape[1])
             film.save(whole, writer=writer, dpi=100)
             os.replace(whole, path)
     except OSError as error:

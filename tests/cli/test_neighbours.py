@@ -120,7 +120,7 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
     for shells in (1, None):
         assert main(['uncertainty', lattice_text(tmp_path, shells, **tables), '-o', str(tmp_path / f'out_{shells}')]) == 0
         text = capsys.readouterr().out
-        assert ('M, branch 1 by more than its 95 % interval.' in text) == (shells == 1)
+        assert ('M, branch 1 by more than the 95 % interval.' in text) == (shells == 1)
         assert 'K, branch 1' not in text.partition('not enough here')[2].partition('\n')[0]  # moved by less than the interval
         origin = json.loads((tmp_path / f'out_{shells}' / 'provenance.json').read_text())['scene']
         assert (origin['shells'] == 1) == (shells == 1)
