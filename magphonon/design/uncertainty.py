@@ -141,7 +141,8 @@ def _std(covariance, slopes):
 def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: Model | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
-    Where branches cross, each keeps its own spread; see `magphonon.design.sensitivities.frequency_sensitivities`, which says where there is NaN.
+    Where branches cross, each keeps its own spread; see
+    `magphonon.design.sensitivities.frequency_sensitivities`, which says where there is NaN.
 
     Parameters
     ----------
