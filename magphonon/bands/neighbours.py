@@ -39,7 +39,7 @@ every distance is then a shell."""
 
 @dataclass(frozen=True)
 class NeighbourShifts:
-    """What all neighbours make of the frequencies of a lattice that leaves some out.
+    """Frequencies of a lattice with the neighbours that it counts, and with all neighbours.
 
     Attributes
     ----------

@@ -126,7 +126,7 @@ class EdgeFlow(NamedTuple):
 def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = None) -> EdgeFlow:
     """The waves along the edges of a strip at a frequency within a gap of its lattice, and how many more run one way.
 
-    They are where an eigenvalue of `K(q) - omega^2 - i omega B` vanishes.
+    There is a wave at each q at which an eigenvalue of `K(q) - omega^2 - i omega B` vanishes.
 
     Parameters
     ----------

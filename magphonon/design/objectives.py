@@ -53,7 +53,7 @@ STEP = 1e-3  # of squared frequencies, relative, over which that derivative is t
 
 
 class Rest:
-    """A structure at rest, with what several objectives ask of it solved once."""
+    """A structure at rest; what several objectives need is solved once."""
 
     def __init__(self, system: LinearSystem) -> None:
         self.system = system.moving()

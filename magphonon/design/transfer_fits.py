@@ -55,7 +55,7 @@ ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a th
 
 
 class ParametricLattice(NamedTuple):
-    """A lattice with some parameters: about its rest, its damping in 1/ms, and what each parameter of its stiffness changes."""
+    """A lattice at rest, its damping in 1/ms, and the change of its stiffness by each parameter."""
 
     system: LinearSystem
     damping: float

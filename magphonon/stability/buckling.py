@@ -330,7 +330,7 @@ class CriticalSupport(NamedTuple):
 def critical_support(atoms: Atoms | LinearSystem, magnets: bool = True) -> CriticalSupport:
     """Stiffness out of the plane that the supports of planar particles must provide.
 
-    The energy of two rigid magnets obeys Laplace's equation.  For magnets normal to the plane and round it reads
+    The energy of two rigid magnets obeys Laplace's equation.  For round magnets normal to the plane it reads
     `phi_zz + phi'' + phi'/r = 0`, so that each bond adds `k_zz = -(phi'' + phi'/r) = -(a - 1) f/r` to the stiffness out
     of the plane, with the local exponent `a = -dln f/dln r`; a central energy phi(r) would add only `phi'/r = -f/r`.
 
