@@ -243,6 +243,40 @@ def test_no_trait_is_ignored(tool, base, tmp_path):
             assert found.shape != plain.shape or not np.allclose(found, plain, rtol=1e-6, atol=1e-9), name
 
 
+UNEQUAL, B = np.array([1.2, 0.8]), 16.0
+
+
+def of_unequal(base, way, strengths=UNEQUAL):
+    """Particles of two strengths and springs: s_i s_j phi by their strengths, or as the laws of two kinds."""
+    kinds = (np.arange(len(base)) % 3 == 1).astype(int)
+    atoms = base.copy()
+    atoms.set_tags(kinds)
+    atoms.set_masses(np.array([0.7, 0.9])[kinds])
+    springs = K * np.array([[1.0, 1.1], [1.2, 0.9]])[kinds]
+    if way == 'strengths':
+        return made(atoms, k=springs, strengths=strengths[kinds])
+    laws = {(i, j): InversePower(strengths[i] * strengths[j] * B, 4.0) for i, j in ((0, 0), (0, 1), (1, 1))}
+    return made(atoms, laws, k=springs)
+
+
+APART = {'write_lammps_input', 'stability_boundary_of_exponents', 'floquet_bands', 'parametric_growth', 'neighbour_shifts',
+         'converged_shells', 'foundation_for', 'for_ase_tools'}
+"""Tools that are not compared: of files, of one law, of one mass, of modulated springs, of sums that end elsewhere."""
+
+
+@pytest.mark.parametrize(('tool', 'base'), [(name, base) for base, tools in ((CELL, CELLS), (PATCH, PATCHES)) for name in tools
+                                            if name not in APART])
+def test_strengths_are_laws_of_kinds(tool, base):
+    ask = (CELLS if base is CELL else PATCHES)[tool]
+    numbers(ask(made(base)))  # which declares the tool
+    if 'unlike' not in TOOLS[tool].takes:
+        return
+    found, expected, control = (numbers(ask(of_unequal(base, *way))) for way in (
+        ('strengths',), ('kinds',), ('kinds', np.array([1.2, 1.2]))))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-10 * abs(expected).max())  # iterations end at 1e-9
+    assert SAME.get(tool) is TRAITS.keys() or found.shape != control.shape or not np.allclose(found, control, rtol=1e-4, atol=0)
+
+
 HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
            'series_response', 'stepped_response', 'thermal_bands', 'thermal_run', 'response_spread', 'spectral_function',
            'plan_peak', 'plan_waveform', 'Variables', 'chern_numbers', 'edge_flow', 'vibration'}
