@@ -10,7 +10,6 @@ from ase.constraints import FixAtoms, FixedLine
 from matplotlib.collections import LineCollection
 from scipy.linalg import eigvals, expm, sqrtm
 from scipy.optimize import brentq
-from scipy.spatial import KDTree
 
 from magphonon import (
     AllNeighbours,
@@ -38,7 +37,6 @@ from magphonon.plotting import mode_frames, plot_shape
 from magphonon.response import (
     Dof,
     compared,
-    natural_frequencies,
     receptance,
 )
 from magphonon.stiffness import LinearSystem
@@ -353,21 +351,6 @@ def test_densities_count_waves_of_both_directions():
     assert abs(half - counted).max() > 0.15
 
 
-def test_modes_of_drawn_patches_are_the_roots_and_none_of_them_works_on_another():
-    rng = np.random.default_rng(9)
-    patch = drawn(rng)
-    M, C, K, P = oracle(patch)
-    found = modes(patch)
-    u = found.shapes.reshape(len(found.omega), -1)
-    for w, shape in zip(found.omega, u, strict=True):
-        assert abs(P.T @ ((K - w**2 * M - 1j * w * C) @ shape)).max() < 1e-9  # u = Re U e^{-iwt}
-        assert abs(shape.conj() @ M @ shape - 1) < 1e-12
-    A = flow(M, C, K, P)
-    assert np.allclose(np.sort(eigvals(A).imag)[P.shape[1] :], found.omega, rtol=1e-10)
-    assert np.allclose(natural_frequencies(patch), found.omega, rtol=1e-12)
-    assert np.allclose(modes(patch, 3).omega, found.omega[:3])
-
-
 def hill(g):
     """One free particle among four held ones whose sideways push exceeds their slope: 2 (a - 1) = -1, plus its spring."""
     atoms = lattices.square(1.0, 1.0).repeat((3, 3, 1))
@@ -583,12 +566,6 @@ def test_scenes_refuse_what_knows_no_gyration(tmp_path):
         read_scene(tmp_path / 'scene.toml')
 
 
-def test_the_ready_scene_has_an_edge_wave_by_d0_alone():
-    cell = read_scene(ready_scene('gyro')).atoms()
-    assert chern_numbers(cell).tolist() == [1, -1, 1, -1]
-    assert chern_numbers(cell, 'conventional').tolist() == [1, 0, 0, -1]
-
-
 def test_shapes_are_filmed_drawn_and_compared_with_their_phases(tmp_path):
     rng = np.random.default_rng(14)
     patch = drawn(rng, guided=False)
@@ -611,22 +588,6 @@ def test_shapes_are_filmed_drawn_and_compared_with_their_phases(tmp_path):
         (tmp_path / 'shape.csv').write_text('\n'.join(['mode,x_mm,y_mm,u_x,u_x_im,u_y,u_y_im', *rows]))
         mac = compared(tmp_path / 'shape.csv', patch, found).mac[0, 5]
         assert abs(mac - 1) < 1e-12 if alike else mac < 0.9
-
-
-def test_modes_of_a_patch_fill_the_middle_gap_by_d0_alone():
-    """Below the middle gap the Chern numbers add up to 0; by D0 alone to 1, and modes near the rim are in it."""
-    for model, between in ('complete', 0), ('conventional', 1):
-        patch = lattices.parallelogram(lattices.honeycomb(1.0, 1.0), 10, 8)
-        patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55, model=model)
-        low, high = band_gaps(honeycomb(1.55), 60, model)[1]
-        found = modes(patch)
-        inside = (low < found.omega) & (found.omega < high)
-        assert bool(inside.any()) is bool(between)
-        if between:
-            free = LinearSystem.of(patch, 'gyration').mobile
-            near = free & (KDTree(patch.positions[~free]).query(patch.positions)[0] < 2.1)
-            shares = (abs(found.shapes) ** 2).sum(axis=2)[:, near].sum(axis=1)
-            assert shares[inside].mean() > 1.15 * np.median(shares)
 
 
 @pytest.mark.slow

@@ -84,11 +84,6 @@ def test_oscillator_critical_angle(paper):
     assert np.cos(critical) ** 2 == pytest.approx(3 / (2 * (4 + 1)), rel=1e-12)
 
 
-def test_oscillator_growth_rate(paper):
-    horizontal = signed_root(oscillator_stiffness(np.pi / 2)[0, 0] * (u.N / u.m) / (1 * u.kg)) / (1 / u.s)
-    assert -horizontal == pytest.approx(paper['oscillator']['growth_rate_at_pi_over_2'], rel=PRINTED)
-
-
 # Sec. IV: the triangular lattice
 
 @pytest.mark.parametrize('model', ['complete', 'conventional'])

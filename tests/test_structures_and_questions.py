@@ -7,7 +7,6 @@ other directions guided, other kinds, strengths and springs.
 More of them: `python -m pytest -n 0 -m long tests/test_structures_and_questions.py` (some minutes, most of which numba compiles).
 """
 
-import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,8 +14,8 @@ import pytest
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import OwnLaws, Pairs, free_basis, lattice, neighbour_vectors, verlet
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, finite_displacements, lattices, modes, phonopy_bands
-from magphonon.bands import band_path, group_velocities
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, lattices
+from magphonon.bands import group_velocities
 from magphonon.bands.bloch import bloch_modes
 
 LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a=2.0), (1, 1): Yukawa(c=20.0, kappa=0.3)}
@@ -143,18 +142,6 @@ def forces(drawn, oracle):
     return atoms.get_forces()[:, : drawn.dim].ravel(), P @ (P.T @ oracle.pull(atoms.positions, u).ravel())
 
 
-def carried(drawn, oracle):
-    """By a copy of the calculator on a supercell whose particles stand in another order."""
-    atoms, u = moved(drawn)
-    large = drawn.atoms.repeat(np.where(drawn.atoms.pbc, 2, 1))
-    order = np.random.default_rng(9).permutation(len(large))
-    there = large[order]
-    there.calc = pickle.loads(pickle.dumps(atoms.calc)).on(there)
-    there.positions[:, : drawn.dim] += u[order % len(u)]
-    there.set_constraint()
-    return there.get_forces()[:, : drawn.dim], oracle.pull(atoms.positions, u)[order % len(u)]
-
-
 def stiffness(drawn, oracle):
     """Every entry, within what each takes for free."""
     atoms, _ = moved(drawn)
@@ -165,14 +152,10 @@ def stiffness(drawn, oracle):
     return own @ H @ own, P @ exact @ P
 
 
-def bands(drawn, oracle, model='complete'):
+def bands(drawn, oracle):
     q = waves(drawn)
-    omega = bloch_modes(drawn.atoms, q, model)[0]
-    return omega * abs(omega), np.array([oracle.squares(one, model) for one in q])
-
-
-def conventional_bands(drawn, oracle):
-    return bands(drawn, oracle, 'conventional')
+    omega = bloch_modes(drawn.atoms, q, drawn.model)[0]
+    return omega * abs(omega), np.array([oracle.squares(one) for one in q])
 
 
 def shapes(drawn, oracle):
@@ -184,11 +167,6 @@ def shapes(drawn, oracle):
     return np.einsum('ma,ab,mb->m', v.conj(), P.T @ D @ P, v).real, np.linalg.eigvalsh(P.T @ D @ P)
 
 
-def vibrations(drawn, oracle):
-    omega = modes(drawn.atoms).omega
-    return omega * abs(omega), oracle.squares((0, 0, 0))
-
-
 def velocities(drawn, oracle, h=1e-5):
     """Along the first reciprocal vector; those of slow waves have an error without bound."""
     q, (b, *_) = waves(drawn)[:1], drawn.atoms.cell.reciprocal().array * 2 * np.pi
@@ -196,12 +174,6 @@ def velocities(drawn, oracle, h=1e-5):
     up, down = (np.sqrt(oracle.squares(q[0] + sign * np.array([h, 0, 0]), 'complete').astype(complex)).real for sign in (1, -1))
     known, exact = velocity[0] @ b[: velocity.shape[-1]], (up - down) / (2 * h)
     return known[omega[0] > 0.3 * omega.max()], exact[up > 0.3 * up.max()]
-
-
-def by_phonopy(drawn, oracle):
-    path = band_path(drawn.atoms, npoints=3)
-    omega = phonopy_bands(finite_displacements(drawn.atoms), path).omega
-    return omega * abs(omega), np.array([oracle.squares(q) for q in path.kpts])
 
 
 def steps(drawn, oracle, engine='ase'):
@@ -233,21 +205,17 @@ def compiled_steps(drawn, oracle):
 
 
 QUESTIONS = {  # and its tolerance, by the largest entry: round-off, or what is said
-    energy: 1e-11, forces: 1e-11, carried: 1e-11, stiffness: 1e-11, bands: 1e-11, conventional_bands: 1e-11, shapes: 1e-11,
-    vibrations: 1e-11,
+    energy: 1e-11, forces: 1e-11, stiffness: 1e-11, bands: 1e-11, shapes: 1e-11,
     velocities: 1e-6,  # differences over 1e-5 of the zone; the two sides of a crossing
-    by_phonopy: 1e-8,  # finite displacements
     steps: 1e-9, block_steps: 1e-9, compiled_steps: 1e-9,  # positions are rounded in each step
 }
-UNCONSTRAINED = energy, carried
 KINDS = 'walls', 'sites', 'layer', 'everything'
 
 
 def asked(question, drawn):
     """Whether the question has an answer."""
     atoms, planar = drawn.atoms, drawn.dim == 2
-    return {carried: atoms.pbc.any(), velocities: atoms.pbc.any() and planar, by_phonopy: atoms.pbc.any() and not drawn.guided,
-            block_steps: planar, compiled_steps: planar}.get(question, True)
+    return {velocities: atoms.pbc.any() and planar, block_steps: planar, compiled_steps: planar}.get(question, True)
 
 
 def compare(question, kind, seeds):
@@ -262,7 +230,7 @@ def compare(question, kind, seeds):
         for name, wrong in drawn.mistaken():
             _, other = question(drawn, wrong)
             seen = other.shape != exact.shape or apart(other, exact) > 1e3 * tolerance
-            noticed[name] = noticed.get(name, False) or seen or (name.startswith('Fix') and question in UNCONSTRAINED)
+            noticed[name] = noticed.get(name, False) or seen or (name.startswith('Fix') and question is energy)
     return noticed
 
 
