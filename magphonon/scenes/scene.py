@@ -387,7 +387,8 @@ class Scene(Table):
         if name == 'bands' and table is None and not (self.single or self.finite):
             return BandPlan.model_validate({})
         if self.finite and name in ('bands', 'burst', 'vibrometer', 'patch'):
-            raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is a finite structure; "magphonon modes" shows its modes')
+            raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is a finite structure; "magphonon modes" shows its '
+                             'modes')
         if table is None:
             have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
             example = 'prototype' if 'prototype' in have else have[0]
