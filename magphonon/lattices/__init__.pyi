@@ -1,10 +1,7 @@
 from .bonds import (
     Bonds as Bonds,
-    bonds_within as bonds_within,
-    distances_within as distances_within,
     explicit_bonds as explicit_bonds,
     find_bonds as find_bonds,
-    repeat_bonds as repeat_bonds,
 )
 from .crystals import (
     OSCILLATOR_BONDS as OSCILLATOR_BONDS,

@@ -148,15 +148,7 @@ def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:
-    """Different distances of pairs up to `cutoff` (mm), in ascending order.
-
-    Examples
-    --------
-    >>> from magphonon import lattices
-    >>> from magphonon.lattices import distances_within
-    >>> sorted(set(distances_within(lattices.square(1.0, 1.0), 1.5).round(6).tolist()))
-    [1.0, 1.414214]
-    """
+    """Different distances of pairs up to `cutoff` (mm), in ascending order."""
     return np.unique(pairs_within(atoms, cutoff)[3])
 
 
@@ -430,15 +422,7 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
 
 
 def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
-    """Bonds between all particles closer than `cutoff` (mm); there may be none.  `find_bonds` checks more.
-
-    Examples
-    --------
-    >>> from magphonon import lattices
-    >>> from magphonon.lattices import bonds_within
-    >>> len(bonds_within(lattices.square(1.0, 1.0), cutoff=1.5))  # sides and diagonals
-    4
-    """
+    """Bonds between all particles closer than `cutoff` (mm); there may be none.  `find_bonds` checks more."""
     return _bonds(atoms, *pairs_within(atoms, cutoff), cutoff)
 
 
@@ -530,15 +514,6 @@ def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
         Bonds of `atoms`.
     atoms, supercell : ase.Atoms
         The periodic cell, and a structure of whole cells of it (phonopy's or `repeat`'s).
-
-    Examples
-    --------
-    >>> from magphonon import find_bonds, lattices
-    >>> from magphonon.lattices import repeat_bonds
-    >>> cell = lattices.triangular(1.0, 1.0)
-    >>> whole = cell.repeat((4, 4, 1))
-    >>> len(repeat_bonds(find_bonds(cell), cell, whole)) == 16 * 3
-    True
     """
     origin = image_of(atoms, supercell)
     images = [np.flatnonzero(origin == k) for k in range(len(atoms))]

@@ -1,5 +1,5 @@
 from .all_neighbours import AllNeighbours as AllNeighbours
-from .bond import bond_stiffness as bond_stiffness, model_stiffness as model_stiffness
+from .bond import bond_stiffness as bond_stiffness
 from .calculator import MagneticRepulsion as MagneticRepulsion, PairCalculator as PairCalculator
 from .defects import (
     Scatter as Scatter,
@@ -10,7 +10,6 @@ from .defects import (
 )
 from .elastic import Moduli as Moduli, cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
 from .ewald import lattice_sum as lattice_sum
-from .matrices import bloch_matrix as bloch_matrix
 from .nets import net as net, self_stress as self_stress
 from .other_tools import for_ase_tools as for_ase_tools
 from .pair_splitting import split as split

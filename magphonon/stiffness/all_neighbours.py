@@ -200,7 +200,7 @@ class AllNeighbours(Repulsion):
         return self._weighted(at_zero).reshape(len(self.reference), -1, self.dim, self.dim).sum(axis=1)
 
     def bloch_matrix(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
-        """Bloch matrix with the foundation, as `stiffness.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
+        """Bloch matrix with the foundation, as `matrices.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
 
         At k = 0 the lattice moves together with its neutralising background.
         """

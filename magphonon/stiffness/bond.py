@@ -139,16 +139,7 @@ def bond_stiffness(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.f
 
 
 def model_stiffness(vectors: NDArray[Any], law: Law, model: Model = 'complete') -> NDArray[Any]:
-    """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon import InversePower
-    >>> from magphonon.stiffness import model_stiffness
-    >>> np.diag(model_stiffness(np.array([[1.0, 0.0]]), InversePower(1.0, 4.0))[0]).tolist()
-    [4.0, -1.0]
-    """
+    """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`."""
     D0, Dstar = bond_stiffness(vectors, law)
     return D0 if one_of('model', model, MODELS) == 'conventional' else D0 + Dstar
 

@@ -315,7 +315,7 @@ class PairCalculator(Repulsion):
         return hessian(self.bonds, self.rest_stiffness(model), self.site_stiffness)
 
     def bloch_matrix(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
-        """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
+        """Bloch matrix at rest, with the foundation, in N/mm; see `matrices.bloch_matrix`."""
         return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.site_stiffness)
 
     def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:

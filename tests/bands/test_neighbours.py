@@ -8,7 +8,7 @@ from magphonon import Hertz, InversePower, MagneticRepulsion, Ring, Tabulated, Y
 from magphonon.bands import converged_shells, neighbour_shifts
 from magphonon.bands.neighbours import whole_reach
 from magphonon.interactions import UprightMagnets
-from magphonon.lattices import bonds_within
+from magphonon.lattices.bonds import bonds_within
 
 FAR = {1: 4000, 2: 80, 3: 18}  # cells to every side of the plain sum, by the number of periods
 CELLS = ('chain', 'square', 'triangular', 'honeycomb', 'kagome', 'rectangular', 'fcc')

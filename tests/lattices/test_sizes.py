@@ -7,7 +7,8 @@ import pytest
 from ase import Atoms
 
 from magphonon import InversePower, PairCalculator, find_bonds, lattices, modes
-from magphonon.lattices import bonds, bonds_within, patches
+from magphonon.lattices import bonds, patches
+from magphonon.lattices.bonds import bonds_within
 from magphonon.response import natural_frequencies
 
 TRIANGULAR = lattices.triangular(1.0, 1.0)
