@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -25,6 +27,38 @@ def add_scene(parser: ArgumentParser, needs: str = '') -> None:
     """Add the argument SCENE; `needs` says what must be in it."""
     parser.add_argument('scene', metavar='SCENE', help=f'scene file{needs}, or the name of a ready scene such as prototype, or - '
                                                        'for standard input')
+
+
+def length(text: str) -> float:
+    """A length in mm from words such as '10mm', or '0.01' in m."""
+    from ..tables import LENGTH
+
+    return _quantity(text, LENGTH)
+
+
+def force(text: str) -> float:
+    """A force in N from words such as '5mN', or '0.005' in N."""
+    from ..tables import FORCE
+
+    return _quantity(text, FORCE)
+
+
+def _quantity(text, units):
+    match = re.fullmatch(r'\s*([-+.\deE]*[\d.])\s*([A-Za-z]*)\s*', text)
+    try:
+        return float(match[1]) * units[match[2] or next(iter(units))]
+    except (TypeError, ValueError, KeyError):
+        from argparse import ArgumentTypeError
+
+        raise ArgumentTypeError(f'{text!r} is no number with one of the units {", ".join(units)}') from None
+
+
+def ready_table(name: str) -> str:
+    """The file of this name, or else the table of this name that comes with the package, as ready scenes do."""
+    from importlib.resources import files
+
+    table = files('magphonon.data') / f'{name}.csv'
+    return str(table) if re.fullmatch(r'\w+', name) and not os.path.lexists(name) and table.is_file() else name
 
 
 def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:

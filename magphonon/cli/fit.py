@@ -21,8 +21,8 @@ from argparse import ArgumentParser, Namespace
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
-from .arguments import add_pictures, drawing
-from .read import KINDS, force, held, length, ready_table
+from .arguments import add_pictures, drawing, force, length, ready_table
+from .read import KINDS, held
 
 HELP = 'the force between two particles, or the lattice, from everything that was measured'
 RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'

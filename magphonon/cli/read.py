@@ -6,13 +6,10 @@ was taken for what, and from where to where it goes, so that a wrong unit is see
 
 from __future__ import annotations
 
-import os
-import re
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from functools import partial
 from importlib import import_module
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +19,8 @@ from .. import units as u
 from ..errors import not_negative
 from ..files import MEGABYTE, write_columns
 from ..readers import content
-from ..tables import FORCE, LENGTH, read_table
-from .arguments import add_output, add_pictures, drawing
+from ..tables import read_table
+from .arguments import add_output, add_pictures, drawing, length, ready_table
 
 HELP = 'what a file of measurements holds, with a picture and a clean table'
 RESULTS = 'clean*.csv', 'clean.p*'
@@ -40,24 +37,6 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='size of the magnets along the line between them, as 6.35mm, where a table of forces has gaps')
     add_output(parser, default=None)
     add_pictures(parser, frequencies=False)
-
-
-def length(text: str) -> float:
-    """A length in mm from words such as '10mm', or '0.01' in m."""
-    return _quantity(text, LENGTH)
-
-
-def force(text: str) -> float:
-    """A force in N from words such as '5mN', or '0.005' in N."""
-    return _quantity(text, FORCE)
-
-
-def _quantity(text, units):
-    match = re.fullmatch(r'\s*([-+.\deE]*[\d.])\s*([A-Za-z]*)\s*', text)
-    try:
-        return float(match[1]) * units[match[2] or next(iter(units))]
-    except (TypeError, ValueError, KeyError):
-        raise ArgumentTypeError(f'{text!r} is no number with one of the units {", ".join(units)}') from None
 
 
 def run(options: Namespace) -> None:
@@ -78,12 +57,6 @@ def run(options: Namespace) -> None:
     for table in tables:
         print('\n'.join(['', *(_range(name, np.asarray(column)) for name, column in table.items())]))
     print(f'\npicture and clean table are in {options.output}')
-
-
-def ready_table(name: str) -> str:
-    """The file of this name, or else the table of this name that comes with the package, as ready scenes do."""
-    table = files('magphonon.data') / f'{name}.csv'
-    return str(table) if re.fullmatch(r'\w+', name) and not os.path.lexists(name) and table.is_file() else name
 
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
