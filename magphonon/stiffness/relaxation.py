@@ -215,10 +215,12 @@ class _Descent:
 
     def _polished(self, y):
         """Newton steps, as long as they reduce the forces."""
+        order = None  # of elimination, the same for all
         for _ in range(POLISHES):
             H = self.stiffness(y)
             regular = H + REGULAR * abs(H).sum(axis=1).max() * sparse.eye_array(len(y))
-            better = y - inverse(regular)(self.slope(y))
+            solve = inverse(regular, order)
+            order, better = solve.factors.order, y - solve(self.slope(y))
             if not self.residual(better) < self.residual(y):
                 break
             y = better
