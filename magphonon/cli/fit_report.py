@@ -65,8 +65,8 @@ def force_and_slope(case):
 @FORCES.check
 def known_before(case):
     zero, distance, hysteresis, backlash = case.shared.sizes(abs(case.forces.f).max())
-    return (f'\nKnown before: the zero of the distances to {distance / u.mm:.2g} mm, that of the force to {zero / u.N:.2g} N,\n'
-            f'hysteresis to {hysteresis / u.N:.2g} N, backlash to {backlash / u.mm:.2g} mm, gain to '
+    return (f'\nAssumed beforehand: the zero of the distances is known to {distance / u.mm:.2g} mm, that of the force to '
+            f'{zero / u.N:.2g} N,\nhysteresis to {hysteresis / u.N:.2g} N, backlash to {backlash / u.mm:.2g} mm, gain to '
             f'{100 * case.shared.gain:.2g} % (standard deviations).\n'
             'If you know them better, say so: --distance-sigma, --zero-sigma, --hysteresis-sigma, --backlash-sigma, '
             '--gain-sigma.')
@@ -104,8 +104,8 @@ def reach(case):
     """How many neighbours the table knows."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
-    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. If it is '
-            'less than three spacings, a lattice has to guess the forces of the others: measure farther, or name the magnet '
+    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. The forces '
+            'of the others are extrapolated: measure to three spacings or more, or name the magnet '
             '(--magnet). "magphonon check" says what they shift.')
 
 

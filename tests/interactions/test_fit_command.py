@@ -78,7 +78,7 @@ def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
 def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
     assert main(['fit', str(SYNTHETIC)]) == 0
     said = capsys.readouterr().out
-    assert 'Known before: the zero of the distances to 0.2 mm' in said
+    assert 'Assumed beforehand: the zero of the distances is known to 0.2 mm' in said
     assert 'What makes the slope uncertain: zero of distance' in said
     assert 'Measure the zero of the distances to 0.02 mm' in said
     assert '8 to 15 mm cannot tell which law it is' in said
