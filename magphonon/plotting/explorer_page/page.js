@@ -320,7 +320,7 @@ function start() {
 
 /** A frame that holds this page is as high as the page. */
 function tellHeight() {
-  if (parent !== window) parent.postMessage({magphononHeight: document.documentElement.scrollHeight}, '*');
+  if (parent !== window) parent.postMessage({magphononHeight: document.body.offsetHeight}, '*');
 }
 
 start();
