@@ -1,7 +1,8 @@
 """Reports as lists of small functions, each of which finds one thing about a case and says it in words.
 
 A report is a `Findings`; a function of the case joins it by its decorator `check`, or `remark` if what it finds cannot be a
-fault.  The words are told in the order in which the functions stand in their file.
+fault.  The words are told in the order in which the functions stand in their file.  One function may be the `answer`, whose words
+stand first: a command prints them and the faults, and with --verbose everything.
 
 Examples
 --------
@@ -15,6 +16,8 @@ Examples
 ...     return 'One particle.'
 >>> REPORT.lines(0.0), REPORT.lines(0.5), [one.fault for one in REPORT.of(0.5)]
 (['One particle.'], ['A force of 0.5 N is left.', 'One particle.'], [True, False])
+>>> REPORT.told(0.5), REPORT.told(0.0, verbose=True)
+(['A force of 0.5 N is left.'], ['One particle.'])
 """
 
 from __future__ import annotations
@@ -59,6 +62,7 @@ class Findings(dict[str, Judge]):
     def __init__(self) -> None:
         super().__init__()
         self.remarks: set[str] = set()  # names of those that are never a fault
+        self.first = ''  # the name of the answer
 
     def check(self, judge: J) -> J:
         """Put a function on the list, by its name."""
@@ -69,6 +73,11 @@ class Findings(dict[str, Judge]):
         """Put a function on the list whose words are never a fault, so that who asks for faults need not wait for it."""
         self.remarks.add(judge.__name__)  # pyright: ignore[reportAttributeAccessIssue]
         return self.check(judge)
+
+    def answer(self, judge: J) -> J:
+        """Put the function on the list whose words answer the question of the command, in a line."""
+        self.first = judge.__name__  # pyright: ignore[reportAttributeAccessIssue]
+        return self.remark(judge)
 
     def find(self, name: str, case: Any) -> Finding:
         """What the function of this name finds about a case."""
@@ -84,3 +93,9 @@ class Findings(dict[str, Judge]):
     def lines(self, case: Any) -> list[str]:
         """The words of all that have something to say."""
         return [found.words for found in self.of(case) if found.words]
+
+    def told(self, case: Any, verbose: bool = False) -> list[str]:
+        """The words of the answer and of the faults, or of all in a `verbose` report; what cannot be either is not asked then."""
+        found = {name: self.find(name, case) for name in self if verbose or name not in self.remarks or name == self.first}
+        first = [found.pop(self.first).words] if self.first else []
+        return [*filter(None, first), *(one.words for one in found.values() if one.words and (verbose or one.fault))]

@@ -532,7 +532,7 @@ def test_a_scene_says_what_gyration_turns_on_a_shaken_bench(tmp_path, capsys):
     peaks = []
     for n, said in enumerate(('', 'gyration_seen_from = "bench"\n', 'gyration_seen_from = "floor"\n')):
         (tmp_path / 'scene.toml').write_text(f'{head}base_deg = 0.0\n{said}\n{response}')
-        ends = main(['frf', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / f'{n}')])
+        ends = main(['frf', '--verbose', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / f'{n}')])
         if not said:
             assert ends == 2
             assert 'frf.gyration_seen_from: a bench is shaken on which particles gyrate' in capsys.readouterr().err
@@ -545,7 +545,7 @@ def test_a_scene_says_what_gyration_turns_on_a_shaken_bench(tmp_path, capsys):
 @pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
 def test_check_judges_a_scene_on_both_sides_of_what_gyration_holds(tmp_path, capsys, g, stable):
     write_scene(hill(g), tmp_path / 'hill.toml')
-    assert (main(['check', str(tmp_path / 'hill.toml')]) == 0) is stable
+    assert (main(['check', '--verbose', str(tmp_path / 'hill.toml')]) == 0) is stable
     assert ('Gyration is too slow' in capsys.readouterr().out) is not stable
 
 
@@ -649,14 +649,14 @@ def test_bursts_of_particles_that_gyrate_follow_their_branches(tmp_path, capsys)
 
 @pytest.mark.slow
 def test_the_command_tells_chern_numbers_and_leaves_phonopy_out(capsys, tmp_path):
-    assert main(['bands', 'gyro', '-o', str(tmp_path / 'out')]) == 0
+    assert main(['bands', '--verbose', 'gyro', '-o', str(tmp_path / 'out')]) == 0
     words = capsys.readouterr().out
     assert 'complete: the Chern numbers of the bands are 1, -1, 1, -1' in words
     assert 'conventional: the Chern numbers of the bands are 1, 0, 0, -1' in words
     assert 'none that runs one way' in words
     assert not list((tmp_path / 'out').glob('*.yaml'))
     write_scene(honeycomb([1.55, 1.5]), tmp_path / 'own.toml')  # each particle its own
-    assert main(['bands', str(tmp_path / 'own.toml'), '-o', str(tmp_path / 'own')]) == 0
+    assert main(['bands', '--verbose', str(tmp_path / 'own.toml'), '-o', str(tmp_path / 'own')]) == 0
 
 
 @pytest.mark.peer

@@ -14,9 +14,9 @@ WAVE = {'carriers_Hz = [30, 40, 50, 60]': 'carriers_Hz = [40]', 'directions_deg 
         'side_m = 0.3': 'side_m = 0.2', 'duration_s = 0.5': 'duration_s = 0.4'}
 """Lines of the scene "prototype" that make it a scene of one short burst."""
 EXAMPLES = {
-    'bands': ['magphonon bands prototype'],
+    'bands': ['magphonon bands prototype', 'magphonon bands prototype --verbose'],
     'burst': ['magphonon burst wave.toml'],
-    'check': ['magphonon check square'],
+    'check': ['magphonon check square', 'magphonon check square --verbose'],
     'design': ['magphonon design design'],
     'dos': ['magphonon dos prototype'],
     'completion': ['magphonon completion bash > magphonon.sh'],
@@ -134,6 +134,8 @@ magphonon scene prototype | sed 's/spacing_m = 0.01/spacing_m = 0.011/' | magpho
 SCENE is a file or, if there is no file of this name, a ready scene; `-` reads it from the standard input, and the files that it
 names, such as a table of forces, are then looked for in the current folder. Without `-o` the results go to a directory named
 after the scene and the command, such as `prototype-bands`.
+
+A command prints a line that answers, and what must not be missed; `--verbose` prints everything that it found.
 
 The exit status is 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command
 or the scene (one message, nothing written), and 130 when interrupted. A folder of results is written whole or not at all: see

@@ -96,7 +96,7 @@ print(f'lowest frequency with D*: {complete.frequencies_Hz.min():.1f} Hz')
 # The conventional model puts the lowest frequency at Γ.  In truth it is at X, where neighbouring rows slide; on pillars a
 # third weaker it would be zero, and the lattice would lie down.
 #
-# Before building it: ``magphonon check`` says the same of a scene, and adds the largest time step, the range of linear
+# Before building it: ``magphonon check --verbose`` says the same of a scene, and adds the largest time step, the range of linear
 # motion, and the stiffness that the pillars need against tilting out of the plane.
 # ``magphonon explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 STDIN = '-'  # argument for a scene that is read from a pipe
+MOST_DIRECTIONS = 3000
+"""Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
+LOWEST = 60  # number of the lowest modes of a larger patch
 FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is named after scene and command
 
 
@@ -110,6 +113,18 @@ def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
     if frequencies:
         group.add_argument('--fmax', metavar='HZ', type=float, help='upper end of the frequency axes in Hz')
     group.add_argument('--style', metavar='FILE', help='style sheet of matplotlib, whose settings replace those of the package')
+
+
+@contextmanager
+def answering(options: Namespace, scene: Scene,
+              *tables: str) -> Iterator[tuple[Path, Callable[[FigureBase, str], None], list[str]]]:
+    """The folder of the results, what saves a picture in it, and a list of lines that are printed once all files are there."""
+    from .results import results
+
+    told: list[str] = []
+    with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
+        yield folder, save, told
+    print(*told, f'pictures and data are in {options.output}', sep='\n')
 
 
 @contextmanager

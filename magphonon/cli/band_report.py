@@ -24,7 +24,7 @@ from ..stability.buckling import common_spring, common_support, critical_foundat
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
-from .neighbours import neighbours
+from .neighbours import omitted, speeds
 
 if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
@@ -90,6 +90,25 @@ def _rows(label, columns, highest):
     table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
     return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
             for branch, row in enumerate(table)]
+
+
+@REPORT.answer
+def effect(case: Case) -> str:
+    """What D* does to the branch at a special point that it changes most, and whether the lattice stands."""
+    stands = verdict(case.atoms).finding('buckling') if case.turned else buckling(case)
+    words = '' if stands is None or stands.fault else f' {stands.words}'
+    complete = case.bands['complete'].frequencies_Hz
+    if 'conventional' not in case.bands:
+        return f'Bands from {complete.min():.4g} to {complete.max():.4g} Hz.{words}'
+    other = case.bands['conventional'].frequencies_Hz
+    at = {name: abs(case.path.kpts - point).max(axis=1).argmin() for name, point in points_on(case.path).items()}
+    name, branch = max(((name, n) for name in at for n in range(complete.shape[1])),
+                       key=lambda which: abs(complete[at[which[0]], which[1]] - other[at[which[0]], which[1]]))
+    f, f0 = complete[at[name], branch], other[at[name], branch]
+    if abs(f - f0) <= ZERO_FRACTION * complete.max():
+        return f'D* changes no branch at {", ".join(at)}.{words}'
+    to = f'{f:.4g} Hz ({100 * (f / f0 - 1):+.2g} %)' if f > 0 else 'below zero: it buckles'
+    return f'D* takes branch {branch + 1} at {name} from {f0:.4g} to {to}.{words}'
 
 
 @REPORT.remark
@@ -213,10 +232,16 @@ def by_phonopy(case: Case) -> Iterator[str]:
         yield f'phonopy_params.yaml is not written: its 15 decimals are too few for force constants of {abs(k).max():.0e} N/mm'
 
 
+@REPORT.check
+def others(case: Case) -> Finding | None:
+    """What neighbours that are omitted would change of frequencies."""
+    return None if case.turned else omitted(case.scene)
+
+
 @REPORT.remark
-def others(case: Case) -> list[str]:
-    """What neighbours that are omitted would change."""
-    return [] if case.turned else neighbours(case.scene, brief=True, speeds=True)
+def far_ones(case: Case) -> str | None:
+    """What they would change of long waves."""
+    return None if case.turned else speeds(case.scene)
 
 
 @REPORT.remark

@@ -12,9 +12,9 @@ import numpy as np
 from .. import units
 from ..errors import PhysicsError
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, drawing
+from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
+HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'
 
 
@@ -28,23 +28,21 @@ def run(options: Namespace) -> None:
     from ..bands.bands import analytic_bands
     from ..scenes.scene import read_scene
     from .band_report import REPORT, Case
-    from .costs import bands_cost, refuse_cost
-    from .results import results
+    from .costs import refuse_costly
 
     scene = read_scene(options.scene)
-    refuse_cost(scene, bands_cost(scene))
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
+    refuse_costly(scene, 'bands')
+    with answering(options, scene) as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         if scene.foundation is not None and scene.foundation.modulation is not None:
-            lines = _floquet(folder, save, atoms, path, plan, options.fmax)
+            told += _floquet(folder, save, atoms, path, plan, options.fmax)
         else:
             bands, phonon = _bands(scene, atoms, path)
             lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
             _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
             hot = _thermal_run(folder, plan, scene, atoms, path) if plan.temperature_J is not None else None
             _draw(save, scene, bands, options.fmax, hot)
-            lines = REPORT.lines(Case(scene, atoms, bands, phonon, lossy, hot))
-    print(*lines, f'pictures and data are in {options.output}', sep='\n')
+            told += REPORT.told(Case(scene, atoms, bands, phonon, lossy, hot), options.verbose)
 
 
 def _bands(scene, atoms, path):

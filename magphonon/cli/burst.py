@@ -12,10 +12,10 @@ import numpy as np
 from .. import units
 from ..errors import whole
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, drawing
+from .arguments import add_output, add_pictures, add_scene, answering
 
 FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
-HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
+HELP = 'send tone bursts through a patch and see their fronts, with D* and without it'
 MOST_THREADS = 1024
 RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', '*_film.gif', 'row.csv', 'ridges.*'
 
@@ -31,7 +31,6 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                        'burst; a burst that was run in it, here or on a cluster, is read and not '
                                                        'run again')
     parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
-    parser.add_argument('--verbose', action='store_true', help='print every ridge, as ridges.txt holds them')
     parser.add_argument('--animation', action='store_true',
                         help='also a GIF of each burst crossing the patch, both models side by side')
 
@@ -43,13 +42,13 @@ def run(options: Namespace) -> None:
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import MODELS
     from .costs import refuse_costly
-    from .results import results
+    from .neighbours import omission
 
     engine = _engine(options)
     scene = read_scene(options.scene)
     refuse_costly(scene, 'burst')
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.perfect_cell()
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
+    with answering(options, scene) as (folder, save, told):
         records, largest = {}, {}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
             passages = {model: _send(scene, k, cell, model, engine(name, model)) for model in MODELS}
@@ -62,23 +61,20 @@ def run(options: Namespace) -> None:
         places = patch.calc.reference.positions[site.row, :2].T / units.m
         write_columns(folder / 'row.csv', ['step', 'particle', 'x_m', 'y_m'], [range(len(site.row)), site.row, *places])
         write_ridges(folder / 'ridges.csv', records)
-        text, short = _told(scene, cell, records, largest)
-        (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
-    print(text if options.verbose else short)
-    print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
+        first, everything = _told(scene, cell, records, largest)
+        (folder / 'ridges.txt').write_text('\n'.join(everything) + '\n', encoding='utf-8')
+        told += [*first, *(everything if options.verbose else []), *omission(scene, options.verbose)]
 
 
 def _told(scene, cell, records, largest):
-    """What the bursts show: every ridge, and the conclusion of them."""
+    """The conclusion of the bursts with what must not be missed, and every ridge."""
     from ..waves.wave_report import report
-    from .neighbours import neighbours
 
     unstable, found = _unstable(cell), scene.relaxation()
-    rest, others = [] if found is None else [str(found)], neighbours(scene, brief=True)
     amplitudes, decays = _amplitudes(cell, largest, loud=not unstable), _decays(scene.burst, cell, records)
     loud = [line for line in amplitudes if 'WARNING' in line]
-    return ('\n'.join([scene.title, *rest, '', *said, *decays, *unstable, '', *others])
-            for said in ([report(records), *amplitudes], [*_conclusion(records), *loud]))
+    everything = [scene.title, *([] if found is None else [str(found)]), '', report(records), *amplitudes, *decays, *unstable]
+    return [*_conclusion(records), *loud, *filter(None, [*decays, *unstable])], everything
 
 
 def _engine(options):

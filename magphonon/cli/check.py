@@ -8,7 +8,10 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from .. import units
 from ..findings import Finding, Findings
@@ -20,10 +23,14 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
     from ..stability.verdicts import Verdict
 
-HELP = 'check a scene before it runs: equilibrium, stability, time step, supports, linear range, supercell, cost'
+HELP = 'does it stand? on which supports? how far is it linear?'
 JUDGED = 20_000
 """Largest number of particles of a patch that is judged separately.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
+TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
+         'dos': 'bands.density.lattice_density', 'burst': 'response.propagation.propagate', 'plan': 'planning.peak.plan_peak',
+         'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.stability_boundary'}
+"""The tool that each command asks first: what it declares is what the command takes."""
 SEEN = 1e-3
 """Relative change of a frequency by leaning pillars that is mentioned: real lattices are hardly known better."""
 
@@ -35,19 +42,19 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Print the findings and return the exit status: 0 if no problem was found, 1 otherwise."""
     from ..scenes.scene import read_scene
+    from .neighbours import omission
 
     case = Case(read_scene(options.scene))
-    print(case.scene.title)
     try:
         case.relaxation  # noqa: B018  all that follows is about the structure at rest
     except ValueError as error:
-        print(f'\nDefects and disorder: {error}.')
+        print(f'Defects and disorder: {error}.')
         return 1
-    found = [*REPORT.of(case)]
-    for said in found:
-        if said.words:
-            print(f'\n{said.words}')
-    return int(any(said.fault for said in found))
+    found = {name: REPORT.find(name, case) for name in REPORT}
+    print(*(('\n' if options.verbose else '') + one.words for name, one in found.items()
+            if one.words and (options.verbose or one.fault or name == REPORT.first)),
+          *([] if options.verbose or case.modulated else omission(case.scene, False)), sep='\n')
+    return int(any(one.fault for one in found.values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +98,29 @@ class Case:
         supercell = self.scene.supercell() if self.scene.bands is not None and not self.modulated else None
         return verdict(self.atoms, supercell=supercell, damping=self.damping)
 
+    @cached_property
+    def of_patch(self) -> Verdict | None:
+        """The verdict on the patch; None without one, or for one that is too large."""
+        from ..stability.verdicts import verdict
+
+        return None if self.patch is None or len(self.patch) > JUDGED else verdict(self.patch, damping=self.damping)
+
 
 REPORT = Findings()
+
+
+@REPORT.answer
+def verdict_in_short(case: Case) -> str:
+    """Whether it stands, on which supports, and how far it is linear; the faults have lines of their own."""
+    judged = [one for one in (case.judged, case.of_patch) if one is not None]
+    if any(one.faults for one in judged):
+        return f'{case.scene.title}: {sum(len(one.faults) for one in judged)} problem(s)'
+    said = [case.judged.finding('buckling').words]
+    if (supports := case.judged.supports) is not None and supports.central:
+        said.append(f'Supports need {max(filter(None, supports)) / (units.N / units.m):.4g} N/m out of the plane.')
+    if (amplitude := case.judged.amplitude) is not None and np.isfinite(amplitude):
+        said.append(f'Linear to 1 % up to an amplitude of {amplitude / units.m:.2g} m.')
+    return ' '.join(said)
 
 
 @REPORT.check
@@ -123,14 +151,11 @@ def structure(case: Case) -> Finding:
 @REPORT.check
 def patch(case: Case) -> Finding | str | None:
     """The verdict on the patch; of a large one, that of its lattice holds."""
-    from ..stability.verdicts import verdict
-
     if case.patch is None:
         return None
-    if len(case.patch) > JUDGED:
+    if case.of_patch is None:
         return _large(case.patch, case.relaxation is None)
-    judged = verdict(case.patch, damping=case.damping)
-    return Finding(judged, f'Patch: {judged}', fault=not judged.fine)
+    return Finding(case.of_patch, f'Patch: {case.of_patch}', fault=not case.of_patch.fine)
 
 
 @REPORT.check
@@ -150,6 +175,22 @@ def others(case: Case) -> list[str]:
     from .neighbours import neighbours
 
     return [] if case.modulated else neighbours(case.scene)
+
+
+@REPORT.remark
+def commands(case: Case) -> str | None:
+    """The commands that refuse the structure, by what their tools declare (`magphonon.traits`)."""
+    from ..traits import TOOLS as DECLARED, refuse
+
+    refused = []
+    for command, place in TOOLS.items():
+        module, _, name = place.rpartition('.')
+        import_module(f'magphonon.{module}')
+        try:
+            refuse(case.atoms, DECLARED[name])
+        except ValueError as error:
+            refused.append(f'"magphonon {command}" ({str(error).partition(" (")[0].partition(";")[0]})')
+    return f'Not for this structure: {", ".join(refused)}.' if refused else None
 
 
 @REPORT.check
@@ -175,12 +216,12 @@ def leaning(case: Case) -> str | None:
 @REPORT.check
 def cost(case: Case) -> Finding | None:
     """What the commands on this scene need; a fault where the memory does not suffice."""
-    from .costs import costs, too_much
+    from .costs import COSTS
 
-    expected = costs(case.scene)
-    faults = [f'Too large: {fault}.' for one in expected if (fault := too_much(case.scene, one))]
-    lines = ['Estimated cost of each table:', *(f'  {one}' for one in expected), *faults]
-    return Finding(expected, '\n'.join(lines), fault=bool(faults)) if expected else None
+    expected = [COSTS.find(name, case.scene) for name in COSTS if getattr(case.scene, name, None) is not None]
+    lines = [f'Too large: {one.words}.' if one.fault else f'  {one.words}' for one in expected if one.words]
+    words = '\n'.join(['Estimated cost of each table:', *lines])
+    return Finding(expected, words, any(one.fault for one in expected)) if lines else None
 
 
 def _large(patch, perfect):

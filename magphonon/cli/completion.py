@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-HELP = 'print a script that completes commands, ready scenes and files in a shell'
+HELP = 'complete commands, scenes and files with the tab key'
 FUNCTIONS = {
     'bash': '''_magphonon_scene_files() {{ compgen -W "{names}" -- "$1"; compgen -f -X '!*.toml' -- "$1"; compgen -d -- "$1"; }}
 _magphonon_ready() {{ compgen -W "{names}" -- "$1"; }}

@@ -1,4 +1,4 @@
-"""The cost of a command, estimated before it starts: memory, number of files, and the key that the memory grows with.
+"""The memory that each command needs, estimated before it starts, and the key that it grows with.
 
 The estimates count the largest arrays.  The constants below are fitted to the peak resident memory of the commands, at two to
 four sizes each (`tests/cli/test_costs.py` lists them); one marked "counted" was not measured.  The estimates are accurate enough
@@ -7,18 +7,22 @@ to distinguish a typing error, such as 1e12 points, from work that fits.  Names 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import wraps
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..bands.bloch import bloch_modes
 from ..errors import free_memory
+from ..findings import Finding, Findings
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
+from .arguments import LOWEST, MOST_DIRECTIONS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..scenes.scene import Scene
 
 USABLE_FRACTION = 0.5
@@ -34,29 +38,13 @@ SERIES_bytes, PROOF_bytes = 3000, 13e3
 """One particle of a patch with its bonds; response: with its part of the factorisation that proves stability, measured between
 7000 and 60 000 particles."""
 FACTOR_bytes = 17e3  # response: one factorisation of the matrix at one frequency, per particle
+COLUMNS_bytes = 2900  # density of states: one particle with its share of the matrix and of the random vectors
+SHAPES_bytes = 40  # modes: all of a structure with their shapes, divided by the square of its free directions
 SAMPLE_bytes = 1800  # burst: one particle of the row at one time, with its share of the map and its line of text
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Cost of a command for one table of a scene: bytes by the key that they grow with, number of files."""
-
-    table: str
-    memory: dict[str, float]
-    files: int
-
-    @property
-    def bytes(self) -> float:
-        """Total memory in bytes."""
-        return sum(self.memory.values())
-
-    @property
-    def key(self) -> str:
-        """The key that needs most of the memory."""
-        return max(self.memory, key=lambda key: self.memory[key])
-
-    def __str__(self) -> str:
-        return f'[{self.table}] {amount(self.bytes)} of memory, {self.files} files'
+COSTS = Findings()
+"""By the names of the commands: the bytes that each needs for a scene, or None where the scene lacks its table."""
 
 
 def amount(size: float) -> str:
@@ -64,57 +52,97 @@ def amount(size: float) -> str:
     return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'about {size / GIGABYTE:.2g} GB'
 
 
-def bands_cost(scene: Scene) -> Cost:
-    """Cost of `magphonon bands`."""
+def estimate(memory: Callable[[Scene], dict[str, float] | None]) -> None:
+    """Put a command on the list by what it needs, bytes by the key that they grow with: a fault where no memory holds it."""
+    @wraps(memory)
+    def judge(scene):
+        if (needed := memory(scene)) is None:
+            return None
+        needed = {'title': 0.0} | needed
+        size, free, value = PICTURES_bytes + sum(needed.values()), free_memory(), scene
+        if size <= USABLE_FRACTION * free:
+            return Finding(size, f'[{memory.__name__}] {amount(size)} of memory')
+        largest = max(needed, key=lambda key: needed[key])
+        for key in largest.split('.'):
+            value = scene.supercell() if key == 'supercell' else scene.wanted('bands') if key == 'bands' else getattr(value, key)
+        return Finding(size, f'{largest} = {list(value) if isinstance(value, tuple) else value!r} makes [{memory.__name__}] need '
+                       f'{amount(size)} of memory, more than {USABLE_FRACTION:.0%} of the {free / GIGABYTE:.3g} GB that are '
+                       'free; lower it', fault=True)
+
+    COSTS.check(judge)
+
+
+def refuse_costly(scene: Scene, *commands: str) -> None:
+    """Raise ValueError if a command needs more memory than is available; the message names the key."""
+    for name in commands:
+        if (found := COSTS.find(name, scene)).fault:
+            raise ValueError(found.words)
+
+
+@estimate
+def bands(scene: Scene) -> dict[str, float] | None:
+    if scene.single or scene.finite:
+        return None
     points, particles, bonds = scene.wanted('bands').points, len(scene.cell()), len(scene.perfect_cell().calc.bonds)
-    memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes + MATRIX_bytes * particles**2 + PHASE_bytes * bonds),
-              'bands.supercell': PAIR_bytes * (particles * np.prod(scene.supercell(), dtype=float)) ** 2}
-    return Cost('bands', memory, 8)
+    return {'bands.points': points * (POINT_bytes + MATRIX_bytes * particles**2 + PHASE_bytes * bonds),
+            'bands.supercell': PAIR_bytes * (particles * np.prod(scene.supercell(), dtype=float)) ** 2}
 
 
-def frf_cost(scene: Scene) -> Cost:
-    """Cost of `magphonon frf`."""
+@estimate
+def frf(scene: Scene) -> dict[str, float] | None:
+    if scene.frf is None:
+        return None
     plan, particles = scene.frf, particles_of(scene)
     size = 2 * particles
     if size <= SMALL:
-        return Cost('frf', {'frf.points': PICTURES_bytes + 48.0 * plan.points * size}, 4)
+        return {'frf.points': 48.0 * plan.points * size}
     terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
     factorised = terms > FACTORISATION * np.sqrt(size) * plan.points or scene.cell().has('relative_damping')
-    memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
-              size_key(scene): (FACTOR_bytes if factorised else PROOF_bytes) * particles}
-    return Cost('frf', memory, 4)
+    return {'frf.points': plan.points * (48.0 * particles if factorised else 2000.0),
+            size_key(scene): (FACTOR_bytes if factorised else PROOF_bytes) * particles}
 
 
-def uncertainty_cost(scene: Scene) -> Cost:
-    """Cost of `magphonon uncertainty`."""
-    memory, files = {'title': PICTURES_bytes}, 0
-    parameters = len(scene.uncertainty.model_fields_set)
+@estimate
+def uncertainty(scene: Scene) -> dict[str, float] | None:
+    if scene.uncertainty is None:
+        return None
+    memory, parameters = {}, len(scene.uncertainty.model_fields_set)
     plan = scene.bands if scene.frf is not None or scene.single or scene.finite else scene.wanted('bands')
     if plan is not None:
         bonds = len(scene.perfect_cell().calc.bonds)
         memory['bands.points'] = plan.points * len(scene.cell()) ** 2 * (MATRIX_bytes + PHASE_bytes * bonds * parameters)
-        files += 4
     if scene.frf is not None:
         particles = particles_of(scene)
         memory['frf.points'] = 72.0 * scene.frf.points * particles * (2 + parameters) + FACTOR_bytes * particles
-        files += 3
-    return Cost('uncertainty', memory, files)
+    return memory
 
 
-def burst_cost(scene: Scene) -> Cost:
-    """Cost of `magphonon burst`; without a patch, which the command refuses, the cost of its start."""
+@estimate
+def burst(scene: Scene) -> dict[str, float] | None:
     # here, because the import includes time steps, which other commands do not need
     from ..waves.wave_source import SAMPLES, SNAPSHOTS
 
-    if scene.patch is None:
-        return Cost('burst', {'burst.duration_s': PICTURES_bytes}, 0)
+    if scene.burst is None or scene.patch is None:
+        return None
     plan, particles = scene.burst, particles_of(scene)
     row, frames = particles**0.5, plan.duration_s * max(plan.carriers_Hz) * SAMPLES
-    memory = {'burst.duration_s': PICTURES_bytes + SAMPLE_bytes * frames * row,
+    memory = {'burst.duration_s': SAMPLE_bytes * frames * row,
               scene.patch.size_key: particles * (SNAPSHOTS * 16 * 6 + SERIES_bytes)}
     if scene.vibrometer is not None:
         memory['vibrometer.sampling_rate_Hz'] = SAMPLE_bytes * plan.duration_s * scene.vibrometer.sampling_rate_Hz * row
-    return Cost('burst', memory, 8 * len(plan.carriers_Hz) + 3)
+    return memory
+
+
+@estimate
+def dos(scene: Scene) -> dict[str, float] | None:
+    return None if scene.single else {size_key(scene): COLUMNS_bytes * particles_of(scene)}
+
+
+@estimate
+def modes(scene: Scene) -> dict[str, float] | None:
+    size = 2 * particles_of(scene)
+    most = SHAPES_bytes * size**2 * 8**scene.turns if size <= MOST_DIRECTIONS else (FACTOR_bytes + 16 * LOWEST) * size / 2
+    return None if scene.single else {size_key(scene): most}
 
 
 def size_key(scene: Scene) -> str:
@@ -137,39 +165,3 @@ def _top(scene):
     q = np.stack(np.meshgrid(*3 * [np.arange(6) / 6]), axis=-1).reshape(-1, 3)
     atoms = scene.perfect_cell()
     return max(abs(bloch_modes(atoms, np.where(atoms.pbc, q, 0), model)[0]).max() for model in MODELS)
-
-
-COSTS = {'bands': bands_cost, 'frf': frf_cost, 'burst': burst_cost, 'uncertainty': uncertainty_cost}
-
-
-def costs(scene: Scene) -> tuple[Cost, ...]:
-    """The cost of every table of a scene that a command works on, a tuple of Cost."""
-    return tuple(estimate(scene) for name, estimate in COSTS.items() if getattr(scene, name) is not None)
-
-
-def refuse_costly(scene: Scene, *tables: str) -> None:
-    """Raise ValueError if a table needs more memory than is available; the message names the key.
-
-    Tables that the scene does not have are ignored.
-    """
-    for cost in costs(scene):
-        if cost.table in tables:
-            refuse_cost(scene, cost)
-
-
-def refuse_cost(scene: Scene, cost: Cost) -> None:
-    """Raise ValueError if a command needs more memory than is available; the message names the key."""
-    if fault := too_much(scene, cost):
-        raise ValueError(fault)
-
-
-def too_much(scene: Scene, cost: Cost) -> str:
-    """What is said of a cost that is too high: the key, its value and what to do; nothing if the memory suffices."""
-    free, value = free_memory(), scene
-    if cost.bytes <= USABLE_FRACTION * free:
-        return ''
-    for key in cost.key.split('.'):
-        value = scene.supercell() if key == 'supercell' else scene.wanted('bands') if key == 'bands' else getattr(value, key)
-    return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] need '
-            f'{amount(cost.bytes)} of memory, more than {USABLE_FRACTION:.0%} of the {free / GIGABYTE:.3g} GB that are free; '
-            'lower it')

@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from .. import units as u
 from .arguments import add_output, add_pictures, add_scene
 
-HELP = 'spacing and foundation for a wanted cut-off, band edge or gap; or every magnet of a patch'
+HELP = 'find the spacing and foundation, or every magnet of a patch, for the frequencies that you want'
 RESULTS = 'design.*', 'design_*.png', 'design_*.pdf', 'design_*.gif'
 TOLERABLE = 0.01
 """Largest shift of a frequency by neighbours left out that a design may have, as a fraction: magnets are set to half a percent of
@@ -35,28 +35,30 @@ def run(options: Namespace) -> None:
     k, designs = plan.solve(scene)
     present = scene.lattice.spacing_m * u.m
     best = min(designs, key=lambda design: abs(design.spacing - present))
-    lines = [f'# {scene.title}: replace the tables of the same names by these']
-    if plan.cut_off_Hz is not None:
-        lines.append(f'# cut-off {plan.cut_off_Hz:.6g} Hz')
+    met = [] if plan.spacing_from is None else [f'{plan.spacing_from.name} at {best.value / HERTZ:.6g} Hz']
+    met += [] if plan.cut_off_Hz is None else [f'cut-off {plan.cut_off_Hz:.6g} Hz']
+    lines = [f'# a spacing of {best.spacing / u.m:.6g} m and a foundation of {k / (u.N / u.m):.6g} N/m: {", ".join(met)}',
+             f'# {scene.title}: replace the tables of the same names by these']
     if plan.spacing_from is not None:
-        lines.append(f'# {plan.spacing_from.name}: {best.value / HERTZ:.6g} Hz; '
-                     f'1 % more spacing changes it by {best.slope / HERTZ / 100:+.3g} Hz')
+        lines.append(f'# {plan.spacing_from.name}: 1 % more spacing changes it by {best.slope / HERTZ / 100:+.3g} Hz')
     given, needed = (stiffness / (u.N / u.m) for stiffness in (k, best.needed))
     lines.append(f'# stable: the foundation is {given:.6g} N/m, the static forces require {needed:.6g} N/m')
     others = ', '.join(f'{design.spacing / u.m:.6g}' for design in designs if design is not best)
     if others:
         lines.append(f'# this spacing is the nearest to the present one; other spacings that meet the target: {others} m')
-    print('\n'.join([*lines, *(f'# {line}' for line in _left_out(scene, plan, best, k)), '', tables(scene, best, k)]))
+    near = ' '.join(_left_out(scene, plan, best, k, options.verbose))
+    shown = [*(lines if options.verbose else lines[:1]), *([f'# {near}'] if near else [])]
+    print('\n'.join([*shown, '', tables(scene, best, k)]))
 
 
-def _left_out(scene, plan, best, k):
+def _left_out(scene, plan, best, k, verbose):
     """What neighbours cost in the lattice that was found."""
     from ..scenes.tolerances import varied
-    from .neighbours import neighbours
+    from .neighbours import REPORT, Case
 
     edge = plan.edge
     points = None if edge is None else {edge.point: scene.special_points[edge.point]}
     within = None if edge is None else {(edge.point, edge.branch): TOLERABLE}
     cell = varied(scene, {'spacing': best.spacing / (scene.lattice.spacing_m * u.m)}).perfect_cell()
     cell.calc.set(foundation=k)
-    return neighbours(scene, points, atoms=cell, within=within, limit=f'{100 * TOLERABLE:g} %')
+    return REPORT.told(Case(scene, points, cell, within, f'{100 * TOLERABLE:g} %'), verbose)

@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, drawing, lattice_and_patch
+from ..findings import Finding, Findings
+from .arguments import add_output, add_pictures, add_scene, answering, lattice_and_patch
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-    from ..scenes.scene import Scene
-    from .costs import Cost
+    from numpy.typing import NDArray
 
-HELP = 'density of states of the lattice and of a patch, and the unfolded bands of the patch'
+    from ..bands.density import DensityOfStates
+    from ..response.spectral_density import SpectralFunction
+    from ..scenes.scene import Scene
+
+HELP = 'where modes are and where none is: densities of states of lattice and patch'
 RESULTS = 'dos.*', 'dos_*', 'spectral.*'
 FREQUENCIES = 400  # number of bins of the density of a lattice
 MOMENTS, VECTORS, SPECTRAL_MOMENTS = 512, 16, 256
 """Chebyshev moments and random vectors of the density of a patch, moments of its spectral function: they resolve 0.3 % and 0.6 %
 of the highest frequency."""
 WAVEVECTORS = 60  # number of wavevectors along the path
-COLUMNS_bytes = 2900  # memory for one particle with its share of the matrix and of the random vectors
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -35,34 +39,91 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
-    from .costs import refuse_cost
-    from .neighbours import neighbours
-    from .results import results
+    from .costs import refuse_costly
 
     scene = read_scene(options.scene)
-    refuse_cost(scene, cost(scene))
-    lattice, patch, lines = lattice_and_patch(scene)
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        report, axes = [scene.title, *lines], None
+    refuse_costly(scene, 'dos')
+    lattice, patch, left = lattice_and_patch(scene)
+    with answering(options, scene) as (folder, save, told):
+        axes, found, ends, of_patch, unfolded = None, {}, {}, None, None
         if lattice is not None:
-            axes, told = _of_lattice(folder, lattice)
-            report += told
+            axes, found, ends = _of_lattice(folder, lattice)
         if patch is not None:
-            axes, told = _of_patch(folder, patch, axes)
-            report += told
+            axes, of_patch = _of_patch(folder, patch, axes)
             if lattice is not None and scene.bands is not None:
                 path = scene.lattice.path(scene.bands.path, WAVEVECTORS)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
-                report += _unfolded(folder, save, lattice, patch, path)
-        save(axes.figure, 'dos')
-    print('\n'.join([*report, *neighbours(scene, brief=True)]))
-    print(f'pictures and data are in {options.output}')
+                unfolded = _unfolded(folder, save, lattice, patch, path)
+        save(axes.figure, 'dos')  # pyright: ignore[reportOptionalMemberAccess]  a scene has one of both
+        told += REPORT.told(Case(scene, left, found, ends, of_patch, unfolded), options.verbose)
 
 
-def cost(scene: Scene) -> Cost:
-    """Estimated cost of the command."""
-    from .costs import Cost, PICTURES_bytes, particles_of, size_key
+@dataclass(frozen=True)
+class Case:
+    """A scene with the densities of its lattice, by model with the ends of its branches in Hz, and of its patch."""
 
-    return Cost('dos', {size_key(scene): PICTURES_bytes + COLUMNS_bytes * particles_of(scene)}, 9)
+    scene: Scene
+    left: list[str]
+    lattice: dict[str, DensityOfStates]
+    ends: dict[str, NDArray[np.float64]]
+    patch: DensityOfStates | None
+    unfolded: SpectralFunction | None
+
+
+REPORT = Findings()
+
+
+@REPORT.answer
+def where(case: Case) -> str:
+    """Where modes are, and where there are none."""
+    if not case.lattice:
+        return _modes_of_patch(case.patch)
+    ends, found = case.ends['complete'], case.lattice['complete']
+    gaps = [f'{low:.6g} to {high:.6g} Hz' for (_, low), (high, _) in pairwise(ends) if high > low]
+    return (f'{found.modes:.0f} branches from {ends[0, 0]:.6g} to {ends[-1, 1]:.6g} Hz, most modes at '
+            f'{_hertz(found, found.density.argmax())}; ' + (f'no modes from {" and ".join(gaps)}' if gaps else 'no gap'))
+
+
+@REPORT.remark
+def of_lattice(case: Case) -> list[str]:
+    """Branches and gaps by each model."""
+    lines = [case.scene.title, *case.left]
+    for model, found in case.lattice.items():
+        ends, f = case.ends[model], found.frequencies_Hz
+        lines.append(f'lattice, {model}: {found.modes:.0f} branches from {ends[0, 0]:.6g} to {ends[-1, 1]:.6g} Hz, most modes '
+                     f'at {_hertz(found, found.density.argmax())}, in bins of {f[1] - f[0]:.3g} Hz')
+        lines += [f'  gap from {low:.6g} to {high:.6g} Hz' for (_, low), (high, _) in pairwise(ends)]
+    return lines
+
+
+@REPORT.remark
+def of_patch(case: Case) -> str | None:
+    """How well the density of the patch is known."""
+    if (found := case.patch) is None:
+        return None
+    middle = len(found.omega) // 2
+    return (f'{_modes_of_patch(found)}; {VECTORS} random vectors, standard error up to '
+            f'{found.error.max() / found.density.max():.2g} of the highest density; resolution '
+            f'{units.hertz(found.width[0]):.3g} Hz at low frequencies, {units.hertz(found.width[middle]):.3g} Hz at '
+            f'{_hertz(found, middle)}')
+
+
+@REPORT.remark
+def unfolded_bands(case: Case) -> str | None:
+    """What spectral.png shows."""
+    return case.unfolded and (f'spectral.png: the modes of the patch along {case.scene.band_path().path}, resolved to '
+                              f'{units.hertz(case.unfolded.width[0]):.3g} Hz at low frequencies')
+
+
+@REPORT.check
+def others(case: Case) -> Finding:
+    """What neighbours that the scene omits would change of the lattice."""
+    from .neighbours import omitted
+
+    return Finding() if case.scene.finite else omitted(case.scene)
+
+
+def _modes_of_patch(found: Any) -> str:
+    return f'patch: {found.modes:.0f} free directions'
 
 
 def _of_lattice(folder, atoms):
@@ -72,20 +133,17 @@ def _of_lattice(folder, atoms):
 
     wide = [lattice_density(atoms, model=model) for model in atoms.calc.bloch_models]
     omega = np.linspace(min(found.omega[0] for found in wide), max(found.omega[-1] for found in wide), FREQUENCIES)
-    axes, report, names, columns = None, [], ['frequency_Hz'], [units.hertz(omega)]
+    axes, densities, limits, names, columns = None, {}, {}, ['frequency_Hz'], [units.hertz(omega)]
     for model, style in zip(atoms.calc.bloch_models, ('-', '--'), strict=False):
-        found = lattice_density(atoms, omega, model=model)
+        found = densities[model] = lattice_density(atoms, omega, model=model)
         found.save(folder / f'dos_{model}.npz')
         axes = plot_density(found, ax=axes, label=f'lattice, {model}', linestyle=style)
         names.append(f'{model}_share_per_Hz')
         columns.append(found.per_Hz)
         ends = units.hertz(band_ranges(atoms, model=model))
-        ends = np.where(abs(ends) < ZERO_FRACTION * ends.max(), 0.0, ends)
-        report.append(f'lattice, {model}: {found.modes:.0f} branches from {ends[0, 0]:.6g} to {ends[-1, 1]:.6g} Hz, most modes '
-                      f'at {_hertz(found, found.density.argmax())}, in bins of {units.hertz(omega[1] - omega[0]):.3g} Hz')
-        report += [f'  gap from {low:.6g} to {high:.6g} Hz' for (_, low), (high, _) in pairwise(ends)]
+        limits[model] = np.where(abs(ends) < ZERO_FRACTION * ends.max(), 0.0, ends)
     write_columns(folder / 'dos.csv', names, columns)
-    return axes, report
+    return axes, densities, limits
 
 
 def _hertz(found, k):
@@ -102,11 +160,7 @@ def _of_patch(folder, patch, axes):
     error = found.error * found.per_Hz.max() / found.density.max()
     write_columns(folder / 'dos_patch.csv', ['frequency_Hz', 'share_per_Hz', 'standard_error_per_Hz', 'resolution_Hz'],
                   [found.frequencies_Hz, found.per_Hz, error, units.hertz(found.width)])
-    middle = len(found.omega) // 2
-    return axes, [f'patch: {found.modes:.0f} free directions; {VECTORS} random vectors, standard error up to '
-                  f'{found.error.max() / found.density.max():.2g} of the highest density; resolution '
-                  f'{units.hertz(found.width[0]):.3g} Hz at low frequencies, {units.hertz(found.width[middle]):.3g} Hz at '
-                  f'{_hertz(found, middle)}']
+    return axes, found
 
 
 def _unfolded(folder, save, lattice, patch, path):
@@ -124,5 +178,4 @@ def _unfolded(folder, save, lattice, patch, path):
     axes.get_legend().remove()  # it is wider than the axes and would displace the colour bar
     legend_of_set(axes.figure)  # pyright: ignore[reportArgumentType]  no subfigure
     save(axes.figure, 'spectral')
-    return [f'spectral.png: the modes of the patch along {path.path}, resolved to {units.hertz(found.width[0]):.3g} Hz at low '
-            'frequencies']
+    return found

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from ..scenes.scene import Scene
 
-HELP = 'a page with sliders for spacing, exponent and foundation that move the bands, for a browser'
+HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'
 CYCLES = 120  # of the tone in a structure, most of which is nearly steady
 SUM = b'<!-- magphonon explore, sha256 '
 """Begins the last line of every such page, which holds the checksum of the rest: any other file is not replaced."""
@@ -37,7 +37,7 @@ def run(options: Namespace) -> None:
     from ..plotting.explorer import POINTS, Explorer, structure_page
     from ..scenes.scene import read_scene
     from ..stability.buckling import stability_boundary, stability_boundary_of_exponents
-    from .neighbours import neighbours
+    from .neighbours import omission
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
     _refuse_foreign(file)
@@ -55,7 +55,7 @@ def run(options: Namespace) -> None:
     perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
     _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
-           [*filter(None, [perfect]), *left_out(scene), *neighbours(scene, brief=True)])
+           [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])
 
 
 def _write(options, file, page, words):

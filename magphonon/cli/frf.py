@@ -8,9 +8,9 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, drawing
+from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'frequency response of the oscillator or of a patch'
+HELP = 'shake or push, and see the frequency response, also over measured ones'
 RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
 MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
@@ -34,20 +34,16 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
-    from .neighbours import neighbours
-    from .results import results
+    from .neighbours import omission
 
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf')
     tables = [] if options.measured is None else [options.measured]
-    plan, measured, lines = scene.wanted('frf'), _measured(scene, options), [scene.title]
-    if (relaxation := scene.relaxation()) is not None:
-        lines.append(str(relaxation))
-    with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
-        lines += _responses(scene, plan, folder, save)
-        lines += _beside(scene, measured, save)
-    print('\n'.join([*lines, *neighbours(scene, brief=True)]))
-    print(f'picture and data are in {options.output}')
+    plan, measured, relaxation = scene.wanted('frf'), _measured(scene, options), scene.relaxation()
+    with answering(options, scene, *tables) as (folder, save, told):
+        first, lines = _responses(scene, plan, folder, save)
+        lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
+        told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save), *omission(scene, options.verbose)]
 
 
 def _measured(scene, options):
@@ -61,13 +57,13 @@ def _measured(scene, options):
 
 
 def _responses(scene, plan, folder, save):
-    """Write and draw the responses of both models, and say where they have peaks."""
+    """Write and draw the responses of both models; a line that names their highest peaks, and where each has others."""
     from ..plotting.response import plot_response
     from ..response.frf import receptance
     from ..stiffness.rest import LinearSystem
     from ..traits import LINEAR
 
-    axes, lines = None, []
+    axes, lines, highest = None, [], []
     pushed = plan.base_deg is None and plan.wall is None
     unit = units.m / units.N if pushed else 1.0
     names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
@@ -82,12 +78,14 @@ def _responses(scene, plan, folder, save):
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
         columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]
+        k = abs(result.response).argmax()
+        highest.append(f'{units.hertz(plan.omega[k]):.4g} Hz ({abs(result.response[k]) / unit:.3g}{" m/N" * pushed})')
         natural, told = _natural(system, plan.omega)
         axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
         lines += ['', model, *told, *(_scattered(scene, system, plan.omega) if len(natural) else []), *_peaks(result, unit)]
     write_columns(folder / 'frf.csv', names, columns)
     save(axes[0].figure, 'frf')
-    return lines
+    return f'The response is highest at {highest[0]} with D*, at {highest[1]} without it.', lines
 
 
 def _beside(scene, measured, save):

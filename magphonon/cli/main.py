@@ -190,7 +190,8 @@ def _options(arguments):
 
 def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     """A parser of some commands: a command that runs needs no other."""
-    parser = argparse.ArgumentParser(prog='magphonon', description='Static forces in repulsive lattices: bands with D0 + D*.')
+    parser = argparse.ArgumentParser(prog='magphonon',
+                                     description='Vibrations of lattices held by static repulsion: stiffness D0 + D*.')
     parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     for name in names:
@@ -198,6 +199,7 @@ def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
         told = (command.__doc__ or '').partition(': ')[2]  # python -OO leaves out docstrings
         subparser = commands.add_parser(name, help=command.HELP, description=told)
         command.add_arguments(subparser)
+        subparser.add_argument('--verbose', action='store_true', help='print everything that was found, not its first line alone')
         flags = [flag for action in subparser._actions for flag in action.option_strings]
         subparser.set_defaults(run=command.run, command=name, flags=flags, results=getattr(command, 'RESULTS', ()))
     return parser

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, drawing, lattice_and_patch
+from ..findings import Finding, Findings
+from .arguments import LOWEST, MOST_DIRECTIONS, add_output, add_pictures, add_scene, answering, lattice_and_patch
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-    from ..scenes.scene import Scene
-    from .costs import Cost
+    from numpy.typing import NDArray
 
-HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, and which are local'
+    from ..bands.bands import Bands
+    from ..response.measured_shapes import Comparison
+    from ..response.normal_modes import Localisation, Modes
+    from ..scenes.scene import Scene
+    from ..stiffness.rest import LinearSystem
+
+HELP = 'what moves in each mode, and which modes stay at a defect'
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
-MOST_DIRECTIONS = 3000
-"""Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
 MOST_TURNING = 1500  # the same where forces turn velocities: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
-LOWEST = 60  # number of the lowest modes of a larger patch
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
 MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are drawn at each special point
 FAR = 0.25  # relative distance in frequency beyond which shapes alike are no match; a law known to 10 % gives a fifth
@@ -32,7 +38,6 @@ points of the mesh."""
 
 DRAWN, MOST_DRAWN = 40, 600
 """Number of patches drawn at random with the scatter of [uncertainty], and largest number of free directions of one."""
-SHAPES_bytes = 40  # memory for all modes of a structure with their shapes, divided by the square of its free directions
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -48,125 +53,237 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
-    from .costs import refuse_cost
-    from .neighbours import neighbours
-    from .results import results
+    from .costs import refuse_costly
 
     scene = read_scene(options.scene)
-    refuse_cost(scene, cost(scene))
-    lattice, patch, report = lattice_and_patch(scene)
+    refuse_costly(scene, 'modes')
+    lattice, patch, left = lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
             raise ValueError(f'--{option} {given}: the scene has no patch whose modes it could take; add a table [patch]')
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        report = [scene.title, *report]
-        if lattice is not None:
-            report += _of_lattice(save, scene, lattice)
+    with answering(options, scene) as (folder, save, told):
+        case = Case(scene, left, lattice, patch, options)
+        if lattice is not None and case.drawable:
+            _draw_lattice(save, case)
         if patch is not None:
-            report += _of_patch(folder, save, lattice, patch, scene, options)
-        drawn = any(folder.glob('*.png'))
-    print('\n'.join([*report, *neighbours(scene, brief=True)]))
-    print(f'pictures and data are in {options.output}' if drawn else 'no pictures: modes are drawn of planar lattices that have '
-          f'a number of shells, motion in the plane and at most {MOST_BRANCHES} branches')
+            _write(folder, save, case)
+        told += REPORT.told(case, options.verbose)
 
 
-def cost(scene: Scene) -> Cost:
-    """Estimated cost of the command."""
-    from .costs import Cost, FACTOR_bytes, PICTURES_bytes, particles_of, size_key
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene, and what several findings ask of the modes of its lattice and of its patch."""
 
-    size = 2 * particles_of(scene)
-    if size <= MOST_DIRECTIONS:
-        memory = SHAPES_bytes * size**2 * 8**scene.turns  # complex, of twice the size
-    else:
-        memory = (FACTOR_bytes + 16 * LOWEST) * size / 2
-    return Cost('modes', {size_key(scene): PICTURES_bytes + memory}, 6)
+    scene: Scene
+    left: list[str]
+    lattice: Any
+    patch: Any
+    options: Namespace
+
+    @cached_property
+    def bands(self) -> dict[str, Bands]:
+        """Of the lattice, along its special points, by model."""
+        from ..bands.bands import analytic_bands
+        from .neighbours import special_points
+
+        path = self.scene.lattice.path(''.join(special_points(self.scene)), 2)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+        return {model: analytic_bands(self.lattice, path, model, vectors=True) for model in self.lattice.calc.bloch_models}
+
+    @cached_property
+    def at(self) -> dict[str, int]:
+        """The wavevectors of the special points on that path, by their names."""
+        from .neighbours import special_points
+
+        path = self.bands['complete'].path
+        return {name: int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in special_points(self.scene)}
+
+    @property
+    def drawable(self) -> bool:
+        """Whether modes of the lattice can be drawn."""
+        from ..bands.zone import PLANAR
+
+        calc, branches = self.lattice.calc, self.bands['complete'].omega.shape[1]
+        return calc.pairwise and tuple(self.lattice.pbc) == PLANAR and calc.dim == 2 and branches <= MOST_BRANCHES
+
+    @cached_property
+    def system(self) -> LinearSystem:
+        """Of the patch or the finite structure, as all that follows."""
+        from ..stiffness.rest import LinearSystem
+        from ..traits import LINEAR
+
+        return LinearSystem.of(self.patch, *LINEAR).moving()
+
+    @cached_property
+    def ranges(self) -> NDArray[np.float64]:
+        """Of the bands of the lattice; none of a finite structure."""
+        from ..bands.density import band_ranges
+
+        return np.empty((0, 2)) if self.lattice is None else band_ranges(self.lattice)
+
+    @cached_property
+    def computed(self) -> tuple[Modes, bool]:
+        """Modes, and whether they are all."""
+        return _modes(self.system, self.ranges)
+
+    @property
+    def found(self) -> Modes:
+        return self.computed[0]
+
+    @cached_property
+    def extent(self) -> Localisation:
+        from ..response.normal_modes import localisation
+
+        return localisation(self.found, self.system)
+
+    @cached_property
+    def spread(self) -> tuple[dict[str, NDArray[np.float64]], float]:
+        return _spread(self.scene, self.system, self.found)
+
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        from ..response.measured_shapes import compared
+
+        table = self.options.compare
+        return None if table is None else compared(table, self.system.atoms, self.found)
+
+    @cached_property
+    def local(self) -> list[int]:
+        """The modes outside the bands of the lattice, the most local first."""
+        room = OUTSIDE * abs(self.found.omega).max()
+        outside = [k for k, omega in enumerate(self.found.omega)
+                   if not any(low - room <= omega <= high + room for low, high in self.ranges)]
+        return sorted(outside, key=lambda k: self.extent.participation[k]) if len(self.ranges) else []
+
+    @cached_property
+    def shown(self) -> list[int]:
+        """The modes that are drawn: the most local ones, or the lowest of a patch without local ones."""
+        order = np.argsort(self.extent.participation)
+        every = range(len(self.found.omega)) if len(self.ranges) else order[~self.free[order]]
+        return (self.local or [*every])[:SHOWN]
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which modes cost no energy."""
+        return _of_no_stiffness(self.found.omega)
+
+    @cached_property
+    def defects(self) -> NDArray[np.float64]:
+        return self.scene.defect_places()
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """About what pictures and films show one image of a periodic patch: its first defect or else its most local mode."""
+        own = self.defects if len(self.defects) else self.extent.centre[self.shown, :2]
+        return {'defects': self.defects, 'centre': own[0]}
 
 
-def _of_lattice(save, scene, atoms):
-    from ..bands.bands import analytic_bands
-    from ..bands.zone import PLANAR
-    from ..plotting.axes import legend_of_set, letter_panels, panels
+REPORT = Findings()
+
+
+@REPORT.answer
+def count(case: Case) -> str:
+    """How many modes the patch has, and whether some are local; without a patch, where those of the lattice lie."""
+    if case.patch is None:
+        f = case.bands['complete'].frequencies_Hz
+        return f'modes of the lattice at {", ".join(case.at)}: from {f.min():.6g} to {f.max():.6g} Hz'
+    f, name = case.found.frequencies_Hz, 'structure' if case.scene.finite else 'patch'
+    every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands,', 0.0 if case.free[0] else f[0]
+    outside = f'; {len(case.local)} of them lie outside the bands of the lattice' if len(case.ranges) else ''
+    return f'modes of the {name}: {every} {len(f)}, from {lowest:.6g} to {f[-1]:.6g} Hz{outside}'
+
+
+@REPORT.remark
+def of_lattice(case: Case) -> Iterator[str]:
+    """A table of the modes of the lattice at special points by both models."""
     from ..plotting.bands import mode_names
-    from ..plotting.modes import plot_mode
     from .band_report import ZERO_FRACTION
-    from .neighbours import special_points
 
-    names = list(special_points(scene))
-    path = scene.lattice.path(''.join(names), 2)
-    bands = analytic_bands(atoms, path, vectors=True)
-    at = [int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in names]
-    labels = mode_names(bands)
-    conventional = analytic_bands(atoms, path, 'conventional') if 'conventional' in atoms.calc.bloch_models else None
-    top = bands.frequencies_Hz.max()
-    report = [f'{"modes of the lattice (Hz)":28}' + f'{"complete":>14}' + f'{"conventional":>14}' * (conventional is not None)]
-    for name, where in zip(names, at, strict=True):
+    yield '\n'.join([case.scene.title, *case.left])
+    if case.lattice is None:
+        return
+    labels, top = mode_names(case.bands['complete']), case.bands['complete'].frequencies_Hz.max()
+    yield f'{"modes of the lattice (Hz)":28}' + ''.join(f'{model:>14}' for model in case.bands)
+    for name, where in case.at.items():
         for branch, polarisation in enumerate(labels[where]):
-            found = [which.frequencies_Hz[where, branch] for which in (bands, conventional) if which is not None]
+            found = [bands.frequencies_Hz[where, branch] for bands in case.bands.values()]
             shown = ''.join(f'{f if abs(f) > ZERO_FRACTION * top else 0.0:14.6g}' for f in found)
-            report.append(f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip())
-    drawable = atoms.calc.pairwise and tuple(atoms.pbc) == PLANAR and atoms.calc.dim == 2
-    if not drawable or bands.omega.shape[1] > MOST_BRANCHES:
-        return report
-    branches = bands.omega.shape[1]
-    figure, axes = panels(len(names), branches, height=7.0 / max(branches, 2) + 0.2)
-    for row, where in zip(axes, at, strict=True):
-        for branch, ax in enumerate(np.atleast_1d(row)):
-            plot_mode(atoms, bands, where, branch, ax=ax)
-    letter_panels(axes)
-    legend_of_set(figure)
-    save(figure, 'modes_lattice')
-    return report
+            yield f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip()
+    if not case.drawable:
+        yield (f'not drawn: modes are drawn of planar lattices that have a number of shells, motion in the plane and at most '
+               f'{MOST_BRANCHES} branches')
 
 
-def _of_patch(folder, save, lattice, patch, scene, options):
-    from ..bands.density import band_ranges
-    from ..response.normal_modes import localisation
+@REPORT.check
+def without_energy(case: Case) -> Finding | None:
+    """Of a finite structure: how many modes cost no energy, and how many would by D0 alone; told always where there are any."""
     from ..stiffness.rest import LinearSystem
-    from ..traits import LINEAR
 
-    system, defects = LinearSystem.of(patch, *LINEAR).moving(), scene.defect_places()
-    ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
-    (found, every), filmed = _modes(system, ranges), options.animate
-    if filmed is not None and not 1 <= filmed <= len(found.omega):
-        raise ValueError(f'--animate must be the number of a mode, 1 to {len(found.omega)}, not {filmed}')
-    extent = localisation(found, system)
-    extent.save(folder / 'modes.npz')
-    spread, told = _spread(scene, system, found)
-    _write_table(folder / 'modes.csv', extent, spread)
-    room = OUTSIDE * abs(found.omega).max()
-    outside = [k for k, omega in enumerate(found.omega) if not any(low - room <= omega <= high + room for low, high in ranges)]
-    free = _of_no_stiffness(found.omega)
-    order = np.argsort(extent.participation)
-    local = sorted(outside, key=lambda k: extent.participation[k]) if len(ranges) else []
-    drawn = (local or [*(order[~free[order]] if not len(ranges) else range(len(found.omega)))])[:SHOWN]
-    # pictures and films show one image of a periodic patch, about its first defect or else its most local mode
-    about = {'defects': defects, 'centre': defects[0] if len(defects) else extent.centre[drawn[0], :2]}
-    _draw(save, system, found, extent, ranges, drawn, about)
-    name, lowest = 'structure' if scene.finite else 'patch', 0.0 if free[0] else found.frequencies_Hz[0]
-    which = 'all' if every else 'the lowest and those between the bands,'
-    report = ['', f'modes of the {name}: {which} {len(found.omega)}, from {lowest:.6g} to {found.frequencies_Hz[-1]:.6g} Hz']
-    if scene.finite and not system.turning and system.directions <= MOST_REPEATED:
-        alone = LinearSystem.about(patch.calc.about(patch, model='conventional'), patch).moving()
-        blind = _of_no_stiffness(_modes(alone, ranges)[0].omega)
-        if (free | blind).any():
-            report.append(f'  {free.sum()} of them cost no energy; by D0 alone it would be {blind.sum()}')
-    if scene.finite and scene.lattice.positions == 'rest' and found.omega[0] < -OUTSIDE * abs(found.omega).max():
-        report.append('UNSTABLE: what stands in the photo would not stand with this law and foundation; check them, and cutoff_m')
-    if len(ranges):
-        report.append(f'  {len(local)} of them lie outside the bands of the lattice' + (', the most local ones:' * bool(local)))
-    else:
-        report.append('  the most local ones:')
-    for k in drawn if local or not len(ranges) else []:
-        centre = _place(system.atoms, extent.centre[k, :2], defects)
-        uncertain = f' +- {spread["std_Hz"][k]:.2g}' if spread else ''
-        report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g}{uncertain} Hz, {extent.participation[k]:.3g} particles '
-                      f'take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
-    report += told + _with_others(scene, system, found, drawn)
-    if options.compare is not None:
-        report += _compared(folder, save, system, found, options.compare)
-    if filmed is not None:
-        report.append(_film(folder, system, found, filmed, about))
-    return report
+    if case.patch is None or not case.scene.finite or case.system.turning or case.system.directions > MOST_REPEATED:
+        return None
+    alone = LinearSystem.about(case.patch.calc.about(case.patch, model='conventional'), case.patch).moving()
+    blind = _of_no_stiffness(_modes(alone, case.ranges)[0].omega)
+    return Finding(blind, f'  {case.free.sum()} of them cost no energy; by D0 alone it would be {blind.sum()}',
+                   fault=True) if (case.free | blind).any() else None
+
+
+@REPORT.check
+def stands(case: Case) -> Finding | None:
+    """Whether what stands in a photo would stand with this law."""
+    if case.patch is None or not case.scene.finite or case.scene.lattice.positions != 'rest':
+        return None
+    unstable = case.found.omega[0] < -OUTSIDE * abs(case.found.omega).max()
+    return Finding(unstable, 'UNSTABLE: what stands in the photo would not stand with this law and foundation; check them, and '
+                   'cutoff_m', fault=True) if unstable else None
+
+
+@REPORT.check
+def most_local(case: Case) -> Finding | None:
+    """The most local modes; told always where some lie outside the bands, or there are no bands."""
+    if case.patch is None or not (case.local or not len(case.ranges)):
+        return None
+    lines, extent, std = ['the most local ones:'], case.extent, case.spread[0].get('std_Hz')
+    for k in case.shown:
+        uncertain = '' if std is None else f' +- {std[k]:.2g}'
+        centre = _place(case.system.atoms, extent.centre[k, :2], case.defects)
+        lines.append(f'  mode {k + 1}: {case.found.frequencies_Hz[k]:.6g}{uncertain} Hz, {extent.participation[k]:.3g} '
+                     f'particles take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
+    return Finding(case.shown, '\n'.join(lines), fault=True)
+
+
+@REPORT.check
+def scatter(case: Case) -> Finding | None:
+    """What +- means, and whether structures drawn at random buckle."""
+    if case.patch is None or not case.spread[0]:
+        return None
+    columns, lost = case.spread
+    words = '  +- is the standard deviation by the scatter of each site, to first order'
+    if 'drawn_std_Hz' in columns:
+        words = ('  +- is the larger of two standard deviations: by the scatter of each site to first order, and about these '
+                 f'frequencies of {round(DRAWN * (1 - lost))} structures drawn at random, mode by mode in ascending order; both '
+                 'are in modes.csv')
+    unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
+    return Finding(lost, words + unstable, fault=bool(unstable))
+
+
+@REPORT.remark
+def other_neighbours(case: Case) -> list[str] | None:
+    """What the neighbours that a patch leaves out would change of the modes that are shown."""
+    return None if case.patch is None else _with_others(case.scene, case.system, case.found, case.shown)
+
+
+@REPORT.check
+def measured(case: Case) -> Finding | None:
+    """The computed mode that is most like each measured shape: told always, as it is asked for."""
+    found = None if case.patch is None else case.comparison
+    return None if found is None else Finding(found, '\n'.join(matches(found, case.found)), fault=True)
+
+
+@REPORT.check
+def others(case: Case) -> Finding:
+    """What neighbours that the scene omits would change of the lattice."""
+    from .neighbours import omitted
+
+    return Finding() if case.scene.finite else omitted(case.scene)
 
 
 def _of_no_stiffness(omega):
@@ -196,26 +313,22 @@ def _modes(system, ranges):
 
 
 def _spread(scene, system, found):
-    """Columns of modes.csv with the scatter that [uncertainty] names for each site, and what the terminal says of it."""
+    """Columns of modes.csv with the scatter that [uncertainty] names for each site; the share of structures drawn that buckle."""
     from ..design.scatter import mode_scatter, sampled_modes
 
     scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
     if not scatter:
-        return {}, []
+        return {}, 0.0
     first = units.hertz(mode_scatter(system, scatter, found).std)
     if system.directions > MOST_DRAWN:
-        return {'std_Hz': first}, ['  +- is the standard deviation by the scatter of each site, to first order']
+        return {'std_Hz': first}, 0.0
     drawn = sampled_modes(system.atoms, scatter, DRAWN)
-    lost = np.isnan(drawn[:, 0]).mean()
-    drawn = units.hertz(drawn[~np.isnan(drawn[:, 0])])
-    told = ['  +- is the larger of two standard deviations: by the scatter of each site to first order, and about these '
-            f'frequencies of {len(drawn)} structures drawn at random, mode by mode in ascending order; both are in modes.csv']
-    if lost:
-        told.append(f'UNSTABLE: {100 * lost:.2g} % of the structures drawn buckle')
+    lost = float(np.isnan(drawn[:, 0]).mean())
     if lost > 0.5:
-        return {'std_Hz': first}, told
+        return {'std_Hz': first}, lost
+    drawn = units.hertz(drawn[~np.isnan(drawn[:, 0])])
     about = np.sqrt(np.mean((drawn - found.frequencies_Hz) ** 2, axis=0))  # scatter shifts the mean, too, to second order
-    return {'std_Hz': np.fmax(first, about), 'first_order_std_Hz': first, 'drawn_std_Hz': about}, told
+    return {'std_Hz': np.fmax(first, about), 'first_order_std_Hz': first, 'drawn_std_Hz': about}, lost
 
 
 def _with_others(scene, system, found, shown):
@@ -246,19 +359,6 @@ def _with_others(scene, system, found, shown):
         told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
                     f'no mode is like mode {k + 1}')
     return [f'  with {enough.shells} shells of neighbours, beyond which none counts: {"; ".join(told)}']
-
-
-def _compared(folder, save, system, found, table):
-    """Table, picture and lines of the report of measured shapes beside the computed ones."""
-    from ..plotting.modes import plot_comparison
-    from ..response.measured_shapes import compared
-
-    comparison = compared(table, system.atoms, found)
-    f = found.frequencies_Hz
-    write_columns(folder / 'mac.csv', ['mode', 'frequency_Hz', *(f'mac_{k + 1}' for k in range(len(comparison.names)))],
-                  [np.arange(len(f)) + 1, f, *comparison.mac])
-    save(plot_comparison(comparison, found).figure, 'mac')
-    return ['', *matches(comparison, found)]
 
 
 def matches(comparison, found) -> list[str]:
@@ -298,29 +398,64 @@ def _place(atoms, centre, defects):
     return f'centre {away / 1e3:.2g} m from the defect' if len(defects) == 1 else f'centre {away / 1e3:.2g} m from a defect'
 
 
-def _draw(save, system, found, extent, ranges, drawn, about):
+def _draw_lattice(save, case):
+    from ..plotting.axes import legend_of_set, letter_panels, panels
+    from ..plotting.modes import plot_mode
+
+    bands = case.bands['complete']
+    branches = bands.omega.shape[1]
+    figure, axes = panels(len(case.at), branches, height=7.0 / max(branches, 2) + 0.2)
+    for row, where in zip(axes, case.at.values(), strict=True):
+        for branch, ax in enumerate(np.atleast_1d(row)):
+            plot_mode(case.lattice, bands, where, branch, ax=ax)
+    letter_panels(axes)
+    legend_of_set(figure)
+    save(figure, 'modes_lattice')
+
+
+def _write(folder, save, case):
+    """Tables and pictures of the modes of the patch, and a film of one."""
+    from ..plotting.modes import plot_comparison
+
+    filmed, f = case.options.animate, case.found.frequencies_Hz
+    if filmed is not None and not 1 <= filmed <= len(f):
+        raise ValueError(f'--animate must be the number of a mode, 1 to {len(f)}, not {filmed}')
+    case.extent.save(folder / 'modes.npz')
+    _write_table(folder / 'modes.csv', case.extent, case.spread[0])
+    _draw(save, case)
+    if case.comparison is not None:
+        mac = case.comparison.mac
+        names = ['mode', 'frequency_Hz', *(f'mac_{k + 1}' for k in range(len(mac)))]
+        write_columns(folder / 'mac.csv', names, [np.arange(len(f)) + 1, f, *mac])
+        save(plot_comparison(case.comparison, case.found).figure, 'mac')
+    if filmed is not None:
+        _film(folder, case, filmed)
+
+
+def _draw(save, case):
     """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.modes import plot_extents, plot_shape
 
     figure, axes = panels(2, 2)
-    plot_extents(extent, ax=axes[0, 0], bands=ranges)
-    for ax in axes.flat[1 + len(drawn) :]:
+    plot_extents(case.extent, ax=axes[0, 0], bands=case.ranges)
+    for ax in axes.flat[1 + len(case.shown) :]:
         ax.remove()
-    for k, ax in zip(drawn, axes.flat[1:], strict=False):
-        plot_shape(system.atoms, found.shapes[k], ax=ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz', **about)
-    letter_panels(axes.flat[: 1 + len(drawn)])
+    for k, ax in zip(case.shown, axes.flat[1:], strict=False):
+        title = f'mode {k + 1}, {case.found.frequencies_Hz[k]:.5g} Hz'
+        plot_shape(case.system.atoms, case.found.shapes[k], ax=ax, title=title, **case.about)
+    letter_panels(axes.flat[: 1 + len(case.shown)])
     legend_of_set(figure)
     save(figure, 'modes')
 
 
-def _film(folder, system, found, filmed, about):
-    """A film of one period of a mode whose largest displacement is a thousandth of the shortest bond; a line of the report."""
+def _film(folder, case, filmed):
+    """A film of one period of a mode whose largest displacement is a thousandth of the shortest bond; its title says how much
+    larger it is drawn.
+    """
     from ..plotting.animation import animate, mode_frames
 
-    amplitude = system.calc.bonds.lengths.min() / 1000
-    title = f'mode {filmed}, {found.frequencies_Hz[filmed - 1]:.5g} Hz'
-    shown = mode_frames(found.shapes[filmed - 1], amplitude)
-    factor = animate(folder / f'mode_{filmed}.gif', system.atoms, shown, title=title, **about)
-    return (f'  mode_{filmed}.gif: one period of mode {filmed}, with displacements of up to {amplitude / 1e3:.3g} m drawn '
-            f'{factor:.3g} times as large')
+    amplitude = case.system.calc.bonds.lengths.min() / 1000
+    title = f'mode {filmed}, {case.found.frequencies_Hz[filmed - 1]:.5g} Hz, up to {amplitude / 1e3:.3g} m'
+    animate(folder / f'mode_{filmed}.gif', case.system.atoms, mode_frames(case.found.shapes[filmed - 1], amplitude), title=title,
+            **case.about)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from contextlib import nullcontext
 
 from ..errors import positive
 from .arguments import add_output, add_scene, default_folder
 
-HELP = 'the cheapest method that answers a scene within a tolerance; with --run, its answer'
+HELP = 'the simplest model that is good enough for your tolerance'
 RESULTS = 'plan_*',
 LEAST_TOLERANCE = 1e-7
 """Smallest relative tolerance: at Gamma a frequency is the square root of a rounded eigenvalue, a few 1e-8 of the highest one."""
@@ -25,7 +26,7 @@ def run(options: Namespace) -> None:
     from ..planning.scene import scene_plans
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
-    from .neighbours import neighbours
+    from .neighbours import omission
     from .results import results
 
     tolerance = positive('--tolerance', options.tolerance)
@@ -36,17 +37,12 @@ def run(options: Namespace) -> None:
         raise ValueError(f'-o {options.output} is the directory for the results of --run; add --run, or leave -o out')
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf', 'burst')
-    print(scene.title)
-    of_patches = [f'\n{line}' for line in neighbours(scene, brief=True)]
-    if not options.answer:
-        for wanted in scene_plans(scene, tolerance):
-            print(f'\n{wanted.report()}')
-        print(*of_patches, sep='')
-        return
     options.output = options.output or default_folder(options)
-    with results(options, scene) as folder:
+    with results(options, scene) if options.answer else nullcontext() as folder:
         for wanted in scene_plans(scene, tolerance):
-            print(f'\n{wanted.report()}')
-            wanted.run(folder)
-    print(*of_patches, sep='')
-    print(f'\ndata are in {options.output}')
+            print(wanted.plan.first, *([wanted.report(), ''] if options.verbose else []), sep='\n')
+            if options.answer:
+                wanted.run(folder)
+    print(*(f'{line}\n' for line in omission(scene, options.verbose)), sep='', end='')
+    if options.answer:
+        print(f'data are in {options.output}')

@@ -9,7 +9,7 @@ from argparse import ArgumentParser, Namespace
 from importlib import import_module
 from pathlib import Path
 
-HELP = "the paper's results, recomputed and compared, with pictures and a report"
+HELP = 'recompute the paper, number by number, with a report'
 
 
 def add_arguments(parser: ArgumentParser) -> None:

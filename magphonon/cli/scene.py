@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from ..scenes.keys import Key
 
-HELP = 'print a ready scene, or list them; list the keys of a scene'
+HELP = 'ready scenes to start from, and every key that a scene may have'
 WIDEST = 100  # longest line of the list of keys, in letters
 
 

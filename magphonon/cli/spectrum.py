@@ -8,14 +8,22 @@ foundation are needed.  Each scan is analysed on its own; `magphonon fit --bands
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units
-from .arguments import add_output, add_pictures, add_scene, drawing
+from ..findings import Finding, Findings
+from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'map and ridges of measured scans of a row or of the plane, over the bands of a scene'
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..scenes.scene import Scene
+
+HELP = 'from a scan of the vibrometer to dispersion points, over the bands of a scene'
 RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*.pdf'
 
 
@@ -52,7 +60,6 @@ def run(options: Namespace) -> None:
             ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
         notes += options.notes
     options.notes = list(dict.fromkeys(notes))
-    print(f'\npictures and data are in {options.output}')
     if ridges:
         print(f'"magphonon fit {" ".join(ridges)} --bands {options.scene}" fits the lattice to the ridges')
 
@@ -61,11 +68,9 @@ def _analysed(options, scene):
     """Write and print what the scan `options.table` shows; whether it has ridges."""
     from ..waves.fields import is_field
     from ..waves.scan_tables import read_places, read_scan
-    from .neighbours import neighbours
-    from .results import results
 
     own = f'spectrum_{Path(options.table).stem}'  # distinct from results of `burst` and of other scans
-    with results(options, scene, options.table) as folder, drawing(options, folder, scene.title) as save:
+    with answering(options, scene, options.table) as (folder, save, told):
         scan = read_scan(options.table)  # its messages name the table
         if options.geometry is not None:
             scan = scan.placed(read_places(options.geometry))
@@ -74,22 +79,56 @@ def _analysed(options, scene):
         try:
             if options.at is not None and not plane:
                 raise ValueError('--at takes points that cover the plane, and these are one row or a few')
-            text, asked = (_field if plane else _row)(options, scene, cell, scan, folder, save)
+            case = (_field if plane else _row)(options, scene, cell, scan, folder, save)
         except ValueError as error:
             raise ValueError(f'{options.table}: {error}') from None
-        text = '\n'.join([scene.title, text, '', *neighbours(scene, asked, brief=True)])
-        (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
-    print('\n' * (options.table != options.tables[0]) + text)
-    return asked is not None
+        (folder / f'{own}_ridges.txt').write_text('\n'.join(REPORT.told(case, verbose=True)) + '\n', encoding='utf-8')
+        told += REPORT.told(case, options.verbose)
+    return case.asked is not None
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a scan shows: lines on what was read, and on its ridges, those that answer first; the wavevectors of the ridges."""
+
+    scene: Scene
+    name: str
+    notes: list[str]
+    answer: list[str]
+    text: str
+    asked: dict[str, NDArray[np.float64]] | None
+
+
+REPORT = Findings()
+
+
+@REPORT.answer
+def ridges(case: Case) -> list[str]:
+    """The branches that the ridges agree with."""
+    return case.answer or [f'{case.name}: no ridge']
+
+
+@REPORT.remark
+def scan(case: Case) -> list[str]:
+    """What was read, and how far every ridge is from every branch."""
+    return ['', case.scene.title, *case.notes, '', case.text]
+
+
+@REPORT.check
+def others(case: Case) -> Finding:
+    """What neighbours that the scene omits would change of the ridges."""
+    from .neighbours import omitted
+
+    return omitted(case.scene, case.asked)
 
 
 def _row(options, scene, cell, scan, folder, save):
-    """What a row of points shows, in words, and the wavevectors of its ridges."""
+    """What a row of points shows."""
     from ..plotting.waves import plot_wave
     from ..waves.ridge_tables import write_ridges
     from ..waves.rows import row_of
     from ..waves.wave_analysis import scan_waves
-    from ..waves.wave_report import report
+    from ..waves.wave_report import agreements, report
 
     row, name = None, Path(options.table).stem
     source = options.source or (scene.burst.source if scene.burst else 'point')
@@ -105,11 +144,12 @@ def _row(options, scene, cell, scan, folder, save):
     notes = [f'{Path(options.table).name}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
              *scan.notes]
     q = [wave.wavevector * wave.ridge.xi[:, None] / (2 * np.pi) for wave in found if wave.ridge is not None]
-    return '\n'.join([*notes, '', report({name: found})]), {'the ridges': np.concatenate(q)} if q else None
+    records = {name: found}
+    return Case(scene, name, notes, agreements(records), report(records), {'the ridges': np.concatenate(q)} if q else None)
 
 
 def _field(options, scene, cell, scan, folder, save):
-    """What points of the plane show, in words, and the wavevectors of its ridges."""
+    """What points of the plane show."""
     from ..bands.bands import band_path
     from ..plotting.fields import plot_field, plot_field_at
     from ..waves.fields import field_at, field_map, field_of, field_ridges
@@ -123,14 +163,15 @@ def _field(options, scene, cell, scan, folder, save):
     try:
         points, text = (points := field_ridges(field, cell, path, name, options.source)), field_report(points, cell)
         write_points(folder / f'spectrum_{name}_ridges.csv', points)
+        first = [f'{name}: {len(points)} points on {len(points.names)} ridges: {", ".join(points.names)}']
     except ValueError as error:
-        points, text = None, f'no ridges: {error}'
+        points, text, first = None, f'no ridges: {error}', [f'{name}: no ridges: {error}']
     save(plot_field(found, path, cell, points), f'spectrum_{name}_field')
     if options.at is not None:
         omega = 2 * np.pi * options.at * units.Hz
         save(plot_field_at(field, cell, omega, field_at(field, cell, omega)), f'spectrum_{name}_at_{options.at:g}_Hz')
     notes = [f'{Path(options.table).name}: {len(scan.times)} frames', *scan.notes, *field.notes]
-    return '\n'.join([*notes, '', text]), {'the ridges': points.q} if points else None
+    return Case(scene, name, notes, first, text, {'the ridges': points.q} if points else None)
 
 
 def _particles(scene):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import finite, shown, whole
-from .arguments import add_output, add_pictures, add_scene, drawing
+from .arguments import add_output, add_pictures, add_scene, answering
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from xarray import Dataset
 
-HELP = 'maps of bands, stability or responses over keys of a scene, on all cores, Dask or MPI'
+HELP = 'maps of bands, stability and responses over any numbers of a scene'
 RESULTS = 'sweep.*', 'sweep_*'
 EXECUTORS = 'processes', 'here', 'dask', 'mpi'
 JOURNAL = 'sweep.journal'
@@ -146,14 +146,13 @@ def _lead(options, workers):
     from ..plotting.sweeps import plot_sweep
     from ..scenes.scene import read_scene
     from ..sweeps.dataset import sweep
-    from .neighbours import neighbours
-    from .results import results
+    from .neighbours import omission
 
     scene, axes = read_scene(options.scene), [axis_of(text) for text in options.over]
     if len(dict(axes)) < len(axes):
         raise ValueError('--over names a key twice; give each axis once')
     journal = Path(options.output) / JOURNAL
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save, _new(journal) as own:
+    with answering(options, scene) as (folder, save, told), _new(journal) as own:
         answers = sweep(scene, dict(axes), options.ask, journal=own or journal, **workers)
         answered = [name for name in options.ask if np.isfinite(answers[name]).any()]
         if not answered:
@@ -161,26 +160,28 @@ def _lead(options, workers):
         answers.to_netcdf(folder / 'sweep.nc', engine='h5netcdf')
         for name in answered:
             save(plot_sweep(answers, name).figure, f'sweep_{name}')
-        report = _report(scene.title, answers, options.ask)
+        told += _report(scene.title, answers, options.ask, options.verbose)
+        told += [f'At the values of the scene itself: {line}' for line in omission(scene, options.verbose)]
     if own:  # this process made it; another one that took it up may have seen the end of it
         journal.unlink(missing_ok=True)
     else:
         options.notes.append(f'{journal} of an earlier command stays; it is complete, and may be removed')
-    print('\n'.join([report, *(f'\nAt the values of the scene itself: {line}' for line in neighbours(scene, brief=True))]))
-    print(f'pictures and data are in {options.output}')
 
 
-def _report(title: str, answers: Dataset, asked: list[str]) -> str:
-    axes = list(answers.sizes)
+def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> list[str]:
+    axes, first = list(answers.sizes), []
     lines = [title, f'{answers.fault.size} points: ' + ' x '.join(f'{count} of {key}' for key, count in answers.sizes.items())]
     for name in asked:
         values, unit = answers[name].to_numpy(), answers[name].attrs['units']
+        if np.isfinite(values).any():
+            first.append(f'{name} is {np.nanmin(values):.6g} to {np.nanmax(values):.6g} {unit} at {np.isfinite(values).sum()} of '
+                         f'{values.size} points'.replace(' 1 at', ' at'))
         lines.append(f'\n{name} ({unit}): {np.isfinite(values).sum()} points answered')
         for word, place in (('lowest', np.nanargmin), ('highest', np.nanargmax)) if np.isfinite(values).any() else ():
             at = np.unravel_index(place(values), values.shape)
             where = ', '.join(f'{key} = {float(answers[key][k]):.6g}' for key, k in zip(axes, at, strict=True))
             lines.append(f'  {word:7} {values[at]:.6g} at {where}')
-    return '\n'.join([*lines, *_reasons(answers)])
+    return [*first, *(lines if verbose else []), *_reasons(answers)]
 
 
 def _reasons(answers: Dataset) -> list[str]:

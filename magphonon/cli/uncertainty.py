@@ -8,9 +8,9 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, drawing
+from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'bands and responses with the uncertainty that follows from tolerances'
+HELP = 'how well bands and responses are known, from what you know of the parts'
 RESULTS = 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*'
 SAMPLES = 1000
 """Number of lattices drawn at random to check the linear propagation.  The relative sampling error of their standard deviation is
@@ -35,8 +35,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
-    from .neighbours import neighbours
-    from .results import results
+    from .neighbours import omission
 
     scene = read_scene(options.scene).counted()
     refuse_costly(scene, 'uncertainty')
@@ -44,25 +43,22 @@ def run(options: Namespace) -> None:
     bands = scene.bands is not None or scene.frf is None
     if bands and (scene.single or scene.finite):
         raise ValueError(f'the scene {scene.title!r} has no [frf], to which tolerances could propagate; add one')
-    lines = [scene.title]
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
+    with answering(options, scene) as (folder, save, told):
         if bands:
-            lines += _bands(folder, save, scene, tolerances) if tolerances.changes else []
-            lines += ['', OWN_SCATTER] if tolerances.scatter else []
+            told += _bands(folder, save, scene, tolerances, options.verbose) if tolerances.changes else []
+            told += [OWN_SCATTER] if tolerances.scatter else []
         if scene.frf is not None:
-            lines += _response(folder, save, scene, tolerances)
-        if not (bands and tolerances.changes):
-            lines += neighbours(scene, brief=True)
-    print('\n'.join(lines))
-    print(f'pictures and data are in {options.output}')
+            first, *more = _response(folder, save, scene, tolerances)
+            told += [first, *(more if options.verbose else [])]
+        told += [] if bands and tolerances.changes else omission(scene, options.verbose)
 
 
-def _bands(folder, save, scene, tolerances):
+def _bands(folder, save, scene, tolerances, verbose):
     from ..bands.bands import Bands, path_of
     from ..design.uncertainty import frequency_spread
     from ..plotting.axes import point_name
     from ..plotting.response import plot_band_ribbons, plot_contributions
-    from .neighbours import neighbours
+    from .neighbours import REPORT, Case
 
     atoms = scene.perfect_cell()
     path = path_of(atoms, scene.band_path())
@@ -81,14 +77,20 @@ def _bands(folder, save, scene, tolerances):
     save(ax.figure, 'contributions')
 
     unit = 2 * np.pi * units.Hz
-    lines = ['', 'Standard deviation of each frequency in Hz, and the part of it that each parameter alone explains',
+    relative = 100 * few.std / few.values
+    least, most = relative.argmin(), relative.argmax()
+    first = (f'The frequencies at special points have standard deviations of {relative[least]:.2g} % ({labels[least][0]}, branch '
+             f'{labels[least][1]}) to {relative[most]:.2g} % ({labels[most][0]}, branch {labels[most][1]}).')
+    lines = ['Standard deviation of each frequency in Hz, and the part of it that each parameter alone explains',
              f'{"frequency (Hz)":18}{"":>12}{"std":>10}' + ''.join(f'{name:>{len(name) + 3}}' for name in few.contributions)]
     for row, (name, branch) in enumerate(labels):
         shares = ''.join(f'{std[row] / unit:>{len(group) + 3}.2g}' for group, std in few.contributions.items())
         lines.append(f'  {f"{name}, branch {branch}":16}{few.values[row] / unit:12.6g}{few.std[row] / unit:10.3g}{shares}')
     points = {name: path.special_points[name] for name, _ in labels}
     within = {label: 1.96 * float(std / value) for label, std, value in zip(labels, few.std, few.values, strict=True)}
-    return [*lines, *_monte_carlo(scene, path, tolerances, few, labels), *neighbours(scene, points, within=within)]
+    agrees, checked = _monte_carlo(scene, path, tolerances, few, labels)
+    near = ' '.join(REPORT.told(Case(scene, points, within=within), verbose))
+    return [first, *(lines if verbose else []), *(checked if verbose or not agrees else []), *filter(None, [near])]
 
 
 def _special_points(atoms, path, tolerances):
@@ -121,7 +123,7 @@ def _monte_carlo(scene, path, tolerances, few, labels):
                 f'differ by up to {100 * apart:.2g} %: the tolerances are too wide for the linear propagation of ribbons')]
     if unstable:
         lines.append(f'UNSTABLE: {100 * unstable:.2g} % of the samples buckle')
-    return lines
+    return agrees, lines
 
 
 def _response(folder, save, scene, tolerances):
@@ -139,13 +141,12 @@ def _response(folder, save, scene, tolerances):
     save(ax.figure, 'frf_uncertainty')
     relative = spread.std / spread.values
     lost = np.mean(relative > LINEAR_RANGE)
-    lines = ['', f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
+    lines = [f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
                  f'at most {100 * relative.max():.2g} %, at {f[relative.argmax()]:.5g} Hz']
     if lost:
         lines.append(f'at {100 * lost:.2g} % of the frequencies it is over {100 * LINEAR_RANGE:.0f} %: the peaks move by more '
                      'than their width there, and the ribbon only says that the amplitude is unknown')
-    lines += _peaks(f, spread)
-    return lines
+    return [*lines, *_peaks(f, spread)]
 
 
 def _peaks(f, spread):

@@ -94,6 +94,11 @@ class Plan:
                          f'the best, {best.name}, is off by {percent(best.error)}; allow more '
                          '(--tolerance on the command line)' + ''.join(f'; {fact}' for fact in self.evidence))
 
+    @property
+    def first(self) -> str:
+        """The choice in a line."""
+        return f'{self.quantity}: {self.choice.name}, at most {percent(self.choice.at_most)} off, by {self.choice.algorithm}.'
+
     def report(self) -> str:
         """The methods as a table, the choice and its reasons, as text for the terminal."""
         choice = self.choice
@@ -102,7 +107,6 @@ class Plan:
                           f'  {"model":{width}}  {"error":>9}  {"at most":>9}',
                           *(f'  {method.name:{width}}  {percent(method.error):>9}  {percent(method.at_most):>9}'
                             + '  <- recommended' * (method is choice) for method in self.methods),
-                          f'  Recommended: {choice.name}, by {choice.algorithm}.',
                           *(f'  {fact[0].upper()}{fact[1:]}.' for fact in self.evidence)])
 
 

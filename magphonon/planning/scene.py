@@ -107,10 +107,8 @@ def _write_waveform(scene, file, row, burst, method):
         times = np.arange(0, burst.duration, frame)
         motion = propagate(patch, times, [burst.drive], burst.damping, row)
     else:
-        each = max(1, int(frame / dt)) if method.order == 2 else int(np.ceil(frame / dt))  # long steps must fit into a frame
-        dt = dt if method.order == 2 else frame / each
         dyn = DrivenVerlet(patch, dt, [burst.drive], burst.damping, order=method.order)
-        recorder = Recorder(dyn, row, each)
+        recorder = Recorder(dyn, row, round(frame / dt))
         dyn.run(int(burst.duration / dt))
         motion = recorder.motion
     write_scan(file.with_name(file.name + '.csv'), motion)

@@ -40,9 +40,9 @@ def report(records: Mapping[str, Sequence[Wave]]) -> str:
                       '', *in_columns(rows, left=2), *_verdicts(records), *_doubts(records)])
 
 
-def _verdicts(records):
-    """For each ridge, the branches that it agrees with, in words."""
-    lines, astray, longitudinal = [], False, False
+def agreements(records: Mapping[str, Sequence[Wave]]) -> list[str]:
+    """For each ridge, the branches that it agrees with, in a line."""
+    lines = []
     for record, found in records.items():
         for wave in found:
             misfits, on = wave.misfits, wave.agrees_with
@@ -53,16 +53,20 @@ def _verdicts(records):
                     f'{name} of both models ({" and ".join(off[name])} bins)' if len(off[name]) == len(MODELS)
                     else f'{model} {name} ({off[name][0]} bins)' for model, name in on))
                 lines.append(f'{record}, {wave.motion} motion: agrees with {branches}{both}')
-                longitudinal |= any(name == 'longitudinal' for _, name in on)
             elif misfits:
-                astray = True
                 model, name = min(misfits, key=lambda name: misfits[name].bins)
                 lines.append(f'{record}, {wave.motion} motion: agrees with no branch; the nearest is {model} {name} '
                              f'({misfits[model, name].bins:.2f} bins)')
-    if longitudinal:
+    return lines
+
+
+def _verdicts(records):
+    """The agreements of all ridges, and what they do not say."""
+    lines, waves = agreements(records), [wave for found in records.values() for wave in found]
+    if any(name == 'longitudinal' for wave in waves for _, name in wave.agrees_with):
         lines += ['', 'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much. Which of',
                   'the models a longitudinal ridge agrees with is no evidence for D* or against it.']
-    if astray:
+    if any(wave.misfits and not wave.agrees_with for wave in waves):
         lines += ['', 'A ridge that agrees with no branch may come from several waves, from an oblique wave of which only the',
                   'energy runs along the row (a point source in an anisotropic lattice), from the ends of a beam, or from',
                   'another lattice.']

@@ -106,7 +106,7 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, run_of, tmp_pa
     burst = ridges(out)
     for name in NAMES:
         again = tmp_path / name
-        assert main(['spectrum', str(out / f'{name}.csv'), str(scene), '-o', str(again)]) == 0
+        assert main(['spectrum', '--verbose', str(out / f'{name}.csv'), str(scene), '-o', str(again)]) == 0
         said = capsys.readouterr().out
         assert reported(said)[name] == off[name]
         assert f'spectrum_{name}_ridges.csv --bands {scene}" fits the lattice' in said
@@ -257,7 +257,7 @@ def swinging(lines):
 def test_a_table_that_cannot_be_analysed_is_refused_in_words(spoil, message, measured, tmp_path, capsys):
     folder, lines, row = measured
     (tmp_path / 'scan.csv').write_text('\n'.join(spoil(lines, row)) + '\n')
-    assert main(['spectrum', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 2
+    assert main(['spectrum', '--verbose', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 2
     assert re.search(message, capsys.readouterr().err)
     assert {file.name for file in tmp_path.iterdir()} == {'scan.csv'}
 
@@ -265,7 +265,7 @@ def test_a_table_that_cannot_be_analysed_is_refused_in_words(spoil, message, mea
 def test_noise_is_a_map_without_ridge(measured, tmp_path, capsys):
     folder, lines, _ = measured
     (tmp_path / 'scan.csv').write_text('\n'.join(lines) + '\n')
-    assert main(['spectrum', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['spectrum', '--verbose', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0
     assert ridges(tmp_path / 'out', 'spectrum_scan_ridges.csv') == {}
     assert 'fits the lattice' not in capsys.readouterr().out
 

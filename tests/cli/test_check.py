@@ -5,9 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
 from magphonon.bands.bloch import bloch_modes
+from magphonon.cli.check import Case, commands
 from magphonon.cli.main import main
+from magphonon.cli.neighbours import omission
 from magphonon.response.normal_modes import natural_frequencies
 from magphonon.scenes.scene import ready_scene
 
@@ -63,7 +65,7 @@ def test_verdict_says_what_theory_says(name, tmp_path, capsys):
         text = text.replace(old, new)
     file = tmp_path / 'my.toml'
     file.write_text(text)
-    assert main(['check', str(file)]) == status
+    assert main(['check', '--verbose', str(file)]) == status
     said = capsys.readouterr().out
     for phrase in words:
         assert phrase in said
@@ -75,27 +77,27 @@ def test_a_guide_is_not_praised_for_what_it_does_not_do(tmp_path, capsys):
     file = tmp_path / 'my.toml'
     text = ready_scene('oscillator').read_text()
     file.write_text(text.replace('theta0_deg = 30.0', 'theta0_deg = 5.0').replace('a = 4.0', 'a = 1.5'))
-    assert main(['check', str(file)]) == BAD
+    assert main(['check', '--verbose', str(file)]) == BAD
     said = capsys.readouterr().out
     assert 'needs a foundation of 4620 N/m' in said  # D_yy = 2 (a + 1) sin^2 5 deg + a - 2 = -0.46202 f/L0
     assert 'only because a constraint' not in said
 
 
 def test_unreadable_scene_is_a_mistake_and_no_verdict(tmp_path, capsys):
-    assert main(['check', str(tmp_path / 'none.toml')]) == 2
+    assert main(['check', '--verbose', str(tmp_path / 'none.toml')]) == 2
     assert 'cannot be read' in capsys.readouterr().err
 
 
 def test_lattices_of_all_neighbours_are_judged_too(capsys):
     """The screened crystal that its six neighbours alone cannot hold holds itself with all of them."""
-    assert main(['check', str(ready_scene('dust'))]) == FINE
+    assert main(['check', '--verbose', str(ready_scene('dust'))]) == FINE
     assert 'Stable in the plane' in capsys.readouterr().out
 
 
 def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
     file = tmp_path / 'my.toml'
     file.write_text(ready_scene('prototype').read_text().replace('side_m = 0.3 ', 'side_m = 1.3 '))
-    assert main(['check', str(file)]) == FINE
+    assert main(['check', '--verbose', str(file)]) == FINE
     said = capsys.readouterr().out
     assert 'Lattice: OK\n' in said
     assert 'particles, more than 20000, and is not judged separately' in said
@@ -121,3 +123,44 @@ def test_a_patch_lies_within_the_spectrum_of_its_lattice(seed):
     masses[np.flatnonzero(patch.get_tags() == 0)[0]] /= 10  # control: a light particle sings above the bands
     patch.set_masses(masses)
     assert natural_frequencies(patch).max() > of_lattice.max() + 1e-9
+
+
+SHORT = {'prototype': 'Stable in the plane; no foundation needed. Supports need 763.8 N/m out of the plane. Linear to 1 % up to '
+                      'an amplitude of 0.00031 m.\n',
+         'square': 'Stable in the plane: the foundation of 157.4 N/m is 66 % more than the 94.76 N/m that it needs. It would be'}
+
+
+@pytest.mark.parametrize('name', SHORT)
+def test_the_answer_is_one_line_and_everything_has_it_first(name, tmp_path, capsys):
+    text = ready_scene(name).read_text().replace('side_m = 0.3 ', 'side_m = 0.08 ')
+    (tmp_path / 'my.toml').write_text(text)
+    assert main(['check', str(tmp_path / 'my.toml')]) == FINE
+    short = capsys.readouterr().out
+    assert short.startswith(SHORT[name])
+    assert short.count('\n') == 1
+    assert main(['check', '--verbose', str(tmp_path / 'my.toml')]) == FINE
+    assert capsys.readouterr().out.strip().startswith(short.strip())
+
+
+def test_faults_are_told_without_being_asked_for(tmp_path, capsys):
+    (tmp_path / 'my.toml').write_text(ready_scene('chain').read_text().replace('5e4', '3e4'))
+    assert main(['check', str(tmp_path / 'my.toml')]) == BAD
+    assert 'Lattice: UNSTABLE (1 problem)' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('name', 'refused'), [
+    ('prototype', set()), ('gyro', {'plan', 'uncertainty', 'explore'}),
+    ('modulated', {'bands', 'modes', 'frf', 'dos', 'burst', 'plan', 'uncertainty', 'explore'})])
+def test_commands_that_do_not_take_a_structure_are_named(name, refused):
+    """As these commands refuse it when they are run: the declarations of their tools are asked."""
+    words = commands(Case(read_scene(name))) or ''
+    assert set(re.findall(r'"magphonon (\w+)"', words)) == refused
+    assert ('plan_peak does not take' in words) == bool(refused)
+
+
+@pytest.mark.parametrize(('name', 'tells'), [('prototype', False), ('prototype.toml', True)])
+def test_ready_scenes_do_not_warn_of_themselves_and_copies_of_them_do(name, tells, tmp_path):
+    (tmp_path / 'prototype.toml').write_text(ready_scene('prototype').read_text())
+    scene = read_scene(name if not tells else tmp_path / name)
+    assert len(omission(scene, False)) == tells
+    assert len(omission(scene, True)) == 1

@@ -37,7 +37,7 @@ def table(file):
 def test_densities_of_the_prototype(prototype, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(dos, 'WAVEVECTORS', 13)
     out = tmp_path / 'out'
-    assert main(['dos', str(prototype), '-o', str(out)]) == 0
+    assert main(['dos', '--verbose', str(prototype), '-o', str(out)]) == 0
     assert {file.name for file in out.iterdir()} == {
         'dos.png', 'spectral.png', 'dos.csv', 'dos_patch.csv', 'dos_complete.npz', 'dos_conventional.npz', 'dos_patch.npz',
         'spectral.npz', 'scene.toml', 'provenance.json'}
@@ -67,12 +67,12 @@ def test_densities_of_the_prototype(prototype, tmp_path, capsys, monkeypatch):
 @pytest.mark.slow
 def test_modes_of_the_prototype(prototype, tmp_path, capsys):
     out = tmp_path / 'out'
-    assert main(['modes', str(prototype), '-o', str(out), '--animate', '2']) == 0
+    assert main(['modes', '--verbose', str(prototype), '-o', str(out), '--animate', '2']) == 0
     assert {file.name for file in out.iterdir()} == {'modes.png', 'modes_lattice.png', 'modes.csv', 'modes.npz', 'mode_2.gif',
                                                      'scene.toml', 'provenance.json'}
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ['M,', 'branch', '1', '58.2327', '92.106', 'shear'] in lines
-    assert ['0', 'of', 'them', 'lie', 'outside', 'the', 'bands', 'of', 'the', 'lattice'] in lines
+    assert lines[0][-10:] == ['0', 'of', 'them', 'lie', 'outside', 'the', 'bands', 'of', 'the', 'lattice']
     expected = modes(read_scene(prototype).patch_atoms()).frequencies_Hz
     np.testing.assert_allclose(table(out / 'modes.csv')['frequency_Hz'], expected, rtol=1e-12)
     np.testing.assert_allclose(Localisation.load(out / 'modes.npz').frequencies_Hz, expected, rtol=1e-12)
@@ -83,11 +83,11 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     chain = tmp_path / 'chain.toml'
     chain.write_text(ready_scene('chain').read_text())
     for command, files in (('dos', {'dos.png', 'dos.csv', 'dos_complete.npz', 'dos_conventional.npz'}), ('modes', set())):
-        assert main([command, str(chain), '-o', str(tmp_path / command)]) == 0
+        assert main([command, '--verbose', str(chain), '-o', str(tmp_path / command)]) == 0
         assert {file.name for file in (tmp_path / command).iterdir()} == files | {'scene.toml', 'provenance.json'}
     told = capsys.readouterr().out.splitlines()
     assert ['X,', 'branch', '1', '15.9155', '35.5881', 'transverse'] in [line.split() for line in told]
-    assert told[-1].startswith('no pictures')
+    assert any(line.startswith('not drawn') for line in told)
     atoms = lattices.parallelogram(lattices.triangular(L0, MASS), 7, 7)
     light = 24
     masses = atoms.get_masses()
@@ -95,10 +95,10 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     atoms.set_masses(masses)
     atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.0196757)
     write_scene(relaxed(atoms).atoms, tmp_path / 'file.toml', title='a light magnet')
-    assert main(['modes', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
+    assert main(['modes', '--verbose', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
     shown = capsys.readouterr().out
     assert 'modes of the structure: all 50, from' in shown
-    assert main(['dos', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
+    assert main(['dos', '--verbose', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
     assert 'patch: 50 free directions' in capsys.readouterr().out
 
 
@@ -118,9 +118,9 @@ def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     for most in (3000, 20):  # all modes; the lowest ones and those between the bands
         monkeypatch.setattr('magphonon.cli.modes.MOST_DIRECTIONS', most)
         monkeypatch.setattr('magphonon.cli.modes.LOWEST', 8)
-        assert main(['modes', str(prototype), '-o', str(tmp_path / 'out')]) == 0
+        assert main(['modes', '--verbose', str(prototype), '-o', str(tmp_path / 'out')]) == 0
         shown = capsys.readouterr().out
-        assert '2 of them lie outside the bands of the lattice, the most local ones:' in shown
+        assert '2 of them lie outside the bands of the lattice' in shown
         found[most] = [line.split(': ')[1] for line in shown.splitlines() if line.startswith('  mode ')]
     assert found[3000] == found[20]
     assert table(tmp_path / 'out' / 'modes.csv')['mode'].tolist() == list(range(1, 11))
@@ -148,7 +148,7 @@ def test_a_patch_of_several_shells(tmp_path, capsys):
     file = tmp_path / 'my.toml'
     text = ready_scene('prototype').read_text().replace('side_m = 0.3', 'side_m = 0.1')
     file.write_text(text.replace('shells = 1', 'shells = 2'))
-    assert main(['dos', str(file), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['dos', '--verbose', str(file), '-o', str(tmp_path / 'out')]) == 0
     assert 'patch' in capsys.readouterr().out
 
 
@@ -159,7 +159,7 @@ def test_what_other_neighbours_change_of_the_modes_of_a_patch(tmp_path, capsys):
             f'force_N = {force}\na = {a}\nshells = 1\n[foundation]\nstiffness_N_per_m = {k}\n'
             '[patch]\nkind = "hexagon"\nside_m = 0.04\n')
     (tmp_path / 'patch.toml').write_text(text)
-    assert main(['modes', str(tmp_path / 'patch.toml'), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['modes', '--verbose', str(tmp_path / 'patch.toml'), '-o', str(tmp_path / 'out')]) == 0
     told = capsys.readouterr().out
     n = [(i, j) for i in range(-28, 29) for j in range(-28, 29)]
     x = np.array([(i + j / 2, j * np.sqrt(3) / 2, max(abs(i), abs(j), abs(i + j))) for i, j in n])

@@ -18,7 +18,7 @@ def few_values(monkeypatch):
 
 def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(['explore', 'vacancy', '-o', 'new/page.html']) == 0
+    assert main(['explore', '--verbose', 'vacancy', '-o', 'new/page.html']) == 0
     told, perfect, neighbours = capsys.readouterr().out.splitlines()
     assert told == 'new/page.html is written; open it in a browser'
     assert perfect == 'The lattice is perfect: [defects] and [disorder] belong to the patch.'

@@ -28,7 +28,7 @@ def command(*arguments, **options):
 
 def test_bands_of_the_prototype(scene_file, tmp_path):
     out = tmp_path / 'out'
-    done = command('bands', scene_file({}), '-o', out)
+    done = command('bands', '--verbose', scene_file({}), '-o', out)
     assert (done.returncode, done.stderr) == (0, '')
     assert {file.name for file in out.iterdir()} == FILES
 
@@ -59,7 +59,7 @@ def test_bands_of_the_prototype(scene_file, tmp_path):
 
 def test_unstable_lattice_is_called_unstable(scene_file, tmp_path, capsys):
     """A chain on springs of 30 kN/m, where the closed form 4 f(L0)/L0 asks for 40 kN/m; nothing on its path is hidden."""
-    status = main(['bands', str(scene_file({'5e4': '3e4'}, 'chain')), '-o', str(tmp_path / 'out')])
+    status = main(['bands', '--verbose', str(scene_file({'5e4': '3e4'}, 'chain')), '-o', str(tmp_path / 'out')])
     shown = capsys.readouterr().out
     assert status == 0
     assert 'UNSTABLE: the static forces buckle this lattice; the softest mode is at q = (0.5, 0, 0)' in shown
@@ -75,7 +75,7 @@ def test_instability_off_the_path_is_called_too(scene_file, tmp_path, capsys):
     file = scene_file({'kind = "triangular"': 'kind = "square"'}, 'ideal')
     text = file.read_text().replace('GMKG', 'GM') + '\n[foundation]\nstiffness_N_per_m = 2e4\n'
     file.write_text(text)
-    main(['bands', str(file), '-o', str(tmp_path / 'out')])
+    main(['bands', '--verbose', str(file), '-o', str(tmp_path / 'out')])
     assert Bands.load(tmp_path / 'out' / 'bands_complete.npz').omega.min() > 0
     assert 'needs a foundation of 40000 N/m and has 20000 N/m' in capsys.readouterr().out
 
@@ -84,7 +84,7 @@ def test_coulomb_crystal_in_space_has_no_conventional_model(scene_file, tmp_path
     """At H all branches of bcc have w_p/sqrt(3), w_p^2 = 4 pi n Q^2/(4 pi eps0 M); D0 alone diverges, and is left out."""
     text = scene_file({}, 'wigner').read_text().replace('"triangular"', '"bcc"').replace('"GMKG"', '"GH"')
     (tmp_path / 'bcc.toml').write_text(text.replace('points = 300', 'points = 5').replace('[6, 6]', '[2, 2, 2]'))
-    assert main(['bands', str(tmp_path / 'bcc.toml'), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['bands', '--verbose', str(tmp_path / 'bcc.toml'), '-o', str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
     assert 'no conventional model: the sums of D0 and D* diverge' in shown
     n = 3 * 3**0.5 / 4 / 5.1e-6**3  # two particles in a cube of 2/sqrt(3) L0
@@ -92,19 +92,6 @@ def test_coulomb_crystal_in_space_has_no_conventional_model(scene_file, tmp_path
     omega = Bands.load(tmp_path / 'out' / 'bands_complete.npz').frequencies_Hz[-1] * 2 * np.pi
     assert_allclose(omega, plasma / 3**0.5, rtol=1e-8)  # eps0 is printed to 1e-9
     assert not (tmp_path / 'out' / 'bands_conventional.npz').exists()
-
-
-def test_results_replace_those_of_the_run_before(scene_file, tmp_path, capsys):
-    out = tmp_path / 'out'
-    out.mkdir()
-    (out / 'notes.txt').write_text('mine')
-    for _ in range(2):
-        assert main(['bands', str(scene_file({'200': '40'}, 'chain')), '-o', str(out)]) == 0
-        assert len(Bands.load(out / 'bands_complete.npz').omega) == 40
-        (out / 'bands.csv').unlink()
-    assert main(['bands', str(scene_file({'200': '40'}, 'chain')), '-o', str(out)]) == 0
-    assert len((out / 'bands.csv').read_text().splitlines()) == 41
-    assert {file.name for file in out.iterdir()} == {'notes.txt', *FILES} - {'zone.png'}
 
 
 def test_scenes_are_listed_and_printed(capsys, tmp_path):
@@ -187,7 +174,7 @@ def test_accident_leaves_nothing(accident, status, words, existing, desk, capsys
     out = desk / 'out'
     if existing:
         out.mkdir()
-    assert main(['bands', str(desk / 'good.toml'), '-o', str(out)]) == status
+    assert main(['bands', '--verbose', str(desk / 'good.toml'), '-o', str(out)]) == status
     assert words in capsys.readouterr().err
     left = {'good.toml', 'bad.toml', 'narrow.toml', 'law.csv'} | ({'out'} if existing else set())
     assert {file.name for file in desk.rglob('*')} == left

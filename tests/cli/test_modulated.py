@@ -20,7 +20,7 @@ def with_tables(**changed):
 def test_bands_open_on_one_side(tmp_path, capsys):
     file = tmp_path / 'm.toml'
     file.write_text(ready_scene('modulated').read_text(encoding='utf-8').replace('points = 200', 'points = 9'), encoding='utf-8')
-    assert main(['bands', str(file), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['bands', '--verbose', str(file), '-o', str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert 'complete: no wave grows' in said
     assert 'wavevectors alone' in said  # ranges of growth are narrower than the steps of a path
@@ -40,7 +40,7 @@ def test_check_judges_growth(tmp_path, capsys):
         file = tmp_path / f'm{problem}.toml'
         tail = '[foundation.modulation]\ndepth = 0.2\nfrequency_Hz = 90.5\n\n[bands]\npath = "GM"\n'
         file.write_text(head + tail + (f'damping_per_s = {damping}\n' if damping else ''), encoding='utf-8')
-        assert main(['check', str(file)]) == problem
+        assert main(['check', '--verbose', str(file)]) == problem
         assert ('makes waves grow' in capsys.readouterr().out) == bool(problem)
     assert scene_of(TABLES | {'foundation': foundation}).perfect_cell().calc.parameters.foundation.kap == (0, 0, 0)
 

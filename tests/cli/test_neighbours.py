@@ -9,7 +9,7 @@ import pytest
 from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, read_scene, ready_scene, sound_speeds, units as u
 from magphonon.bands import bloch_modes
 from magphonon.cli.main import main
-from magphonon.cli.neighbours import neighbours
+from magphonon.cli.neighbours import neighbours, speeds
 from magphonon.scenes.scene import scene_of
 
 SHIFT = re.compile(r'(\w+), branch (\d) by ([+-][\d.]+) % to ([\d.]+) Hz')
@@ -47,7 +47,7 @@ def test_shifts_per_branch_are_those_of_all_neighbours(name):
 @pytest.mark.parametrize('shells', [1, None])
 def test_speeds_feel_neighbours_much_farther_away(shells):
     scene = scene_of(changed('prototype', law__shells=shells))
-    first, second = neighbours(scene, speeds=True)
+    (first,), second = neighbours(scene), speeds(scene)
     assert ('the others would shift no frequency' in first) == (shells is None)
     cell = scene.perfect_cell()
     few = sound_speeds(cell)
@@ -98,7 +98,7 @@ def test_a_design_holds_for_all_neighbours_or_says_not(tmp_path, capsys):
     wanted = {'edge': {'point': 'M', 'branch': 1, 'frequency_Hz': 40.0}, 'cut_off_Hz': 10.0, 'spacings_m': [0.009, 0.015]}
     found = {}
     for shells in (None, 'all', 1):
-        assert main(['design', lattice_text(tmp_path, shells, design=wanted)]) == 0
+        assert main(['design', '--verbose', lattice_text(tmp_path, shells, design=wanted)]) == 0
         text = capsys.readouterr().out
         answer = tomllib.loads(text)
         L, law, k = answer['lattice']['spacing_m'] * 1e3, answer['law'], answer['foundation']['stiffness_N_per_m'] / 1e3
@@ -118,7 +118,8 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
     monkeypatch.setattr('magphonon.cli.uncertainty.SAMPLES', 60)
     tables = {'uncertainty': {'spacing_percent': 1.0}, 'bands': {'path': 'GMKG', 'points': 20, 'supercell': [3, 3]}}
     for shells in (1, None):
-        assert main(['uncertainty', lattice_text(tmp_path, shells, **tables), '-o', str(tmp_path / f'out_{shells}')]) == 0
+        scene = lattice_text(tmp_path, shells, **tables)
+        assert main(['uncertainty', '--verbose', scene, '-o', str(tmp_path / f'out_{shells}')]) == 0
         text = capsys.readouterr().out
         assert ('M, branch 1 by more than the 95 % interval.' in text) == (shells == 1)
         assert 'K, branch 1' not in text.partition('not enough here')[2].partition('\n')[0]  # moved by less than the interval
@@ -143,7 +144,7 @@ def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path,
     where = {'check': [], 'plan': [], 'explore': ['-o', str(tmp_path / 'x.html')]}.get(command, ['-o', str(tmp_path / 'out')])
     file = tmp_path / 'my.toml'
     file.write_text(ready_scene(name).read_text().replace('side_m = 0.3 ', 'side_m = 0.05 '))
-    main([command, str(file), *where])
+    main([command, '--verbose', str(file), *where])
     text = capsys.readouterr().out
     assert 'Nearest neighbours only (shells = 1): the others would shift ' in text or words is None
     assert words is None or words in text
@@ -158,7 +159,7 @@ def test_a_fit_of_ridges_says_it_for_the_ridges(capsys):
 
 
 def test_a_sweep_says_it_of_the_scene(tmp_path, capsys):
-    assert main(['sweep', 'prototype', '--over', 'lattice.spacing_m=0.009,0.01', '--ask', 'bands.M.1', '--executor', 'here',
-                 '-o', str(tmp_path)]) == 0
+    assert main(['sweep', '--verbose', 'prototype', '--over', 'lattice.spacing_m=0.009,0.01', '--ask', 'bands.M.1',
+                 '--executor', 'here', '-o', str(tmp_path)]) == 0
     told = 'At the values of the scene itself: Nearest neighbours only (shells = 1): the others would shift M'
     assert told in capsys.readouterr().out

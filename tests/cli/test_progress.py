@@ -68,25 +68,3 @@ def test_bars(command, scene, names, folder, monkeypatch):
         assert shown or stream.getvalue() == ''
     assert {delay for delay, _ in asked} == {2}
     assert {disable for _, disable in asked} <= {None, True}
-
-
-@pytest.mark.parametrize(('command', 'scene', 'names'), CASES[:3])
-def test_an_interrupt_at_a_bar_loses_nothing(command, scene, names, folder, monkeypatch, capsys):
-    """The results of the run before stay as they are, and nothing of the interrupted one is left."""
-    arguments = [command, str(folder / f'{scene}.toml'), '-o', str(folder / 'out')]
-    assert main(arguments) == 0
-    before = {file.name: file.read_bytes() for file in (folder / 'out').iterdir()}
-
-    class Interrupted(tqdm):
-        def update(self, n=1):
-            raise KeyboardInterrupt
-
-        def __iter__(self):
-            yield next(iter(self.iterable))
-            raise KeyboardInterrupt
-
-    bars(monkeypatch, Interrupted)
-    capsys.readouterr()
-    assert main(arguments) == 130
-    assert capsys.readouterr().err.endswith('magphonon: interrupted\n')
-    assert {file.name: file.read_bytes() for file in (folder / 'out').iterdir()} == before

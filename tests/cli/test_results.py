@@ -143,25 +143,6 @@ def test_two_tables_lie_side_by_side_but_another_one_of_the_same_name_is_refused
     assert {'spectrum_a.csv', 'spectrum_b.csv'} < set(before)
 
 
-@pytest.mark.parametrize('name', ['bands.csv', 'bands.png', 'zone.png', 'provenance.json', 'scene.toml'])
-@pytest.mark.parametrize('what', ['a directory', 'a file'])
-def test_what_is_no_result_is_never_replaced(name, what, tmp_path):
-    """Nor is anything else of the folder: not even the files whose places are free."""
-    scene, out = scene_file(tmp_path), tmp_path / 'out'
-    if what == 'a directory':
-        write(out, scene)
-        (out / name).unlink()
-        (out / name).mkdir()
-    else:
-        out.mkdir()
-        (out / name).write_text('mine')
-    before = contents(out)
-    with pytest.raises((ValueError, OSError), match=re.escape(name)):
-        write(out, scene, version='second')
-    assert contents(out) == before
-    assert not list(out.glob('.*'))
-
-
 def test_a_scene_in_the_folder_of_its_own_results_stays(tmp_path):
     scene = scene_file(tmp_path / 'out', name='scene.toml')
     write(tmp_path / 'out', scene)

@@ -34,7 +34,7 @@ def test_bands_of_a_lattice_with_tolerances(tmp_path, capsys):
     """Without foundation, 1 % of spacing is (a + 1)/2 = 2.5 % of every frequency, and 1 % of the mass 0.5 %: 2.55 % together."""
     text = ready_scene('ideal').read_text().partition('[patch]')[0]
     text += '\n[bands]\npath = "GMKG"\npoints = 30\nsupercell = [3, 3]\n[uncertainty]\nspacing_m = 0.01\nmass_percent = 1.0\n'
-    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['uncertainty', '--verbose', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
     assert {file.name for file in (tmp_path / 'out').iterdir()} == BANDS
     columns = table(tmp_path / 'out' / 'band_uncertainty.csv')
     moving = columns['frequency_1_Hz'] > 1e-3
@@ -55,7 +55,7 @@ def test_bands_of_a_lattice_with_tolerances(tmp_path, capsys):
 def test_tolerances_too_wide_for_a_ribbon_are_called_so(tmp_path, capsys):
     """A chain on springs of 42 kN/m, which needs 40: 3 % of spacing buckles a part of them."""
     text = ready_scene('chain').read_text().replace('5e4', '4.2e4') + '\n[uncertainty]\nspacing_percent = 3.0\n'
-    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['uncertainty', '--verbose', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
     assert 'too wide for the linear propagation' in shown
     # k < 4 f/L0 ~ L0^-5: L0 below 0.9903, a third of a normal distribution of 3 %
@@ -65,7 +65,7 @@ def test_tolerances_too_wide_for_a_ribbon_are_called_so(tmp_path, capsys):
 
 def test_response_of_the_oscillator(tmp_path, capsys):
     out = tmp_path / 'out'
-    assert main(['uncertainty', str(ready_scene('oscillator')), '-o', str(out)]) == 0
+    assert main(['uncertainty', '--verbose', str(ready_scene('oscillator')), '-o', str(out)]) == 0
     assert {file.name for file in out.iterdir()} == FRF
     columns = table(out / 'frf_uncertainty.csv')
     # far above resonance u = F/(m w^2): 0.1 % of the mass, and a little of the spring
@@ -81,7 +81,7 @@ def test_a_mass_by_itself_is_that_of_all_where_one_is_free(tmp_path, capsys):
         out = tmp_path / str(k)
         scene = tmp_path / f'{k}.toml'
         scene.write_text(f'{text}[uncertainty]\n{key} = 0.5\n')
-        assert main(['uncertainty', str(scene), '-o', str(out)]) == 0
+        assert main(['uncertainty', '--verbose', str(scene), '-o', str(out)]) == 0
         columns.append(table(out / 'frf_uncertainty.csv'))
     np.testing.assert_allclose(columns[1]['std_m_per_N'], columns[0]['std_m_per_N'], rtol=1e-9)
     assert columns[0]['std_m_per_N'].max() > 0
@@ -89,7 +89,7 @@ def test_a_mass_by_itself_is_that_of_all_where_one_is_free(tmp_path, capsys):
 
 def test_bands_do_not_scatter_with_each_magnet(tmp_path, capsys):
     text = ready_scene('ideal').read_text().partition('[uncertainty]')[0]
-    assert main(['uncertainty', scene_file(tmp_path, text + '[uncertainty]\neach_strength_percent = 1.0\n'),
+    assert main(['uncertainty', '--verbose', scene_file(tmp_path, text + '[uncertainty]\neach_strength_percent = 1.0\n'),
                  '-o', str(tmp_path / 'out')]) == 0
     assert 'leaves the bands of an infinite lattice where they are' in capsys.readouterr().out
 
@@ -98,7 +98,7 @@ def test_bands_do_not_scatter_with_each_magnet(tmp_path, capsys):
 def test_a_ribbon_too_narrow_on_top_of_the_peak_is_called_so(to, warns, tmp_path, capsys):
     """1 % of k = 45 kN/m and 0.1 % of m w^2 move k - m w^2 = 0 by z = 452/(m w gamma) = 0.178 widths of the peak at 33.76 Hz."""
     text = ready_scene('oscillator').read_text().replace('to_Hz = 64.0', f'to_Hz = {to}').replace('points = 961', 'points = 401')
-    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['uncertainty', '--verbose', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
     assert ('the ribbon is too narrow' in shown) == warns  # 0.76 Hz below the peak, 0.4 of its width, the slope is all
     if warns:
@@ -119,7 +119,7 @@ def test_in_a_patch_only_peaks_are_called_too_narrow(tmp_path, capsys):
 force = {at_m = [0.0, 0.0], direction_deg = 90.0}\nresponse = {at_m = [0.0, 0.02], direction_deg = 90.0}
 [uncertainty]\nmass_percent = 1.0\nyoungs_modulus_percent = 3.0\nb_percent = 2.9\n"""
     file = scene_file(tmp_path, text)
-    assert main(['uncertainty', file, '-o', str(tmp_path / 'out')]) == 0
+    assert main(['uncertainty', '--verbose', file, '-o', str(tmp_path / 'out')]) == 0
     words = capsys.readouterr().out.partition(' peaks the ribbon is too narrow')[2].splitlines()[0].replace(',', ' ').split()
     told, at = float(words[words.index('%') - 1]) / 100, float(words[words.index('Hz') - 1])
     scene = read_scene(file)
@@ -150,7 +150,7 @@ def test_mistake_ends_in_words_and_writes_nothing(old, new, words, tmp_path, cap
     text = ready_scene('oscillator').read_text()
     assert old in text
     text = text.replace(old, new) if new else text.partition('[uncertainty]')[0]
-    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
+    assert main(['uncertainty', '--verbose', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
     shown = capsys.readouterr()
     assert all(word in shown.err for word in words), shown.err
     assert shown.out == ''
@@ -160,5 +160,5 @@ def test_mistake_ends_in_words_and_writes_nothing(old, new, words, tmp_path, cap
 def test_scene_without_anything_to_propagate_to_is_refused(tmp_path, capsys):
     text = ready_scene('oscillator').read_text()
     text = text.partition('[frf]')[0] + text[text.index('[uncertainty]'):]
-    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
+    assert main(['uncertainty', '--verbose', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
     assert 'has no [frf], to which tolerances could propagate' in capsys.readouterr().err

@@ -62,7 +62,7 @@ def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
     law = scene.law.potential()
     assert repulsion(law, L0) == pytest.approx(fit.force, rel=1e-6)  # seven digits are printed
     assert local_exponent(law, L0) == pytest.approx(fit.exponent, rel=1e-3)
-    assert main(['uncertainty', str(tmp_path / 'pasted.toml'), '-o', str(tmp_path / 'u')]) == 0
+    assert main(['uncertainty', '--verbose', str(tmp_path / 'pasted.toml'), '-o', str(tmp_path / 'u')]) == 0
     said = capsys.readouterr().out
     assert 'Monte Carlo check' in said
     f, a = fit.covariance[0, 0] ** 0.5, fit.covariance[1, 1] ** 0.5

@@ -20,11 +20,11 @@ def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
     from magphonon.cli.main import main
 
     scene = scene_file(tmp_path, name, extra)
-    assert main(['plan', str(scene), '--tolerance', '1e-3', '--run', '-o', str(tmp_path / 'out')]) == 0
+    assert main(['plan', '--verbose', str(scene), '--tolerance', '1e-3', '--run', '-o', str(tmp_path / 'out')]) == 0
     assert sorted(file.name for file in (tmp_path / 'out').iterdir()) == files
     text = capsys.readouterr().out
     assert '<- recommended' in text
-    assert 'Recommended: complete linear' in text
+    assert text.startswith('Frequency of the highest peak: complete linear, at most 0.0012 % off, by its closed form.')
     if name == 'oscillator':  # its stiffness: 4 f/L0 of the lower magnet, f/8L0 of each outer one, with f = 1e4 N, L0 = 1 m, 1 kg
         f, amplitude, _ = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1).T
         w = 2 * np.pi * f
@@ -42,8 +42,8 @@ def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
         text = text.replace(old, new)
     scene = tmp_path / 'scene.toml'
     scene.write_text(text)
-    assert main(['plan', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert 'Recommended: nonlinear, by velocity Verlet' in capsys.readouterr().out
+    assert main(['plan', '--verbose', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
+    assert ': nonlinear, at most ' in capsys.readouterr().out
     rows = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1)
     assert rows[:, 0] == pytest.approx([32, 33, 34, 35, 36])
     assert rows[:, 1].argmax() == 2  # 33.76 Hz
@@ -59,7 +59,8 @@ def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
     called = []
     real = propagation.propagate
     monkeypatch.setattr('magphonon.response.propagation.propagate', lambda *a, **k: called.append(a) or real(*a, **k))
-    assert main(['plan', str(tmp_path / 'scene.toml'), '--tolerance', '2e-2', '--run', '-o', str(tmp_path / 'out')]) == 0
+    command = ['plan', str(tmp_path / 'scene.toml'), '--tolerance', '2e-2', '--run', '-o', str(tmp_path / 'out')]
+    assert main(command) == 0
     assert len(list((tmp_path / 'out').glob('plan_burst_*.csv'))) == 2
     assert 'exact propagation' in capsys.readouterr().out
     assert called
@@ -84,7 +85,7 @@ def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
 def test_bad_plans_are_refused_with_words(tmp_path, capsys, extra, arguments, message):
     from magphonon.cli.main import main
 
-    assert main(['plan', str(scene_file(tmp_path, 'chain', extra)), *arguments]) == 2
+    assert main(['plan', '--verbose', str(scene_file(tmp_path, 'chain', extra)), *arguments]) == 2
     assert message in capsys.readouterr().err
 
 
@@ -94,7 +95,7 @@ def test_a_burst_that_scatters_the_lattice_is_refused(tmp_path, capsys):
     text = ready_scene('ideal').read_text(encoding='utf-8')
     text = text.replace('force_N = 1.0', 'force_N = 1e12').replace('= 60 ', '= 10 ')
     (tmp_path / 'scene.toml').write_text(text)
-    assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
+    assert main(['plan', '--verbose', str(tmp_path / 'scene.toml')]) == 2
     assert 'there is nothing to plan' in capsys.readouterr().err
 
 
@@ -103,5 +104,5 @@ def test_a_scene_that_asks_for_nothing_is_refused(tmp_path, capsys):
 
     text = ready_scene('chain').read_text(encoding='utf-8')
     (tmp_path / 'scene.toml').write_text(text)
-    assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
+    assert main(['plan', '--verbose', str(tmp_path / 'scene.toml')]) == 2
     assert 'has nothing to plan; add a table [frf] or [burst] (bands need no plan' in capsys.readouterr().err

@@ -264,7 +264,7 @@ def test_losses_of_a_scene_reach_every_command_or_are_refused(tmp_path, capsys):
     assert decay[-1] == pytest.approx([0.02, 0, 0.02, 0], abs=1e-5)  # at X the two particles move apart from each other
     command = tmp_path / 'scene.toml'
     command.write_text(PLAIN)
-    main(['bands', str(command), '-o', str(tmp_path / 'out')])
+    main(['bands', '--verbose', str(command), '-o', str(tmp_path / 'out')])
     shear = np.sqrt(CUTOFF_Hz**2 + EDGE_Hz**2 - (50 / (2 * np.pi)) ** 2)
     assert re.search(rf'M, branch 1 +{shear:.3f}\d* +50 +0\.136', capsys.readouterr().out)
     saved = Bands.load(tmp_path / 'out/bands_damped.npz')

@@ -260,7 +260,7 @@ def test_commands(tmp_path, exact, capsys):
     assert 'the data speak for D0 + D*' in told
     assert '6 transfer functions, 420 points' in told
     assert {'frf_fit.png', 'frf_fit.txt'} <= {file.name for file in (tmp_path / 'out').iterdir()}
-    assert main(['frf', scene, '--measured', table, '-o', str(tmp_path / 'frf')]) == 0
+    assert main(['frf', '--verbose', scene, '--measured', table, '-o', str(tmp_path / 'frf')]) == 0
     told = capsys.readouterr().out
     shares = [line.split() for line in told.splitlines() if 'f.csv, (' in line]
     assert all(float(words[1].strip(',')) < 0.03 < 0.1 < float(words[3]) for words in shares)

@@ -56,14 +56,14 @@ def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
     (tmp_path / 'v.toml').write_text(text)
     rest = scene(patch=PATCH | {'cells_2': 5}).relaxation()
     moved = f'moved by up to {rest.shift:.4g} mm (rms {rest.rms:.4g} mm)'
-    assert main(['check', str(tmp_path / 'v.toml')]) == 0
+    assert main(['check', '--verbose', str(tmp_path / 'v.toml')]) == 0
     said = capsys.readouterr().out
     assert moved in said
     assert 'At this rest it is stable' in said
-    assert main(['frf', str(tmp_path / 'v.toml'), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['frf', '--verbose', str(tmp_path / 'v.toml'), '-o', str(tmp_path / 'out')]) == 0
     assert moved in capsys.readouterr().out
     (tmp_path / 'soft.toml').write_text(text.replace('stiffness_N_per_m = 80.0', 'stiffness_N_per_m = 1.0'))
-    assert main(['check', str(tmp_path / 'soft.toml')]) == 1
+    assert main(['check', '--verbose', str(tmp_path / 'soft.toml')]) == 1
     said = capsys.readouterr().out
     assert 'soft.toml with [defects]: ' in said
     assert 'buckles or slides' in said
@@ -144,7 +144,7 @@ def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
 
     data = {key: value for key, value in tables(**changes).items() if value is not None}
     (tmp_path / 's.toml').write_text('\n'.join(f'{key} = {written(value)}' for key, value in data.items()))
-    status = main(['check', str(tmp_path / 's.toml')])
+    status = main(['check', '--verbose', str(tmp_path / 's.toml')])
     said = capsys.readouterr()
     assert status in (1, 2)
     assert re.search(message, said.err + said.out)

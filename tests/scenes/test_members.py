@@ -54,7 +54,7 @@ def test_self_stress_leaves_the_prism_the_six_motions_of_a_body_and_D0_one_more(
     monkeypatch.chdir(tmp_path)
     assert main(['modes', 'prism']) == 0
     assert '6 of them cost no energy; by D0 alone it would be 7' in capsys.readouterr().out
-    assert main(['check', 'prism']) == 0
+    assert main(['check', '--verbose', 'prism']) == 0
     assert 'OK' in (said := capsys.readouterr().out)
     assert 'magnet' not in said
     lax = read_scene(prism(tmp_path, 'tension_N = 50 ', 'rest_length_m = 0.173 ')).atoms()  # the control: less tension

@@ -82,6 +82,6 @@ def test_the_ready_layer_has_a_backward_branch_above_the_plane(tmp_path):
 
 
 def test_the_report_of_modes_names_the_branch_out_of_the_plane(tmp_path, capsys):
-    assert main(['modes', str(ready_scene('layer')), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['modes', '--verbose', str(ready_scene('layer')), '-o', str(tmp_path / 'out')]) == 0
     rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith('  M, branch')]
     assert [row.endswith('out of the plane') for row in rows] == [False, False, True]

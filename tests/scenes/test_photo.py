@@ -154,7 +154,7 @@ def test_modes_and_frf_say_how_well_they_are_known(tmp_path, capsys):
              f'force = {{at_m = [{x}, {y}], direction_deg = 0.0}}\nresponse = {{at_m = [{x}, {y}], direction_deg = 0.0}}\n')
     photographed(tmp_path, lab, rng, 3e-5, foundation=scattering(3e-5) + '\n' + drive)
     scene = str(tmp_path / 'photo.toml')
-    assert main(['modes', scene, '-o', str(tmp_path / 'modes')]) == 0
+    assert main(['modes', '--verbose', scene, '-o', str(tmp_path / 'modes')]) == 0
     shown = capsys.readouterr().out
     table = np.genfromtxt(tmp_path / 'modes' / 'modes.csv', delimiter=',', names=True)
     for mode, frequency, std in re.findall(r'mode (\d+): ([\d.]+) \+- ([\d.]+) Hz', shown):
@@ -162,7 +162,7 @@ def test_modes_and_frf_say_how_well_they_are_known(tmp_path, capsys):
         assert float(std) == pytest.approx(table['std_Hz'][int(mode) - 1], rel=0.06)
     # two of one cause, but modes nearer than their scatter repel each other, in ascending order
     assert np.median(table['drawn_std_Hz'] / table['first_order_std_Hz']) == pytest.approx(1, abs=0.25)
-    assert main(['frf', scene, '-o', str(tmp_path / 'frf')]) == 0
+    assert main(['frf', '--verbose', scene, '-o', str(tmp_path / 'frf')]) == 0
     first = re.search(r'of each site, to first order: ([\d.]+) \+- ([\d.]+)', capsys.readouterr().out)
     assert float(first[1]) == pytest.approx(table['frequency_Hz'][table['frequency_Hz'] > 40][0], rel=1e-4)
     assert float(first[2]) == pytest.approx(table['first_order_std_Hz'][table['frequency_Hz'] > 40][0], rel=0.06)

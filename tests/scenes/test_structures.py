@@ -59,14 +59,14 @@ def test_commands_run_on_what_was_written(tmp_path, capsys):
     """`check` and `bands` of a strip between walls; `check` and `frf` of a patch; the others refuse in words."""
     written(tmp_path, 3)
     scene = str(tmp_path / 'mine.toml')
-    assert main(['check', scene]) == 0
+    assert main(['check', '--verbose', scene]) == 0
     assert 'The held particles and the foundation give a cut-off frequency' in capsys.readouterr().out
-    assert main(['bands', scene, '-o', str(tmp_path / 'out')]) == 0
+    assert main(['bands', '--verbose', scene, '-o', str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert 'particles from mine.traj' in said
     assert 'phonopy differs from complete' in said
     assert (tmp_path / 'out' / 'mine.traj').read_bytes() == (tmp_path / 'mine.traj').read_bytes()  # a copy that runs
-    assert main(['bands', str(tmp_path / 'out' / 'scene.toml'), '-o', str(tmp_path / 'again')]) == 0
+    assert main(['bands', '--verbose', str(tmp_path / 'out' / 'scene.toml'), '-o', str(tmp_path / 'again')]) == 0
     assert ((tmp_path / 'out' / 'bands_complete.npz').read_bytes() == (tmp_path / 'again' / 'bands_complete.npz').read_bytes())
     capsys.readouterr()
     for command in ('burst', 'frf', 'design', 'uncertainty'):
@@ -88,9 +88,9 @@ damping_per_s = 5.0
 force = {{at_m = {middle.tolist()}, direction_deg = 0.0}}
 response = {{at_m = {other.tolist()}, direction_deg = 90.0}}
 """)
-    assert main(['check', str(path)]) == 0
+    assert main(['check', '--verbose', str(path)]) == 0
     assert 'Structure:' in capsys.readouterr().out
-    assert main(['frf', str(path), '-o', str(tmp_path / 'out')]) == 0
+    assert main(['frf', '--verbose', str(path), '-o', str(tmp_path / 'out')]) == 0
     scene = read_scene(path)
     driven, source, answer = scene.shaken('conventional')
     assert driven.calc.model == 'conventional'

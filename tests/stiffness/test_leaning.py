@@ -137,7 +137,7 @@ def test_check_says_what_leaning_does(capsys, tmp_path):
             (tmp_path / f'{name}.toml').write_text(text.replace('side_m = 0.3', 'side_m = 0.06').replace(old, new))
     told = {}
     for name in changes:
-        assert main(['check', str(tmp_path / f'{name}.toml')]) == 0
+        assert main(['check', '--verbose', str(tmp_path / f'{name}.toml')]) == 0
         told[name] = capsys.readouterr().out
     assert 'the lowest branch at Gamma from 26.5507 to 26.0668 Hz, at M from 58.2327 to 57.9649 Hz' in told['mine']
     assert 'Pillars lean' not in told['lean'] + told['thick']

@@ -272,8 +272,8 @@ def test_axes():
 def test_command(tmp_path, capsys):
     file, out = tmp_path / 'chain.toml', tmp_path / 'out'
     file.write_text(ready_scene('chain').read_text())
-    words = ['sweep', str(file), '--executor', 'here', '--over', 'foundation.stiffness_N_per_m=2e4:6e4:3', '--over', 'law.a=3,4',
-             '--ask', 'bands.X.1', '--ask', 'stability.margin', '-o', str(out)]
+    words = ['sweep', str(file), '--verbose', '--executor', 'here', '--over', 'foundation.stiffness_N_per_m=2e4:6e4:3',
+             '--over', 'law.a=3,4', '--ask', 'bands.X.1', '--ask', 'stability.margin', '-o', str(out)]
     assert main(words) == 0
     told = capsys.readouterr().out
     assert '6 points: 3 of foundation.stiffness_N_per_m x 2 of law.a' in told
@@ -287,7 +287,7 @@ def test_command(tmp_path, capsys):
     assert main([*words, '--scheduler', 'tcp://x']) == 2
     assert main([*words[:-2], '--over', 'law.a=5', '-o', str(out)]) == 2
     assert 'twice' in capsys.readouterr().err
-    buckled = [*words[:3], 'here', '--over', 'foundation.stiffness_N_per_m=1e4:3e4:3', '--ask', 'bands.X.1', '-o']
+    buckled = [*words[:4], 'here', '--over', 'foundation.stiffness_N_per_m=1e4:3e4:3', '--ask', 'bands.X.1', '-o']
     assert main([*buckled, str(tmp_path / 'empty')]) == 2
     error = capsys.readouterr().err
     assert '3 times: the lattice buckles: it needs a foundation of 4e+04 N/m and has 1e+04 to 3e+04 N/m' in error
@@ -368,7 +368,7 @@ vacancies_m = [[0.0, 0.0]]
     found = sweep(read_scene(tmp_path / 'hole.toml'), {'foundation.stiffness_N_per_m': [19.6757, 80.0]},
                   ['stability.growth', 'verdict.faults', 'timestep.limit'], workers=1)
     (tmp_path / 'stiff.toml').write_text(scene.replace('19.6757', '80'))
-    assert [main(['check', str(tmp_path / name)]) for name in ('hole.toml', 'stiff.toml')] == [1, 0]
+    assert [main(['check', '--verbose', str(tmp_path / name)]) for name in ('hole.toml', 'stiff.toml')] == [1, 0]
     assert found['verdict.faults'].values.tolist() == [1, 0]
     assert np.isnan(found['stability.growth'].values[0])
     assert found['stability.growth'].values[1] == 0

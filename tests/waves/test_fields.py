@@ -193,12 +193,12 @@ def test_the_command_takes_the_plane_by_itself(tmp_path, capsys, monkeypatch):
     rows = np.column_stack([np.repeat(scan.times, len(scan.names)), np.tile(scan.places, (len(scan.times), 1)),
                             *(1e3 * scan.motions[axis].ravel() for axis in 'xy')])
     np.savetxt('plane.csv', rows, '%.6g', ',', header='time_ms,x_mm,y_mm,u_x_um,u_y_um', comments='')
-    assert main(['spectrum', 'plane.csv', 'lattice_9.toml', '--source', 'row', '--at', '50', '-o', 'out']) == 0
+    assert main(['spectrum', '--verbose', 'plane.csv', 'lattice_9.toml', '--source', 'row', '--at', '50', '-o', 'out']) == 0
     words = capsys.readouterr().out
     assert 'spacings across' in words
     assert 'G-M, transverse' in words
     for name in ('field.npz', 'field.png', 'at_50_Hz.png', 'ridges.csv', 'ridges.txt'):
         assert (tmp_path / 'out' / f'spectrum_plane_{name}').is_file()
     assert main(['fit', 'out/spectrum_plane_ridges.csv', '--bands', 'lattice_9.toml']) in (0, 1)
-    assert main(['spectrum', 'plane.csv', 'lattice_9.toml', '--at', '5000', '-o', 'out']) == 2
+    assert main(['spectrum', '--verbose', 'plane.csv', 'lattice_9.toml', '--at', '5000', '-o', 'out']) == 2
     assert 'half the sampling rate' in capsys.readouterr().err

@@ -408,7 +408,7 @@ def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
     (tmp_path / 'scan.csv').write_text('\n'.join(['time_s,node,v_m_per_s', *rows]) + '\n')
     (tmp_path / 'points.csv').write_text('\n'.join(['point,x_m,y_m', *(f'{name},{x!r},{y!r}' for name, (x, y) in zip(
         names, d.places.tolist(), strict=True))]) + '\n')
-    words = ['spectrum', str(tmp_path / 'scan.csv'), str(tmp_path / 'my.toml'), '-o', str(tmp_path / 'out')]
+    words = ['spectrum', '--verbose', str(tmp_path / 'scan.csv'), str(tmp_path / 'my.toml'), '-o', str(tmp_path / 'out')]
     assert main(words) == 2
     assert 'it does not say where its points are; add the columns x_m and y_m' in capsys.readouterr().err
     assert main([*words, '--geometry', str(tmp_path / 'points.csv')]) == 0
@@ -429,11 +429,11 @@ def test_several_scans_are_analysed_in_one_call_as_each_alone(tmp_path, capsys):
         noisy = d.u + 1e-8 * d.rng.normal(size=d.u.shape)
         Path(names[-1]).write_text(d.rows({'u_m': noisy}, [str(k) for k in range(len(d.n))]))
     scene = str(tmp_path / 'my.toml')
-    assert main(['spectrum', *names, scene, '-o', str(tmp_path / 'no')]) == 2
+    assert main(['spectrum', '--verbose', *names, scene, '-o', str(tmp_path / 'no')]) == 2
     assert 'two of the scans are called scan3' in capsys.readouterr().err
     assert not (tmp_path / 'no').exists()
-    assert main(['spectrum', *names[:2], scene, '-o', str(tmp_path / 'out')]) == 0
+    assert main(['spectrum', '--verbose', *names[:2], scene, '-o', str(tmp_path / 'out')]) == 0
     tables = [str(tmp_path / 'out' / f'spectrum_scan{seed}_ridges.csv') for seed in (3, 4)]
     assert f'"magphonon fit {" ".join(tables)} --bands {scene}" fits' in capsys.readouterr().out
-    assert main(['spectrum', names[1], scene, '-o', str(tmp_path / 'one')]) == 0
+    assert main(['spectrum', '--verbose', names[1], scene, '-o', str(tmp_path / 'one')]) == 0
     assert (tmp_path / 'one' / Path(tables[1]).name).read_text() == Path(tables[1]).read_text()

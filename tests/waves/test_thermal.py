@@ -261,12 +261,12 @@ def test_a_modulation_is_refused_before_the_run(monkeypatch):
 
 def test_the_command_tells_it_and_refuses_what_it_cannot(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr('magphonon.waves.thermal.thermal_run', partial(thermal_run, steps=900))
-    assert main(['bands', 'thermal', '-o', str(tmp_path / 'out')]) == 0
+    assert main(['bands', '--verbose', 'thermal', '-o', str(tmp_path / 'out')]) == 0
     assert 'in thermal motion' in capsys.readouterr().out
     assert (tmp_path / 'out' / 'bands_thermal.npz').exists()
     hot = ready_scene('thermal').read_text().replace('2.369e-5', '2.4e-3')
     (tmp_path / 'hot.toml').write_text(hot)
-    assert main(['bands', str(tmp_path / 'hot.toml'), '-o', str(tmp_path / 'hot')]) == 2
+    assert main(['bands', '--verbose', str(tmp_path / 'hot.toml'), '-o', str(tmp_path / 'hot')]) == 2
     assert 'tears the lattice apart' in capsys.readouterr().err
     scene = ready_scene('thermal').read_text().replace('shells = 1', 'shells = "all"')
     (tmp_path / 'all.toml').write_text(scene)
