@@ -125,21 +125,19 @@ def test_a_patch_lies_within_the_spectrum_of_its_lattice(seed):
     assert natural_frequencies(patch).max() > of_lattice.max() + 1e-9
 
 
-SHORT = {'prototype': 'Stable in the plane; no foundation needed. Supports need 763.8 N/m out of the plane. Linear to 1 % up to '
-                      'an amplitude of 0.00031 m.\n',
-         'square': 'Stable in the plane: the foundation of 157.4 N/m is 66 % more than the 94.76 N/m that it needs. It would be'}
-
-
-@pytest.mark.parametrize('name', SHORT)
-def test_the_answer_is_one_line_and_everything_has_it_first(name, tmp_path, capsys):
-    text = ready_scene(name).read_text().replace('side_m = 0.3 ', 'side_m = 0.08 ')
-    (tmp_path / 'my.toml').write_text(text)
-    assert main(['check', str(tmp_path / 'my.toml')]) == FINE
+def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
+    """And a line on neighbours, for who copies a ready scene that omits them."""
+    assert main(['check', 'chain']) == FINE
     short = capsys.readouterr().out
-    assert short.startswith(SHORT[name])
+    assert short.startswith('Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m that it needs.')
     assert short.count('\n') == 1
-    assert main(['check', '--verbose', str(tmp_path / 'my.toml')]) == FINE
+    assert main(['check', '--verbose', 'chain']) == FINE
     assert capsys.readouterr().out.strip().startswith(short.strip())
+    (tmp_path / 'my.toml').write_text(ready_scene('chain').read_text())
+    assert main(['check', str(tmp_path / 'my.toml')]) == FINE
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == short.strip()
+    assert second.startswith('Nearest neighbours only (shells = 1): the others would shift X, branch 1 by -0.91 %')
 
 
 def test_faults_are_told_without_being_asked_for(tmp_path, capsys):

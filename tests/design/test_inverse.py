@@ -37,13 +37,14 @@ def edge(frequency, spacings=(0.007, 0.02), cut_off=None, branch=1):
 
 def test_prototype_is_found_from_its_cut_off_and_its_shear(tmp_path, capsys):
     """Its 10 mm and its pillars of 0.15 m, 19.6757 N/m; the frequencies are known to 1e-11, from a start 20 % off."""
-    assert main(['design', str(ready_scene('design'))]) == 0
+    assert main(['design', '--verbose', str(ready_scene('design'))]) == 0
     shown = capsys.readouterr().out
     found = tomllib.loads(shown)  # ready to paste: what is not TOML is a comment
     assert_allclose(found['lattice']['spacing_m'], 0.01, rtol=1e-10)
     assert_allclose(found['foundation']['pillar']['height_m'], 0.15, rtol=1e-10)
     assert found['foundation']['pillar']['radius_m'] == 7.9375e-4
-    assert '# branch 1 at M: 58.2327 Hz; 1 % more spacing changes it by -1.29 Hz' in shown
+    assert '# branch 1 at M: 1 % more spacing changes it by -1.29 Hz' in shown
+    assert 'branch 1 at M at 58.2327 Hz, cut-off 26.5507 Hz' in shown.splitlines()[0]
     # and the pasted scene has the bands of the paper
     data = tomllib.loads(ready_scene('prototype').read_text()) | found
     omega, _ = bloch_modes(Scene.model_validate(data).atoms(), [[0, 0, 0], M])
