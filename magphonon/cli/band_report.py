@@ -68,14 +68,14 @@ REPORT = Findings()
 
 def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> list[str]:
     """Which waves grow, of Floquet bands over the distances `x` along a path, in rad/mm."""
-    lines = [f'Floquet bands, of waves along the path and back, with {bands["complete"].harmonics} harmonics on either side.']
+    lines = []
     for model, found in bands.items():
         k, rate = found.growth.argmax(), found.growth.max() * units.s
         grows = found.growth.max() > 1e-9 * abs(found.omega).max()
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
-    return [*lines, f'Of these {len(x)} wavevectors alone: ranges of growth are narrow; "magphonon check" follows them '
-            'everywhere.']
+    return [*lines, f'Of {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics on either '
+            'side, alone: ranges of growth are narrow; "magphonon check" follows them everywhere.']
 
 
 def _in_words(value):

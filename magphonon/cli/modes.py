@@ -185,7 +185,8 @@ def count(case: Case) -> str:
     """How many modes the patch has, and whether some are local; without a patch, where those of the lattice lie."""
     if case.patch is None:
         f = case.bands['complete'].frequencies_Hz
-        return f'modes of the lattice at {", ".join(case.at)}: from {f.min():.6g} to {f.max():.6g} Hz'
+        lowest = 0.0 if _of_no_stiffness(f).flat[f.argmin()] else f.min()
+        return f'modes of the lattice at {", ".join(case.at)}: from {lowest:.6g} to {f.max():.6g} Hz'
     f, name = case.found.frequencies_Hz, 'structure' if case.scene.finite else 'patch'
     every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands,', 0.0 if case.free[0] else f[0]
     outside = f'; {len(case.local)} of them lie outside the bands of the lattice' if len(case.ranges) else ''
