@@ -230,7 +230,7 @@ def without_energy(case: Case) -> Finding | None:
 @REPORT.check
 def stands(case: Case) -> Finding | None:
     """Whether what stands in a photo would stand with this law."""
-    if case.patch is None or not case.scene.finite or case.scene.lattice.positions != 'rest':
+    if case.patch is None or not case.scene.finite or getattr(case.scene.lattice, 'positions', None) != 'rest':
         return None
     unstable = case.found.omega[0] < -OUTSIDE * abs(case.found.omega).max()
     return Finding(unstable, 'UNSTABLE: what stands in the photo would not stand with this law and foundation; check them, and '

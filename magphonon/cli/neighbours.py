@@ -90,10 +90,10 @@ class Case:
     @cached_property
     def counted(self) -> str:
         """Which neighbours count, in words."""
-        law, lattice = self.scene.law, self.scene.lattice
+        law, lattice = self.scene.law, self.scene.lattice  # of a file, where it has a cutoff
         if lattice.cutoff is not None:
             reach = f'Neighbours within {lattice.cutoff / 1e3:.4g} m count'
-            return reach if lattice.cutoff_m is not None else f'{reach} (shells = "{law.asked}")'
+            return reach if getattr(lattice, 'cutoff_m', None) is not None else f'{reach} (shells = "{law.asked}")'
         if law.shells == 'all':
             return f'All neighbours count (shells = "{law.asked}")'
         number = 'Nearest neighbours only' if law.shells == 1 else f'{law.shells} shells of neighbours'

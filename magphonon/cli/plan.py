@@ -41,7 +41,7 @@ def run(options: Namespace) -> None:
     with results(options, scene) if options.answer else nullcontext() as folder:
         for wanted in scene_plans(scene, tolerance):
             print(wanted.plan.first, *([wanted.report(), ''] if options.verbose else []), sep='\n')
-            if options.answer:
+            if folder is not None:
                 wanted.run(folder)
     print(*(f'{line}\n' for line in omission(scene, options.verbose)), sep='', end='')
     if options.answer:
