@@ -216,7 +216,9 @@ class SiteSlopes:
         springs = k * slope.springs + calc.spring_forces * w
         stretched = (push * R).sum() - np.einsum('bx,bxy,by->', e, complete, R) + (calc.spring_forces * w).sum() + slope.lengths
         each = each - (pull * e).sum(1)  # of a bond between a particle and its own image, whose row of C is zero, both ends count
-        strengths = sum(np.bincount(end, each, len(on)) for end in (calc.bonds.i, calc.bonds.j))
+        strengths = np.zeros(len(on), each.dtype)  # of a response it is complex
+        for end in (calc.bonds.i, calc.bonds.j):
+            np.add.at(strengths, end, each)
         found = {'mass': self.system.masses * slope.masses, 'strength': strengths, 'spring': springs, 'foot': foot,
                  'spacing': stretched, 'height': -3 * springs.sum()}
         return found if kept is None else found | {'exponent': self._by_exponent(kinds, slope, e, kept)}
