@@ -175,3 +175,12 @@ def finite(name: str, values: object, shape: tuple[int, ...] | None = None) -> N
         where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f'{name}{list(where)} is {array[where]}; every entry must be a finite number')
     return array
+
+
+def indices(name: str, values: object, count: int) -> NDArray[np.intp]:
+    """Return `values` as an array of indices, or raise ValueError unless they are whole numbers from 0 to `count` - 1."""
+    found = np.atleast_1d(np.asarray(values))
+    whole_numbers = np.issubdtype(found.dtype, np.integer) or not found.size
+    if found.ndim != 1 or not whole_numbers or found.min(initial=0) < 0 or found.max(initial=-1) >= count:
+        raise ValueError(f'{name} must be indices from 0 to {count - 1}, not {shown(values)}')
+    return found.astype(int)

@@ -22,7 +22,7 @@ from scipy import linalg, sparse
 from tqdm import tqdm
 
 from .. import units
-from ..errors import Unstable, finite, not_negative, number, one_of, shown, whole
+from ..errors import Unstable, finite, indices, not_negative, number, one_of, shown, whole
 from ..files import whole_file
 from ..interactions.pair_laws import InversePower
 from ..stability.buckling import common_spring, softest_of
@@ -113,7 +113,7 @@ class Variables:
         self.atoms, self.calc = atoms, repulsion_of(atoms).about(atoms, model='complete')
         self.system = LinearSystem.about(self.calc, atoms).moving()
         self.springs = np.broadcast_to(self.calc.foundation, (len(atoms), self.calc.dim))
-        self.sites = np.flatnonzero(self.system.mobile) if sites is None else _indices(sites, len(atoms))
+        self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(indices('sites', sites, len(atoms)))
         if not over or not (len(self.sites) or set(over) & set(LATTICE)):
             raise ValueError('nothing may vary: name a parameter in over=, and at least one site that is free')
         self.groups, group = groups, self.sites if groups is None else finite('groups', groups, (len(atoms),))[self.sites]
@@ -244,15 +244,6 @@ class Variables:
         edges = [*product(*((0.0, 0.5) if along else (0.0,) for along in pbc))][1:]
         K = model_stiffness(R, acts)
         return all(_solved(P.T @ hessian(self.calc.bonds, K, k, q) @ P)[1] for q in edges)
-
-
-def _indices(sites, particles):
-    """Indices of sites, increasing, from indices or a mask; ValueError for one that is not there."""
-    given = np.asarray(sites)
-    found = np.flatnonzero(given) if given.dtype == bool and len(given) == particles else np.unique(finite('sites', given))
-    if (given.dtype == bool and len(given) != particles) or (found % 1).any() or not np.isin(found, np.arange(particles)).all():
-        raise ValueError(f'sites are indices from 0 to {particles - 1} or a mask of {particles} particles, not {shown(sites)}')
-    return found.astype(int)
 
 
 def _solved(H):

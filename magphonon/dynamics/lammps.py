@@ -29,7 +29,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 from numpy.typing import NDArray
 
-from ..errors import not_negative, one_of, positive, whole
+from ..errors import indices, not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..interactions.bond_laws import groups
 from ..stiffness.calculator import PairCalculator
@@ -284,9 +284,7 @@ def _output(count, interval, records, axes):
     for n, (particles, every) in enumerate(records):
         group = 'all' if particles is None else f'recorded{n}'
         if particles is not None:
-            particles = np.atleast_1d(particles)
-            if particles.min(initial=0) < 0 or particles.max(initial=0) >= count:
-                raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
+            particles = indices('particles to record', particles, count)
             lines.append(f'group {group} id {" ".join(map(str, particles + 1))}\n')
         lines.append(OUTPUT.format(name=f'record{n}', group=group, axes=axes, interval=whole('interval', every)))
     return ''.join(lines)

@@ -9,7 +9,7 @@ from weakref import finalize
 
 import numpy as np
 
-from ..errors import whole
+from ..errors import indices, whole
 from ..files import room_for, save_arrays
 from .motion import Motion
 
@@ -51,10 +51,7 @@ class Recorder:
     def __init__(self, dyn: DrivenVerlet, particles: ArrayLike | None = None, interval: int = 10) -> None:
         self._dyn, self.interval = dyn, whole('interval', interval)
         count = len(dyn.atoms)
-        self.particles = np.arange(count) if particles is None else np.atleast_1d(particles)
-        if not (np.issubdtype(self.particles.dtype, np.integer) and self.particles.min(initial=0) >= 0
-                and self.particles.max(initial=0) < count):
-            raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
+        self.particles = np.arange(count) if particles is None else indices('particles to record', particles, count)
         self._frames = []  # their times
         self._shape = len(self.particles), dyn.displacements.shape[1]
         self._file = SpooledTemporaryFile(MEMORY)  # noqa: SIM115  open as long as the recorder

@@ -31,6 +31,7 @@ MOST = 3000  # number of unknowns, HARMONICS + 1 for each free direction, whose 
 CONVERGED, NEWTON = 1e-9, 8  # residual relative to the forces of the mode, and most iterations
 TAIL = 4e-3  # share of the last two harmonics, as one may be zero by symmetry, from which more of them would be needed
 HALVINGS = 6  # of the step along the arc
+STILL = 1e-6  # size of a solution, as a share of its guess, below which it is rest, which has every frequency
 LASTS = 1e-3  # distance of a multiplier from the unit circle that missing harmonics may make where two of them meet
 STEP = 1.0  # time step of disturbances, of order 6, in 1/w_max
 
@@ -115,7 +116,7 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
     found = []
     while not found or (found[-1][1] < amplitude * (1 - 1e-9) and len(found) < 3 * points):
         solved = balance.corrected(z + step * tangent, tangent)
-        if solved is None:
+        if solved is None or abs(solved[0][:-1]).max() < STILL * abs(z + step * tangent)[:-1].max():
             step /= 2
             if step < full / 2**HALVINGS:
                 reached = found[-1][1] if found else 0.0

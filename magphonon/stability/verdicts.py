@@ -31,6 +31,7 @@ from ..interactions.pair_laws import Hertz, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, on_foundation
+from ..stiffness.sites import site_damping
 from ..traits import LINEAR, all_but, refuse, takes
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
@@ -176,7 +177,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     pumped = law is not None and law.modulated
     atoms = on_foundation(atoms, law.k) if pumped else atoms
     refuse(atoms, all_but('a verdict of motion in the plane', 'oblique', 'modulation'))  # of a law g(t) V(u)
-    run: dict[str, Any] = {'layer': layer, 'damping': damping, 'supercell': supercell,
+    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms)), 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))

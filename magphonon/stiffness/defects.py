@@ -14,7 +14,7 @@ import numpy as np
 from ase import Atom, Atoms
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import finite, not_negative, positive, whole
+from ..errors import finite, indices, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
 from .calculator import PairCalculator
 from .repulsion import repulsion_of
@@ -29,7 +29,7 @@ one does not depend on whether another one scatters too."""
 def with_vacancies(atoms: Atoms, particles: ArrayLike) -> Atoms:
     """The structure with vacancies: these particles are removed, with their bonds and their springs."""
     calc = repulsion_of(atoms)
-    kept = np.delete(np.arange(len(atoms)), np.atleast_1d(np.asarray(particles, int)))
+    kept = np.delete(np.arange(len(atoms)), indices('vacancies', particles, len(atoms)))
     number = np.full(len(atoms), -1)
     number[kept] = np.arange(len(kept))
     old = calc.bonds
@@ -51,6 +51,7 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
     kind : int, optional
         Kind of the new particle, which chooses its law; by default the kind of the replaced one.
     """
+    indices('the particle that is replaced', particle, len(atoms))
     factors = {name: np.ones(len(atoms)) for name in ('mass', 'strength', 'stiffness')}
     factors['mass'][particle] = positive('mass', mass)
     factors['strength'][particle] = finite('strength', strength, ())

@@ -79,7 +79,8 @@ def warn_of_symbols(atoms: Atoms) -> None:
 
 def asked_frequencies(calc: Repulsion, omega: ArrayLike) -> NDArray[np.float64]:
     """The angular frequencies at which a tool is asked, in rad/ms, shape (frequencies,); warns if they are Hz by their size."""
-    omega = finite('omega', np.atleast_1d(omega))
+    omega = np.atleast_1d(finite('omega', omega))
+    finite('omega', omega, (len(omega),))
     warn_of_hertz(calc, omega)
     return omega
 

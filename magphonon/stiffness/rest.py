@@ -18,7 +18,7 @@ from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from ..errors import NotAtRest
+from ..errors import NotAtRest, indices
 from ..lattices.bonds import lengths_of
 from ..traits import refuse, running
 from .bond import Model, sizes
@@ -348,10 +348,7 @@ class LinearSystem:
         """The particles whose motion is wanted, all of them for None, as an array of indices."""
         if particles is None:
             return np.arange(len(self))
-        wanted = np.atleast_1d(particles)
-        if not (np.issubdtype(wanted.dtype, np.integer) and wanted.min(initial=0) >= 0 and wanted.max(initial=0) < len(self)):
-            raise ValueError(f'particles must be indices from 0 to {len(self) - 1}, not {wanted!r}')
-        return wanted
+        return indices('particles', particles, len(self))
 
     def rows(self, particles: NDArray[np.int_]) -> tuple[NDArray[np.int_], sparse.csr_array]:
         """The free directions of some particles, and the part of `shapes` that belongs to both."""

@@ -197,15 +197,15 @@ def test_hostile_questions():
     assert not any('contradict' in words for words in apart.words)
 
 
-def test_sites_are_indices_or_a_mask():
-    """A mask was once read as the sites 0 and 1; what does not fit the particles, or the parameters, is refused."""
+def test_sites_and_parameters_that_are_none():
+    """A mask was once read as the sites 0 and 1, numbers that are none as a lattice without a rest."""
     atoms = patch()
     middle, right, _ = places(atoms)
     objective = Level(middle, right, 0.4, 0.02)
     mask = np.random.default_rng(5).random(len(atoms)) < 0.3
     over = {'strength': (0.9, 1.1)}
-    np.testing.assert_array_equal(Variables(atoms, over, mask).sites, np.flatnonzero(mask))
-    for wrong in ([1.5], [len(atoms)], [-1], mask[1:], [np.nan]):
+    np.testing.assert_array_equal(Variables(atoms, over, np.flatnonzero(mask)).sites, np.flatnonzero(mask))
+    for wrong in ([1.5], [len(atoms)], [-1], mask, [np.nan]):
         with pytest.raises(ValueError, match=r'sites'):
             Variables(atoms, over, wrong)
     for wrong in ({'groups': [0, 1]}, {'start': [0.0, 0.0]}, {'steps': 0}, {'constraints': [(objective, np.nan)]},

@@ -169,3 +169,12 @@ def test_what_it_cannot_follow_is_refused():
     patch.calc = MagneticRepulsion(patch, LAW, foundation=6.0)
     with pytest.raises(ValueError, match='too many'):
         nonlinear_modes(patch, 0, 0.1)
+
+
+def test_rest_is_no_vibration():
+    """A step too long for Newton's method once led to rest, which "vibrates" at any frequency, and was returned as the family."""
+    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 1.0)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0)
+    assert (nonlinear_modes(patch, 0, 0.1, points=3).amplitude > 1e-3).all()
+    with pytest.raises(PhysicsError, match='ask for a smaller amplitude'):
+        nonlinear_modes(patch, 0, 5.0, points=3)

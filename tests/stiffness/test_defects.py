@@ -283,3 +283,16 @@ def test_lattices_on_laws_of_the_sites_have_holes_and_disorder(kind, seed):
         assert abs(pull[:, :2] + slope(u)[np.roll(image, 1)]).max() > 0.1 * abs(expected).max()  # those of other sites
         for one in tied, free:
             one.positions[:, :2] -= u[image]
+
+
+def test_particles_that_are_none_are_no_defects():
+    """A mask was once read as the particles 0 and 1."""
+    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 2.0)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0)
+    mask = np.random.default_rng(3).random(len(patch)) < 0.3
+    assert len(with_vacancies(patch, np.flatnonzero(mask))) == len(with_vacancies(patch, [])) - mask.sum()
+    for wrong in (mask, [len(patch)], [-1], [1.5]):
+        with pytest.raises(ValueError, match='must be indices from 0 to 18'):
+            with_vacancies(patch, wrong)
+        with pytest.raises(ValueError, match='must be indices from 0 to 18'):
+            substituted(patch, wrong[0] if len(wrong) == 1 else wrong, mass=2.0)
