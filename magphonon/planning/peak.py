@@ -20,6 +20,7 @@ from ..response.frf import Dof, frequency_response, harmonic_response
 from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
 from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
 from ..stability.amplitude_shifts import DEGENERACY, StronglyNonlinear, vibration
+from ..stiffness.bond import MODELS
 from ..stiffness.rest import LinearSystem
 from ..traits import STIFF, takes
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, percent
@@ -135,7 +136,7 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDAr
     algorithm = 'a Chebyshev series' if free > SMALL else f'a sum over {free} modes' if free > 1 else 'its closed form'
     doubt = shift * (ONE_PATTERN if free > MOST_DIRECTIONS else 0.0)  # of the shift alone
     methods = [Method(f'{model} linear', algorithm, error, doubt / error if 0 < error < np.inf else 0.0, model)
-               for model, error in (('conventional', frozen + shift), ('complete', shift))]
+               for model, error in zip(reversed(MODELS), (frozen + shift, shift), strict=True)]
     if force:
         dt = min(np.sqrt(24 * STEP_ERROR_FRACTION * tolerance) / w, LONGEST_STEP * 2 / highest_frequency(system))
         steps = int(np.ceil(2 * np.log(HEADSTART / TRANSIENT_FRACTION) / damping / dt))

@@ -21,7 +21,7 @@ from ..dynamics.recorder import Recorder
 from ..dynamics.splittings import SPLITTINGS, STEPS_SHARE, step_within
 from ..dynamics.verlet import DrivenVerlet
 from ..response.propagation import propagate
-from ..stiffness.bond import Model
+from ..stiffness.bond import MODELS, Model
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import STIFF, takes
@@ -86,7 +86,7 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
         steps = [Method('nonlinear', algorithm, STEPS_SHARE * tolerance, 1.0, dt=dt, order=order)]
     methods = [Method(f'{model} linear', f'exact propagation in {linear[model].products} products with the stiffness matrix',
                       error, doubt * nonlinear / error if error else 0.0, model)
-               for model, error in (('conventional', frozen + nonlinear), ('complete', nonlinear))]
+               for model, error in zip(reversed(MODELS), (frozen + nonlinear, nonlinear), strict=True)]
     return Plan('Waveform', 'its rms', tolerance, (*methods, *steps), (f'D* changes the waveform by {percent(frozen)}', said))
 
 
