@@ -1,4 +1,6 @@
-"""`magphonon design SCENE`: the spacing and the foundation that give what [design] wants, or every site of a patch."""
+"""`magphonon design SCENE`: the spacing and the foundation that give what [design] wants; with [[design.targets]] the
+strength and support of every site of a patch.
+"""
 
 from __future__ import annotations
 

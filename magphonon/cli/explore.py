@@ -1,8 +1,8 @@
-"""`magphonon explore SCENE -o FILE.html`: a page on which sliders move the bands of both models, and branches their lattice.
+"""`magphonon explore SCENE -o FILE.html`: a page with sliders that move the bands of both models.
 
 The page needs no server and no network: any browser opens the file.  Sliders change the spacing, the exponent of an inverse power
 and the foundation; marks on them show where the lattice buckles.  A click on a branch moves the lattice in this mode.  A
-structure from a table has a page in which a tone runs.
+structure from a table has no bands: its page shows how a tone travels through it.
 """
 
 from __future__ import annotations

@@ -245,7 +245,7 @@ def most_local(case: Case) -> Finding | None:
     lines, extent, std = ['the most local ones:'], case.extent, case.spread[0].get('std_Hz')
     for k in case.shown:
         uncertain = '' if std is None else f' +- {std[k]:.2g}'
-        centre = _place(case.system.atoms, extent.centre[k, :2], case.defects)
+        centre = _place(case.system.atoms, extent.centre[k], case.defects)
         lines.append(f'  mode {k + 1}: {case.found.frequencies_Hz[k]:.6g}{uncertain} Hz, {extent.participation[k]:.3g} '
                      f'particles take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
     return Finding(case.shown, '\n'.join(lines), fault=True)
@@ -394,8 +394,9 @@ def _place(atoms, centre, defects):
     from ase.geometry import find_mic
 
     if not len(defects):
-        return 'centre at ({:.4g}, {:.4g}) m'.format(*centre / 1e3)
-    away = find_mic(np.c_[centre - defects, np.zeros(len(defects))], atoms.cell, atoms.pbc)[1].min()
+        small = abs(centre) < 1e-9 * np.ptp(atoms.positions, axis=0).max()  # round-off
+        return f'centre at ({", ".join(f"{x / 1e3:.4g}" for x in np.where(small, 0.0, centre))}) m'
+    away = find_mic(np.c_[centre[:2] - defects, np.zeros(len(defects))], atoms.cell, atoms.pbc)[1].min()
     return f'centre {away / 1e3:.2g} m from the defect' if len(defects) == 1 else f'centre {away / 1e3:.2g} m from a defect'
 
 

@@ -13,8 +13,10 @@ HELP = 'recompute the paper, number by number, with a report'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('names', nargs='*', metavar='NAME', help='workflows, such as prototype_bands; default: all, two minutes')
-    parser.add_argument('--quick', action='store_true', help='run short versions of the longest workflows, as when all are run')
+    parser.add_argument('names', nargs='*', metavar='NAME',
+                        help='workflows, such as prototype_bands; default: all, in about a minute')
+    parser.add_argument('--quick', action='store_true',
+                        help='run the longest workflows in short versions; without NAME this is so anyway')
     parser.add_argument('-o', '--output', metavar='DIR', default='out', help='directory for the report (default: out)')
 
 

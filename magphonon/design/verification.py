@@ -86,6 +86,7 @@ class Verification:
             known = np.array(values, float) / per
             if np.isnan(known).all():
                 return 'not of this objective'
+            known[abs(known) < 1e-12 * abs(self.value) / per] = 0.0  # equal ports, whose levels differ by round-off
             ends = f'{np.nanmin(known):.3g}', f'{np.nanmax(known):.3g}'
             return f'{" to ".join(dict.fromkeys(ends))} {unit}'.strip()
 

@@ -513,8 +513,9 @@ def timestep_limit(case: Case) -> Finding:
     if losses < 2 / highest:
         return Finding(losses, f'Time steps up to {losses / u.s:.4g} s are accepted with this damping, and a third of that is '
                        f'accurate to 0.3 %; {2 / highest / u.s:.4g} s would be stable.')
+    of = f'{u.hertz(highest):.4g} Hz' + ' without gyration' * (gyrates and case.held)
     return Finding(2 / highest, f'Time steps up to {2 / highest / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
-                   f'of {u.hertz(highest):.4g} Hz); a tenth of that is accurate.')
+                   f'of {of}); a tenth of that is accurate.')
 
 
 @check
