@@ -100,8 +100,8 @@ def sites(vectors, width, height):
 
 
 def built(places, law, reach, rng, *, mass=8e-4, springs=(20.0, 22.0), damping=6.0,
-          scatter=(0.025, 1.5e-4, 0.05, 0.005), static=True, missing=()):
-    """A patch with `scatter` of strengths (relative), places (m), springs and masses (relative); the rim is held.
+          scatter=(0.025, 1.5e-4, 0.05, 0.005), static=True, missing=(), held=None):
+    """A patch with `scatter` of strengths (relative), places (m), springs and masses (relative); what is `held`, or its rim.
 
     `static=False` puts springs of the same stiffness, slack at rest, in place of the magnets: a lattice without D*.
     The `missing` sites have no magnet.
@@ -109,7 +109,7 @@ def built(places, law, reach, rng, *, mass=8e-4, springs=(20.0, 22.0), damping=6
     strength, place, spring, weight = scatter
     near = cKDTree(places).query(places, 2)[0][:, 1].min()
     count = np.array([len(one) for one in cKDTree(places).query_ball_point(places, 1.2 * near)])
-    held, places = (np.delete(one, missing, axis=0) for one in (count < count.max(), places))
+    held, places = (np.delete(one, missing, axis=0) for one in (count < count.max() if held is None else held, places))
     n = len(places)
     anchors = places + place * rng.standard_normal((n, 2))
     i, j = cKDTree(anchors).query_pairs(reach, output_type='ndarray').T.copy()

@@ -6,8 +6,8 @@ With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` wri
 exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The source of the
 waves stands in the table; the intervals allow for the shift that it gives all ridges of a branch.
 Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised by what it
-holds.  Tables of forces and ridges are fitted together: one law, one foundation, one mass; then the report says which record
-contradicts the others, and what to measure next.
+holds.  Forces, ridges and transfer functions are fitted together: one law, one foundation, one mass; then the report says which
+record contradicts the others, and what to measure next.
 With `--frf SCENE` the files are of measured transfer functions, tables or universal files: force, exponent, foundation and
 damping of the patch or the structure of the scene are fitted to them, with D* and without.
 
@@ -102,9 +102,6 @@ def _with_scene(options):
     elif [*kinds['transfer functions']] == names:
         options.frf, options.files = scene, names
     else:
-        for name in kinds['transfer functions']:
-            raise ValueError(f'{name} holds transfer functions: fit them by themselves, and give what they tell to a fit of the '
-                             'others with --prior')
         _fit_together(options, scene, kinds)
         return
     run(options)
@@ -112,40 +109,55 @@ def _with_scene(options):
 
 def _fit_together(options, name, kinds):
     """All records of one lattice at once."""
-    from ..interactions.fits import SharedErrors
-    from ..scenes.frf_fits import KEYS, UNITS
+    from ..scenes.frf_fits import GAIN, KEYS, UNITS
     from ..scenes.joint_fits import fit_records
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
     from ..waves.ridge_tables import read_ridges
     from .joint_report import joint_report
-    from .results import results
 
     for option in ('fix', 'without', 'magnet', 'spacing'):
         if getattr(options, option):
             raise ValueError(f'--{option} belongs to a fit of one kind of record; leave it out, or write it into the scene')
     options.scene = source_of(name)
     scene = read_scene(options.scene)
-    given = {one: getattr(options, f'{one}_sigma') for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
     found = fit_records(scene, kinds['forces'], read_ridges(*map(ready_table, kinds['ridges'])) if kinds['ridges'] else None,
-                        SharedErrors(**{one: value for one, value in given.items() if value is not None}),
+                        _shared_errors(options),
                         not_negative('--pair-sigma', options.pair_sigma or 0.0),
-                        _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}))
-    text = joint_report(found)
+                        _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}),
+                        [one for functions in kinds['transfer functions'].values() for one in functions],
+                        GAIN if options.gain_sigma is None else options.gain_sigma)
+    _told(options, scene, [ready_table(one) for names in kinds.values() for one in names], joint_report(found), 'joint_fit')
+
+
+def _shared_errors(options):
+    from ..interactions.fits import SharedErrors
+
+    given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
+    return SharedErrors(**{name: value for name, value in given.items() if value is not None})
+
+
+def _told(options, scene, tables, text, name, figure=None):
+    """Print a report, and write it, with its picture if it has one, into the folder of the results if there is one."""
+    from .results import results
+
     if options.output is not None:
-        with results(options, scene, *(ready_table(one) for names in kinds.values() for one in names)) as folder:
-            (folder / 'joint_fit.txt').write_text(text + '\n', encoding='utf-8')
+        with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
+            if figure is not None:
+                save(figure(), name)
+            (folder / f'{name}.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
+    if options.output is not None:
+        print(f'\n{"the picture and " * (figure is not None)}this text {"are" if figure else "is"} in {options.output}')
 
 
 def _fit_forces(options):
-    from ..interactions.fits import SharedErrors, fit_forces, scene_entry
+    from ..interactions.fits import fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
     from .fit_report import force_report
 
     _check_options_of_forces(options)
-    given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
-    shared = SharedErrors(**{name: value for name, value in given.items() if value is not None})
+    shared = _shared_errors(options)
     shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
     forces = read_forces(options.file, not_negative('--contact', options.contact or contact, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
@@ -196,7 +208,6 @@ def _fit_bands(options):
     from ..stiffness.bond import MODELS
     from ..waves.ridge_tables import read_ridges
     from .fit_report import band_report
-    from .results import results
 
     for name in OF_FORCES:
         if getattr(options, name) is not None:
@@ -211,15 +222,8 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    text = band_report(found, len(points), fixed)
-    if options.output is not None:
-        with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
-            cells = {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}
-            save(plot_band_fits(found.points, cells), 'band_fit')
-            (folder / 'band_fit.txt').write_text(text + '\n', encoding='utf-8')
-    print(text)
-    if options.output is not None:
-        print(f'\nthe picture and this text are in {options.output}')
+    _told(options, scene, options.files, band_report(found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
+        found.points, {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}))
 
 
 def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
@@ -256,7 +260,6 @@ def _fit_frf(options):
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
     from .fit_report import frf_report
-    from .results import results
 
     for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
         if getattr(options, name):
@@ -272,11 +275,5 @@ def _fit_frf(options):
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
         print(f'These look like {doubt}: see to it before what follows is believed.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
-    text = frf_report(found, fixed)
-    if options.output is not None:
-        with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
-            save(plot_transfer(found.functions, {model: found.curves(model) for model in found.fits}), 'frf_fit')
-            (folder / 'frf_fit.txt').write_text(text + '\n', encoding='utf-8')
-    print(text)
-    if options.output is not None:
-        print(f'\nthe picture and this text are in {options.output}')
+    _told(options, scene, options.files, frf_report(found, fixed), 'frf_fit',
+          lambda: plot_transfer(found.functions, {model: found.curves(model) for model in found.fits}))

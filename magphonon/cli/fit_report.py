@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ..interactions.fits import Fit, SharedErrors
     from ..interactions.force_tables import Forces
 
+FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it
+ALIKE = 3.0  # correlation of rows that follow each other above which a load cell drifts, in one over the root of their number
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
@@ -81,6 +83,9 @@ def what_makes_the_slope_uncertain(case):
     if fit.with_care < 0.8 * fit.half_widths[1]:
         yield (f'Measure the zero of the distances to {WITH_CARE / u.mm:g} mm, and the slope is known to '
                f'{100 * fit.with_care:.2g} % instead of {100 * fit.half_widths[1]:.2g} %.')
+    k = int(np.argmin(fit.repeated / fit.half_widths[:2]))
+    yield (f'Measure the table again with a new set-up, and the {("force", "slope")[k]} is known to '
+           f'{100 * fit.repeated[k]:.2g} % instead of {100 * fit.half_widths[k]:.2g} %.')
 
 
 @FORCES.check
@@ -91,6 +96,32 @@ def which_law(case):
                 'smooth law.')
     lost = '; the data contradict it.' if case.fit.weight < SHAPE_WEIGHT / 5 else '.'
     return f'The shape of {case.options.magnet} has the weight {case.fit.weight:.2g} against a free curve{lost}'
+
+
+@FORCES.check
+def saturation(case):
+    if (top := case.forces.saturated).any():
+        r = case.forces.r[top] / u.mm
+        return (f'{top.sum()} rows from {r.min():g} to {r.max():g} mm have the same largest force, {case.forces.f.max() / u.N:g} '
+                'N: the load cell was at its end there. Leave them out, or the exponent comes out too small.')
+    return None
+
+
+@FORCES.check
+def drift(case):
+    """Whether rows that follow each other err alike."""
+    z = case.fit.residuals / case.fit.noise
+    alike = z[1:] @ z[:-1] / (z @ z)
+    if len(z) >= FEW and alike > ALIKE / np.sqrt(len(z)):
+        return (f'Rows that follow each other err alike (correlation {alike:.2g}): the load cell drifts, as by warming, and the '
+                'intervals, which take rows as independent, are too narrow. Return to one distance now and then to see it.')
+    return None
+
+
+@FORCES.check
+def few_rows(case):
+    n = len(case.forces.r)
+    return f'{n} rows are few for a law of any shape: the intervals rest on what was known before.' if n < FEW else None
 
 
 @FORCES.check
@@ -183,6 +214,14 @@ def _interval(value, sigma):
         return 'not determined'
     low, high = value * np.exp(-NORMAL * sigma), value * np.exp(NORMAL * sigma)
     return f'{value:.4g}, {low:.4g} to {high:.4g}'
+
+
+@RIDGES.check
+def few_points(found):
+    n, names = len(found.points), found.names
+    if n < FEW and len(names) >= MANY:
+        yield (f'{n} points are few for {len(names)} parameters: one ridge that is misread would move them and hardly raise '
+               'chi2. Record longer, or with more carriers.')
 
 
 @RIDGES.check

@@ -9,6 +9,7 @@ from ..design.least_squares import DETERMINED, NORMAL
 from ..findings import Findings
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
+from ..scenes.joint_fits import RESPONSES
 from ..tables import in_columns
 
 PULL = 2.7
@@ -71,6 +72,17 @@ def dstar(found):
     if abs(evidence) < TELLS:
         return f'D*: these records cannot decide between the models ({abs(evidence):.1f} sigma).'
     return f'D*: all records together are evidence of {abs(evidence):.1f} sigma {"for" if evidence > 0 else "against"} D*.'
+
+
+@JOINT.check
+def responses(found):
+    if not found.responses:
+        return
+    complete, alone = (found.responses[model].square for model in ('complete', 'conventional'))
+    yield f'Transfer functions: the residual without D* is {np.sqrt(alone / complete):.2g} times that with it.'
+    if not found.joints['complete'].alone(RESPONSES).records[0].information.any():
+        yield ('They are counted as telling nothing, because even sites that scatter by 10 % would not explain them: see by '
+               '"magphonon fit --frf" whether places, units or neighbours are others.')
 
 
 @JOINT.check

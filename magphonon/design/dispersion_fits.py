@@ -17,17 +17,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import NDArray
 
 from ..bands.bloch import bloch_modes
 from ..stiffness.bond import Model
 from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
-from .least_squares import FITS, MOST_FACTOR, ParameterFit
+from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, frequency_sensitivities
 
 Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, StiffnessDerivative]]]
@@ -48,13 +47,6 @@ ROUNDS, FARTHEST = 6, 3
 """How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
 MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
 """Branch, counted from the lowest, of a motion in a lattice of one particle that moves in the plane."""
-
-
-class Before(NamedTuple):
-    """What is known of the logarithms x of all parameters together: half a chi2 of |root (x - centre)|^2/2."""
-
-    centre: NDArray[np.float64]
-    root: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -138,11 +130,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     >>> round(float(fit.factors[0]), 6), fit.branches
     (1.2, (0,))
     """
-    if not isinstance(priors, Before):
-        known = [names.index(name) for name in priors or {}]
-        wanted, surely = np.reshape([*(priors or {}).values()], (-1, 2)).T
-        priors = Before(np.zeros(len(names)), np.eye(len(names))[known] / surely[:, None])
-        priors.centre[known] = np.log(wanted)
+    priors = Before.of(names, priors)
     if len(points) + len(priors.root) <= len(names):
         raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '
                          'longer or with more carriers, or fix a parameter')

@@ -7,7 +7,9 @@ where they are.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,29 @@ BLIND = 1e-10
 """Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
 FAINT = 1e-5
 """Part of a direction in which such an eigenvector counts: the root of BLIND."""
+
+
+class Before(NamedTuple):
+    """What is known of the logarithms x of all parameters together: half a chi2 of |root (x - centre)|^2/2."""
+
+    centre: NDArray[np.float64]
+    root: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]] | Before | None) -> Before:
+        """From factors of parameters and their relative standard uncertainties."""
+        if isinstance(priors, Before):
+            return priors
+        known = [names.index(name) for name in priors or {}]
+        wanted, surely = np.reshape([*(priors or {}).values()], (-1, 2)).T
+        before = cls(np.zeros(len(names)), np.eye(len(names))[known] / surely[:, None])
+        before.centre[known] = np.log(wanted)
+        return before
+
+    @property
+    def information(self) -> NDArray[np.float64]:
+        """That which it has of the parameters."""
+        return self.root.T @ self.root
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 from tqdm import tqdm
 
 from ..response.frf import Dof, base_force, frequency_response, resolvents
@@ -30,7 +31,7 @@ from ..stiffness.defects import Scatter, scattered
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem
 from ..traits import STIFF, takes
-from .least_squares import BLIND, FITS, MOST_FACTOR, ParameterFit
+from .least_squares import BLIND, FITS, MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
 
 WIDEST = 9.0
@@ -132,18 +133,20 @@ def response_slopes(built: ParametricLattice, functions: Sequence[TransferFuncti
     """
     system, dim = built.system, built.system.dim
     omega, where = _frequencies(functions)
-    damping, mass = built.damping + widened, np.repeat(system.masses, dim)
+    damping, mass = built.damping + widened, sparse.diags_array(np.repeat(system.masses, dim))
     bent = [name for name in names if name in built.changes]
-    stiff = dict(zip(bent, hessian_changes(system, [built.changes[name] for name in bent]), strict=True))
     ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
     forces = {force.tobytes(): force for both in ends for force in both}
-    fields = dict(zip(forces, _fields(system, [*forces.values()], omega, damping), strict=True))
+    basis, found = _fields(system, [*forces.values()], omega, damping)
+    fields, M = dict(zip(forces, found, strict=True)), basis.T @ (mass @ basis)
+    stiff = {name: basis.T @ (dH @ basis) for name, dH in zip(
+        bent, hessian_changes(system, [built.changes[name] for name in bent]), strict=True)}
     h, slopes = [], []
     for one, k, (back, push) in zip(functions, where, ends, strict=True):
         w, x, y = omega[k], fields[back.tobytes()][k], fields[push.tobytes()][k]
-        seen = _place(one).seen(y.reshape(len(w), -1, dim))
+        seen = y @ (basis.T @ back[:, :dim].ravel())
         h.append(_relative_to_drive(one, seen))
-        inertia, weight = -(w**2) + 1j * w * damping, (x * mass * y).sum(axis=1)
+        inertia, weight = -(w**2) + 1j * w * damping, (x * (M @ y.T).T).sum(axis=1)
         of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
         of |= {'damping': -1j * w * built.damping * weight, 'mass': -inertia * weight}
         if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
@@ -175,23 +178,23 @@ def _relative_to_drive(function, seen):
 
 
 def _fields(system, forces, omega, damping):
-    """Displacements of all particles under each of several forces, shape (forces, frequencies, particles * dim)."""
+    """A basis of the displacements, shape (particles * dim, n), and those under each force in it, (forces, frequencies, n)."""
     dim = system.dim
     if system.directions > DENSE:
         columns = np.stack([force.ravel() for force in forces], axis=1)
-        return np.array([G(columns).reshape(len(system), 3, -1)[:, :dim].reshape(-1, len(forces)).T
-                         for G in resolvents(system, omega, damping)]).swapaxes(0, 1)
+        found = np.array([G(columns).reshape(len(system), 3, -1)[:, :dim].reshape(-1, len(forces)).T
+                          for G in resolvents(system, omega, damping)]).swapaxes(0, 1)
+        return sparse.eye_array(dim * len(system), format='csr'), found
     refuse_unstable(system)
     squares, vectors = system.spectrum
     shapes = system.shapes @ vectors
     modal = np.array([force[:, :dim].ravel() for force in forces]) @ shapes
-    modal = modal[:, None] / (squares - omega[:, None] ** 2 + 1j * damping * omega[:, None])
-    return modal.real @ shapes.T + 1j * (modal.imag @ shapes.T)
+    return shapes, modal[:, None] / (squares - omega[:, None] ** 2 + 1j * damping * omega[:, None])
 
 
 def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: tuple[str, ...],
                  functions: Sequence[TransferFunction],
-                 model: Model = 'complete', priors: Mapping[str, tuple[float, float]] | None = None,
+                 model: Model = 'complete', priors: Mapping[str, tuple[float, float]] | Before | None = None,
                  start: ArrayLike | None = None) -> TransferFit:
     """Fit parameters of a lattice to measured transfer functions.
 
@@ -204,8 +207,8 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     functions : sequence of TransferFunction
     model : {'complete', 'conventional'}
         The model of the lattices that `build` returns.
-    priors : dict of str to (float, float), optional
-        What is known of a parameter beforehand: its factor, and relative standard uncertainty.
+    priors : dict of str to (float, float) or Before, optional
+        What is known of a parameter beforehand: its factor, and relative standard uncertainty; or of all together.
     start : array_like, shape (parameters,), optional
         Factors at which the fit starts.
 
@@ -230,12 +233,11 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     1.2
     """
     known = all(one.sigma is not None for one in functions)
-    centre, spread = np.array([(priors or {}).get(name, (1.0, np.inf)) for name in names]).T
     points = sum(len(one.omega) for one in functions)
     free = 2 * points - len(names)
     if free <= 0:
         raise ValueError(f'{2 * points} measured numbers are too few for {len(names)} parameters ({", ".join(names)})')
-    solved = partial(_solved, build, names, centre=centre, spread=spread)
+    solved = partial(_solved, build, names, before=Before.of(names, priors))
     few = [_every(len(one.omega) // FIRST_FEW, one) for one in functions]
     begin = np.zeros(len(names)) if start is None else np.log(start)
     found = solved(few, begin, ROUGH)
@@ -252,8 +254,8 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, misfit / noise, 0.0, np.zeros(len(names)))
 
 
-def _solved(build, names, functions, start, tolerance, *, centre, spread, noise=1.0, widened=0.0, at_start=None):
-    """Least squares from the logarithms `start` on; rows of the priors `centre` and `spread` come after those of the data.
+def _solved(build, names, functions, start, tolerance, *, before, noise=1.0, widened=0.0, at_start=None):
+    """Least squares from the logarithms `start` on; rows of what is known `before` come after those of the data.
 
     `at_start` are `response_slopes` there, if they are known.
     """
@@ -271,19 +273,84 @@ def _solved(build, names, functions, start, tolerance, *, centre, spread, noise=
         return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
 
     def residuals(x):
-        return np.append(_split(weight * (measured - at(tuple(x))[0])), (np.log(centre) - x) / spread)
+        return np.append(_split(weight * (measured - at(tuple(x))[0])), before.root @ (before.centre - x))
 
     def jacobian(x):
-        return np.vstack([-_split(weight * at(tuple(x))[1]).T, -np.diag(1 / spread)])
+        return np.vstack([-_split(weight * at(tuple(x))[1]).T, -before.root])
 
     bound = np.log(MOST_FACTOR)
     return least_squares(residuals, start, jac=jacobian, bounds=(-bound, bound), x_scale='jac', ftol=tolerance, xtol=tolerance,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
                          gtol=None, max_nfev=MOST_TRIES)  # pyright: ignore[reportArgumentType]
 
 
+class SiteMoves(NamedTuple):
+    """What the scatter of sites does to a fit: the scatter that the residuals ask for, how uncertain it is, and the moves.
+
+    The moves of the logarithms of the parameters have the shape (DRAWS, parameters); there are none of a lattice that needs no
+    scatter, or too much.
+    """
+
+    scatter: float
+    unsure: float = 0.0
+    moves: NDArray[np.float64] | None = None
+
+
+def site_moves(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice], functions: Sequence[TransferFunction],
+               priors: Mapping[str, tuple[float, float]] | Before | None = None) -> SiteMoves:
+    """Lattices drawn as the residuals of a fit ask for, and how far the fit of each is from the mean of its own sites.
+
+    The arguments are those of `with_site_scatter`.
+    """
+    known = all(one.sigma is not None for one in functions)
+    if known and fit.chance >= FITS:
+        return SiteMoves(0.0)
+    built, gain, x = build(fit.by_name), fit.by_name.get('gain', 1.0), np.log(fit.factors)
+    h, slopes = response_slopes(built, functions, fit.names)
+    weight, rows = gain * _weights(functions) / fit.noise, 2 * len(h)
+    J = -_split(weight * slopes).T
+    values, told = seen_directions(fit.information)  # D0 alone tells no force
+    above, tau = fit.residuals[:rows] @ fit.residuals[:rows] - known * (rows - len(values)), FIRST
+    for _ in range(ROUNDS):  # the residuals grow as the scatter
+        off = _split(weight * (np.array([responses(drawn, functions) for drawn in _drawn(built, tau, SIZED)]) - h))
+        left = np.sum((off - off @ J @ told / values @ told.T @ J.T) ** 2, axis=1)
+        tau *= float(np.sqrt(above / left.mean()))
+        if tau > MOST_SCATTER:
+            return SiteMoves(tau)
+    before, ends, moved = Before(x, Before.of(fit.names, priors).root), np.cumsum([len(one.omega) for one in functions])[:-1], []
+    for drawn in _drawn(built, tau, DRAWS):
+        theirs = np.split(gain * responses(drawn, functions), ends)
+        seen = [replace(one, response=response) for one, response in zip(functions, theirs, strict=True)]
+        again = _solved(build, fit.names, seen, x, REFITTED, before=before, noise=fit.noise, at_start=(h, slopes))
+        moved.append(again.x - x - _own_means(built, drawn, fit.names))
+    return SiteMoves(tau, float(np.std(left) / left.mean()), np.array(moved))  # pyright: ignore[reportPossiblyUnbound]  ROUNDS is not zero
+
+
+def seen_directions(information: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eigenvalues of an information matrix and eigenvectors in columns, of what the data determine."""
+    values, told = np.linalg.eigh(information)
+    return values[values > BLIND * values[-1]], told[:, values > BLIND * values[-1]]
+
+
+def own_information(fit: TransferFit, moved: SiteMoves, before: Before) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gradient at the fit, and information, that the functions alone give, without what was known `before` it.
+
+    With F of the noise, and g of drawn lattices whose sites scatter, the estimate of the functions alone has the covariance
+    F^-1 + F^-1 cov(g) F^-1, and the bias F^-1 mean(g).
+    """
+    known = before.information
+    gradient = known @ (before.centre - np.log(fit.factors))  # that of what was known, which the functions balance
+    if moved.moves is None:
+        return gradient, (fit.information - known) * (moved.scatter <= MOST_SCATTER)
+    F, told = seen_directions(fit.information - known)
+    g = moved.moves @ fit.information @ told
+    mean, S = g.mean(axis=0), (1 + 1 / len(g)) * np.cov(g.T)
+    share = F[:, None] * np.linalg.inv(np.diag(F) + S + moved.unsure**2 * np.outer(mean, mean))
+    return told @ share @ (told.T @ gradient + mean), told @ (share * F) @ told.T
+
+
 def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                       functions: Sequence[TransferFunction],
-                      priors: Mapping[str, tuple[float, float]] | None = None) -> TransferFit:
+                      priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
     """The fit, with the scatter of sites that its residuals ask for where they exceed the noise, or where that is not stated.
 
     Peaks are narrower than the shifts that such scatter gives them, so that no derivative tells what it does to a fit: lattices
@@ -294,35 +361,16 @@ def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], Para
     fit, build, functions, priors
         What `fit_transfer` returned, and took.
     """
-    known = all(one.sigma is not None for one in functions)
-    if known and fit.chance >= FITS:
-        return fit
-    built, gain, x = build(fit.by_name), fit.by_name.get('gain', 1.0), np.log(fit.factors)
-    h, slopes = response_slopes(built, functions, fit.names)
-    weight, rows = gain * _weights(functions) / fit.noise, 2 * len(h)
-    J = -_split(weight * slopes).T
-    values, told = np.linalg.eigh(fit.information)
-    values, told = (one[..., values > BLIND * values[-1]] for one in (values, told))  # D0 alone tells no force
-    above, tau = fit.residuals[:rows] @ fit.residuals[:rows] - known * (rows - len(values)), FIRST
-    for _ in range(ROUNDS):  # the residuals grow as the scatter
-        off = _split(weight * (np.array([responses(drawn, functions) for drawn in _drawn(built, tau, SIZED)]) - h))
-        left = np.sum((off - off @ J @ told / values @ told.T @ J.T) ** 2, axis=1)
-        tau *= np.sqrt(above / left.mean())
-        if tau > MOST_SCATTER:
-            return replace(fit, information=0 * fit.information, site_scatter=float(tau))
-    spread = np.array([(priors or {}).get(name, (1.0, np.inf))[1] for name in fit.names])
-    ends, moved = np.cumsum([len(one.omega) for one in functions])[:-1], []
-    for drawn in _drawn(built, tau, DRAWS):
-        theirs = np.split(gain * responses(drawn, functions), ends)
-        seen = [replace(one, response=response) for one, response in zip(functions, theirs, strict=True)]
-        again = _solved(build, fit.names, seen, x, REFITTED, centre=fit.factors, spread=spread, noise=fit.noise,
-                        at_start=(h, slopes))
-        moved.append((again.x - x - _own_means(built, drawn, fit.names)) @ told)
-    bias, wide = np.mean(moved, axis=0), np.std(left) / left.mean()  # pyright: ignore[reportPossiblyUnbound]  ROUNDS is not zero
-    covariance = np.diag(1 / values) + (1 + 1 / DRAWS) * np.cov(np.transpose(moved)).reshape(2 * (len(values),))
-    covariance += wide**2 * np.outer(bias, bias)
+    found = site_moves(fit, build, functions, priors)
+    if found.moves is None:
+        return replace(fit, information=(found.scatter == 0) * fit.information, site_scatter=found.scatter)
+    values, told = seen_directions(fit.information)
+    moved = found.moves @ told
+    bias = np.mean(moved, axis=0)
+    covariance = np.diag(1 / values) + (1 + 1 / DRAWS) * np.cov(moved.T).reshape(2 * (len(values),))
+    covariance += found.unsure**2 * np.outer(bias, bias)
     return replace(fit, factors=fit.factors * np.exp(-told @ bias), information=told @ np.linalg.inv(covariance) @ told.T,
-                   site_scatter=float(tau), bias=told @ bias)
+                   site_scatter=found.scatter, bias=told @ bias)
 
 
 def _split(z):

@@ -120,6 +120,8 @@ class Fit:
         Shares of the variance of the slope by their cause; they add up to one.
     with_care : float
         Half width of the interval of ln(-f') if the zero of the distances were known to WITH_CARE.
+    repeated : ndarray, shape (2,)
+        Half widths of ln f and ln(-f') after the same table once more, with errors of its own but for the gain.
     zeros : ndarray, shape (4,)
         F0 in N, d in mm, h in N and b in mm as the table has them.
     weight : float
@@ -141,6 +143,7 @@ class Fit:
     wide: float
     shares: dict[str, float]
     with_care: float
+    repeated: NDArray[np.float64]
     zeros: NDArray[np.float64]
     weight: float
     conflicts: NDArray[np.float64]
@@ -222,6 +225,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
                          f'uncertainty of {np.sqrt(covariance[1, 1]):.2g}); are the columns exchanged, or is all of it noise?')
     turn = np.array([1, 1 / a])  # from ln f and a to ln(-f') = ln f + ln a - ln r0
     with_care = weights @ [part.knowing_distance(turn) for part in found] + turn @ (apart + gain) @ turn
+    again = [weights @ [part.repeated(way) for part in found] + way @ (apart + gain) @ way for way in (np.eye(2)[0], turn)]
     causes = np.append(weights @ [part.causes(turn) for part in found], turn @ gain @ turn)
     causes[0] += turn @ apart @ turn
     wide = NORMAL if forces.sigma is not None else float(t.ppf((1 + COVERED) / 2, weights @ [part.freedom for part in found]))
@@ -236,7 +240,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     return Fit(
         Tabulated(r, np.exp(curve)), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
-        float(wide * np.sqrt(with_care)), zeros, float(weights[len(noises):].sum()),
+        float(wide * np.sqrt(with_care)), wide * np.sqrt(again), zeros, float(weights[len(noises):].sum()),
         abs(zeros) / np.sqrt(told), float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
 
 
@@ -327,6 +331,11 @@ class _Solution:
         precision = np.linalg.inv(self.C)
         precision[DISTANCE_ZERO, DISTANCE_ZERO] += max(1 / WITH_CARE**2 - 1 / self.model.prior[DISTANCE_ZERO] ** 2, 0.0)
         return turn @ np.linalg.inv(precision)[:2, :2] @ turn
+
+    def repeated(self, turn):
+        """The variance of turn . (ln f, a) after the same table once more, whose shared errors are others."""
+        twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # known before but once
+        return turn @ np.linalg.inv(twice)[:2, :2] @ turn
 
 
 def _solved(model, forces, noise):

@@ -25,6 +25,7 @@ LARGEST_CLOSEST_PAIR = 1.0 * u.m
 """Largest distance of the closest pair in a column r_m; if it is larger, the column almost surely holds mm or um."""
 FORCES_N = 1e-30, 1e12  # allowed range; outside it a unit or an exponent is wrong, and squares and powers soon overflow
 DISTANCES_m = 1e-12, 1e6  # allowed range of distances in m, for the same reason
+MOST_STEPS = 10.0  # of a load cell of few digits, more than which two forces cannot be equal by chance
 REACH = 1.5  # factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement
 
 
@@ -64,6 +65,14 @@ class Forces:
     def middle(self) -> float:
         """The middle one of the distances in mm."""
         return float(np.sort(self.r)[len(self.r) // 2])
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Rows of one largest force at distances that differ: the load cell was at its end.  Shape (n,)."""
+        top = self.f == self.f.max()
+        steps = np.diff(np.unique(self.f)).min(initial=np.inf)
+        grows = self.f.max() * np.ptp(self.r[top]) / self.r[top].min()  # at least, of forces that fall as 1/r
+        return top & (grows > MOST_STEPS * steps)
 
     def thinned(self, most: int) -> Forces:
         """Every n-th row by distance, so that at most `most` are left; the forces themselves if they are no more."""

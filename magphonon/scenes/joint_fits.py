@@ -1,4 +1,4 @@
-"""One law, one foundation and one mass from several records of a lattice: tables of forces and ridges of waves.
+"""One law, one foundation and one mass from several records of a lattice: forces, ridges of waves, transfer functions.
 
 All records share the law of a `LawFamily`, any smooth one or near the magnets that the scene names: its force and exponent at the
 spacing and its five bends, which no record of a lattice may leave out, since each neighbour knows another part of the law.
@@ -6,7 +6,7 @@ spacing and its five bends, which no record of a lattice may leave out, since ea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,22 +15,34 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
-from ..design.dispersion_fits import Before, DispersionFit, fit_dispersion
+from ..design.dispersion_fits import DispersionFit, fit_dispersion
 from ..design.joint_fits import Joint, Record, told
+from ..design.least_squares import Before
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, frequency_sensitivities
+from ..design.transfer_fits import (
+    SPRINGS as SPRINGS_SCATTER,
+    ParametricLattice,
+    SiteMoves,
+    TransferFit,
+    fit_transfer,
+    own_information,
+    site_moves,
+)
 from ..errors import one_of
 from ..interactions.fits import ANY_SIZE, BENDS, LawFamily, SharedErrors, curve_record
 from ..interactions.force_tables import Forces
 from ..interactions.pair_laws import PairLaw, Tabulated, local_exponent, repulsion
+from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import MODELS, Model
 from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import LinearSystem
 from ..waves.ridge_tables import RidgePoints
 from . import band_fits, frf_fits
 from .laws import TableLaw
 from .scene import Scene
 
 LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))
-BEFORE, RIDGES = 'known before', 'ridges'
+BEFORE, RIDGES, RESPONSES = 'known before', 'ridges', 'transfer functions'
 CLOCK = 1e-3  # relative standard deviation of a clock
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
 ROUNDS = 2  # times that tables are read near the joint fit
@@ -158,11 +170,14 @@ class JointFits:
         By model.
     ridges : dict of DispersionFit
         By model; empty without ridges.
+    responses : dict of TransferFit
+        By model; empty without transfer functions.
     """
 
     specimen: Specimen
     joints: dict[str, Joint]
     ridges: dict[str, DispersionFit]
+    responses: dict[str, TransferFit]
 
     @property
     def records(self) -> tuple[str, ...]:
@@ -203,10 +218,10 @@ class JointFits:
 
     @property
     def evidence(self) -> float:
-        """How surely all records together need D*, in sigmas."""
+        """How surely all records together need D*, in sigmas; of transfer functions, whose sites scatter, only by the others."""
         more = 0.0
         for model, joint in self.joints.items():
-            chi2 = sum(record.chi2(joint.x) for record in joint.records if record.name != RIDGES)
+            chi2 = sum(record.chi2(joint.x) for record in joint.records if record.name not in (RIDGES, RESPONSES))
             if self.ridges:
                 chi2 += np.sum(self.ridges[model].residuals[: len(self.ridges[model].sigma_xi)] ** 2)
             more = chi2 - more
@@ -250,8 +265,9 @@ SPRINGS_DIFFER = 0.2  # standard deviation of the logarithm of the ratio of two 
 
 def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges: RidgePoints | None = None,
                 shared: SharedErrors | None = None, pair_sigma: float = 0.0,
-                priors: Mapping[str, tuple[float, float]] | None = None) -> JointFits:
-    """One law and one foundation from tables of forces and ridges of the same lattice, with D* and without.
+                priors: Mapping[str, tuple[float, float]] | None = None, functions: Sequence[TransferFunction] = (),
+                gain_sigma: float = frf_fits.GAIN) -> JointFits:
+    """One law and one foundation from forces, ridges and transfer functions of the same lattice, with D* and without.
 
     Parameters
     ----------
@@ -269,6 +285,10 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
         sqrt(2) s.
     priors : dict, optional
         What is known from elsewhere of 'force', 'a', the springs or 'mass': value in SI and standard uncertainty.
+    functions : sequence of TransferFunction
+        Of a patch of these magnets, whose sites scatter: its mean is that of the lattice but for this scatter.
+    gain_sigma : float
+        Relative standard uncertainty of the calibration of these.
 
     Examples
     --------
@@ -287,16 +307,53 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     """
     specimen, shared = Specimen.of(scene, priors), shared or SharedErrors()
     shared = replace(shared, gain=float(np.hypot(shared.gain, pair_sigma)))
-    points, fits, at = None if ridges is None else ridges.independent, {}, {}
-    for _ in range(ROUNDS):  # tables are not linear in their zeros
+    points, fits, at, seen = None if ridges is None else ridges.independent, {}, {}, {}
+    for k in range(ROUNDS):  # tables are not linear in their zeros
         records = {model: [*(_of_forces(specimen, name, one, shared, at.get(model)) for name, one in (forces or {}).items()),
-                           specimen.before] for model in MODELS}
+                           *([seen[model][0]] if seen else []), specimen.before] for model in MODELS}
         at = {model: told(own)[1] for model, own in records.items()}
         if points is not None:
             points, fits = _ridges(specimen, points, records, fits)
             at = {model: np.log(fit.factors) for model, fit in fits.items()}
+        if functions and not k:
+            for model, own in records.items():
+                seen[model] = _of_responses(specimen, frf_fits.with_dofs(scene, functions), model, gain_sigma, own,
+                                            seen['complete'][1] if seen else None)
+            at = {model: told([seen[model][0], *own])[1] for model, own in records.items()}
     joints = {model: Joint(specimen.names, at[model], tuple(own)) for model, own in records.items()}
-    return JointFits(specimen, joints, fits)
+    return JointFits(specimen, joints, fits, {model: fit for model, (_, fit) in seen.items()})
+
+
+def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
+    """The record of transfer functions of a patch, near what the other records say, and their fit; none if `better` is clear."""
+    n, (root, centre) = len(specimen.names), told(others)
+    before = Before(np.append(centre, [0.0, 0.0]), np.zeros((n + 1, n + 2)))
+    before.root[:n, :n], before.root[n, n + 1] = root, 1 / gain_sigma
+    build, names = partial(_patch, specimen, model), (*specimen.names, 'damping', 'gain')
+    fit = fit_transfer(build, names, functions, model, before, np.exp(before.centre) if better is None else better.factors)
+    worse = better is not None and fit.square > frf_fits.CLEARLY**2 * better.square
+    moved = SiteMoves(np.inf) if worse else site_moves(fit, build, functions, before)
+    g, F = own_information(fit, moved, before)
+    x = np.log(fit.factors)
+    record = Record(RESPONSES, x[:n], np.zeros(n), np.zeros((n, n)), {'the clock': specimen.late})
+    if not F.any():
+        return record, fit
+    g[-1], F[-1, -1] = g[-1] + x[-1] / gain_sigma**2, F[-1, -1] + gain_sigma**-2  # the gain is its own
+    away = F[:n, n:] @ np.linalg.inv(F[n:, n:])
+    g, F = g[:n] - away @ g[n:], F[:n, :n] - away @ F[n:, :n]
+    sizes = {'force': 2.0} | dict.fromkeys(specimen.springs, SPRINGS_SCATTER)  # by which the mean of so many sites is that of all
+    V = [(sizes.get(name, 0.0) * moved.scatter) ** 2 / build(fit.by_name).system.mobile.sum() for name in specimen.names]
+    turn = np.linalg.inv(np.eye(n) + F * np.array(V))  # F^-1 + V has the information (1 + F V)^-1 F
+    return replace(record, gradient=turn @ g, information=turn @ F), fit
+
+
+def _patch(specimen, model, factors):
+    """The patch of the scene with these factors, and what each changes there."""
+    there = specimen.with_factors(factors)
+    atoms, *_ = there.shaken(model, bench=True)
+    atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
+    return ParametricLattice(LinearSystem.of(atoms), there.frf.damping * factors['damping'],
+                             specimen.changes_of(there, specimen.law(factors), factors))
 
 
 def _ridges(specimen, points, records, near):

@@ -27,6 +27,9 @@ RESAMPLED, NOISY = 1e-2, 3.0
 measured sample; if one sample of fifty is so uncertain, the power of the noise grows by a fifth."""
 FOLLOWED = 0.1
 """Largest error of the fastest wave by itself, however large the noise: motion up to the end of the band looks like noise."""
+HELD, ABRUPT = 3, 8.0
+"""Samples in a row at the largest value by which a clipped signal is known, and the last step to it in the least steps: a smooth
+peak that is as flat ends in one of five at most."""
 DEGREES = 3, 5, 7  # degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap
 NOISES = 32  # number of records of white noise by which it is seen how much of it a spline carries
 
@@ -92,6 +95,9 @@ def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> 
     notes = []
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}
     points = _alive(path, points, notes)
+    if clipped := [name for name, point in points.items() if any(map(_clipped, point.motions.values()))]:
+        notes.append(f'clipped: points {_listed(clipped)} stay at their largest value for some samples, again and again; what is '
+                     'read from their amplitudes is wrong: drive less, or set a wider range')
     _refuse_absurd(path, [u for point in points.values() for u in point.motions.values()])  # before it overflows
     times = _equal_times(path, points.values())
     points, motions = _at_equal_times(path, times, points, notes)
@@ -128,6 +134,16 @@ def _without_blanks(path, name, point):
     for k in np.flatnonzero(np.diff(t) == 0)[:1]:
         raise ValueError(f'{path} lists point {name} at {t[k] / units.s:.9g} s twice; keep one of the samples')
     return Samples(t, {part: values[order] for part, values in point.motions.items()}, point.place)
+
+
+def _clipped(u):
+    """Whether a signal stays at its largest or smallest value without coming to it in the small steps of a smooth one."""
+    found, step = 0, np.diff(np.unique(u)).min(initial=np.inf)  # the least step of an instrument of few digits
+    for top in (u.max(), u.min()):
+        edges = np.diff(np.concatenate([[0], u == top, [0]]))
+        starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+        found += np.sum((ends - starts >= HELD) & (abs(u[np.maximum(starts - 1, 0)] - top) > ABRUPT * step))
+    return found > 1
 
 
 def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, Samples]:

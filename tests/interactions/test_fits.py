@@ -6,6 +6,8 @@ The full table, 100 tables a cell (ten minutes of one core; in docs/coverage.md)
 """
 
 import tomllib
+from argparse import Namespace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -13,7 +15,8 @@ import pytest
 from scipy.stats import binom
 
 from magphonon import Cuboid, InversePower, Ring, magnet_law, units as u
-from magphonon.interactions.fits import Fit, SharedErrors, fit_forces, scene_entry, shells_within
+from magphonon.cli.fit_report import force_report
+from magphonon.interactions.fits import Fit, LawFamily, SharedErrors, curve_record, fit_forces, scene_entry, shells_within
 from magphonon.interactions.force_tables import Forces
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 
@@ -167,6 +170,37 @@ def test_shares_add_up_and_name_what_dominates():
     care = fit_forces(table(LAWS['disc'], (7, 20), 0), L0, SharedErrors(distance=0.02, zero=12e-3, backlash=0.0))
     assert loose.with_care == pytest.approx(care.half_widths[1], rel=0.25)  # linear about another answer
     assert care.half_widths[1] < 0.5 * loose.half_widths[1]
+
+
+def test_a_table_once_more_narrows_as_it_says():
+    """Against information matrices of the curve, summed; with the gain and the zeros of the first it would not."""
+    forces = table(LAWS['disc'], (7, 20), 0)
+    fit, record = fit_forces(forces, L0, ERRORS), curve_record(forces, LawFamily(L0), ERRORS)
+    before = np.diag([1e-2, 1 / LawFamily(L0).spread**2, *5 * [1.0]])
+    sigma = [np.sqrt(np.linalg.inv(n * record.information + before)[0, 0]) for n in (1, 2)]
+    assert fit.repeated[0] / fit.half_widths[0] == pytest.approx(sigma[1] / sigma[0], rel=0.15)
+    assert (fit.repeated < 0.9 * fit.half_widths[:2]).all()
+
+
+def report_of(forces):
+    fit = fit_forces(forces, L0, ERRORS)
+    return force_report(Namespace(file='f.csv', magnet=None), forces, fit, ERRORS)
+
+
+def test_faults_of_the_load_cell_are_named():
+    """Saturated, warming, and short tables; good ones make no alarm (30 were tried)."""
+    for seed in range(4):
+        good = table(LAWS['disc'], (7, 20), seed)
+        said = report_of(good)
+        assert not any(word in said for word in ('at its end', 'err alike', 'are few'))
+    worst = np.sort(good.f)[-4]
+    said = report_of(Forces(good.r, np.minimum(good.f, worst), None, good.direction))
+    assert f'have the same largest force, {worst:g} N: the load cell was at its end' in said
+    coarse = Forces(good.r, np.round(good.f, 1), None, good.direction)  # a balance of few digits is not at its end
+    assert not coarse.saturated.any()
+    warm = np.sin(np.arange(len(good.r)) / 2)
+    assert 'Rows that follow each other err alike' in report_of(replace(good, f=good.f + 0.02 * abs(good.f).max() * warm))
+    assert 'rows are few' in report_of(Forces(good.r[:9], good.f[:9], None, good.direction[:9]))
 
 
 def test_a_zero_that_contradicts_what_was_told_is_named():

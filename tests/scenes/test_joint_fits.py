@@ -1,12 +1,17 @@
 """All records of a lattice in one fit, against a laboratory that shares nothing with the package."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from magphonon import read_scene
 from magphonon.cli.main import main
 from magphonon.design.joint_fits import Joint, Record, told
+from magphonon.design.least_squares import Before
+from magphonon.design.transfer_fits import SiteMoves, TransferFit, own_information
 from magphonon.interactions import Forces, SharedErrors
+from magphonon.response import Dof, TransferFunction
 from magphonon.scenes import fit_records
 from magphonon.waves import RidgePoints
 from magphonon.waves.ridge_tables import write_points
@@ -41,7 +46,35 @@ def ridges(law, rng, clock=0.0, static=True):
                        omega + sigma * rng.standard_normal(16), sigma * one, one, 0 * one, ('row', 'row'), bins * one)
 
 
-def specimen(folder, name, seed, shells='"auto"', **faults):
+PATCH = """
+[patch]
+kind = "hexagon"
+side_m = 0.04
+[frf]
+from_Hz = 8
+to_Hz = 160
+points = 120
+damping_per_s = 6.6
+force = {at_m = [0, 0], direction_deg = 40}
+response = {at_m = [0.01, 0], direction_deg = 0}
+"""
+
+
+def responses(scene, law, rng):
+    """Three magnets of a patch of the same batch, seen along x and y, with noise of 1 % of the peak and a gain of 1 %."""
+    atoms, push = scene.shaken()[0], np.array([np.cos(0.7), np.sin(0.7)])
+    places, w = 1e-3 * atoms.positions[:, :2], 2 * np.pi * np.linspace(8, 160, 120)
+    held = np.isin(np.arange(len(atoms)), atoms.constraints[0].index)
+    lab = bench.built(places, law, REACH, rng, mass=MASS, springs=SPRINGS, held=held)
+    drive, *seen = (int(np.linalg.norm(places - at, axis=1).argmin()) for at in ((0, 0), (0.01, 0), (-0.015, 0.017), (0, -0.017)))
+    u = 1e3 * bench.response(lab, bench.pushed(lab, drive, push), w)[:, seen]  # mm/N
+    sigma = 0.01 * abs(u).max()
+    u = u * (1 + 0.01 * rng.standard_normal()) + sigma * (rng.standard_normal(u.shape) + 1j * rng.standard_normal(u.shape))
+    return [TransferFunction(f'{k}, {axis}', 1e-3 * w, u[:, k, axis], sigma, 0, Dof(seen[k], np.eye(3)[axis]),
+                             Dof(drive, [*push, 0])) for k in range(3) for axis in (0, 1)]
+
+
+def specimen(folder, name, seed, shells='"auto"', patch='', **faults):
     """A scene that is some ten percent off, its table and its ridges, and what is true of force, exponent and springs."""
     rng, law = np.random.default_rng([seed, len(name)]), bench.tabulated(LAWS[name], 0.62 * L, 1.1 * REACH)
     force, slope = (float(value) for value in law(L))
@@ -50,7 +83,7 @@ def specimen(folder, name, seed, shells='"auto"', **faults):
     f, a, x, y = (truth[key] * float(np.exp(0.1 * rng.standard_normal())) for key in truth if key != 'bond stiffness')
     (folder / 'lab.toml').write_text(
         f'title = "lab"\n[lattice]\nkind = "triangular"\nspacing_m = {L}\nmass_kg = {MASS}\n[law]\nkind = "inverse_power"\n'
-        f'force_N = {f}\na = {a}\nshells = {shells}\n[foundation]\nstiffness_N_per_m = {x}\nstiffness_y_N_per_m = {y}\n')
+        f'force_N = {f}\na = {a}\nshells = {shells}\n[foundation]\nstiffness_N_per_m = {x}\nstiffness_y_N_per_m = {y}\n{patch}')
     gain = faults.pop('gain', 0.0)
     return read_scene(folder / 'lab.toml'), table(law, rng, gain), ridges(law, rng, **faults), truth
 
@@ -77,6 +110,46 @@ def test_a_table_and_ridges_together(tmp_path, name):
     control = fitted(*specimen(tmp_path, name, 2, shells='1')[:3]).values()
     value, sigma = control['foundation_x']  # by 30 % and more, several times the interval that the fit states
     assert np.log(value / truth['foundation_x']) > 3 * sigma
+
+
+@pytest.mark.slow
+def test_transfer_functions_join(tmp_path):
+    """They know springs and bonds that a row of waves does not; a table that reads 30 % too much is the one that is named."""
+    scene, forces, points, truth = specimen(tmp_path, 'power', 4, patch=PATCH)
+    functions = responses(scene, bench.tabulated(LAWS['power'], 0.62 * L, 1.1 * REACH), np.random.default_rng([4, 99]))
+    found = fit_records(scene, {'table': forces}, points, SharedErrors(**ERRORS), PAIR, functions=functions)
+    before = fitted(scene, forces, points).values()
+    for name, (value, sigma) in found.values().items():
+        assert abs(np.log(value / truth[name])) < 3.5 * sigma  # of five, correlated: once in a thousand
+        assert sigma < before[name][1]
+    assert found.values()['foundation_y'][1] < 0.3 * before['foundation_y'][1]
+    assert found.responses['conventional'].square > 2 * found.responses['complete'].square
+    assert found.joints['complete'].pulls()[0].sigmas < 3
+    joint = found.joints['complete']
+    table, *others = joint.records
+    wrong = replace(table, estimate=table.estimate + 0.3 * np.eye(len(joint.x))[0])
+    first, *_ = Joint(joint.names, told([wrong, *others])[1], (wrong, *others)).pulls()
+    assert (first.record, first.fault) == ('table', 'the gain, or a pair unlike the mean')
+
+
+def test_information_of_transfer_functions_alone():
+    """F^-1 + F^-1 S F^-1 and a bias F^-1 m, in closed form, of moves that have exactly the covariance S and the mean m."""
+    rng = np.random.default_rng(0)
+    F, K, S, m, x, centre = (rng.normal(size=shape) for shape in ((3, 3), (3, 3), (3, 3), 3, 3, 3))
+    F, K, S = (10 * F @ F.T, K, 20 * S @ S.T)
+    draws = rng.normal(size=(20, 3))
+    draws = (draws - draws.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(draws.T))).T @ np.linalg.cholesky(S).T + m
+    fit = TransferFit('complete', ('a', 'b', 'c'), np.exp(x), F + K.T @ K, np.zeros(0), 1.0, 1.0, 0.0, np.zeros(3))
+    moved = SiteMoves(0.02, 0.5, draws @ np.linalg.inv(fit.information))
+    gradient, information = own_information(fit, moved, Before(centre, K))
+    inverse = np.linalg.inv(F)
+    spread = inverse + inverse @ (1.05 * S + 0.25 * np.outer(m, m)) @ inverse  # 1/20 for the mean of 20
+    np.testing.assert_allclose(information, np.linalg.inv(spread), rtol=1e-8)
+    alone = x + inverse @ K.T @ K @ (x - centre)  # where the functions by themselves are best, which what was known drew to x
+    np.testing.assert_allclose(x - np.linalg.solve(information, gradient), alone - inverse @ m, rtol=1e-8)
+    nothing = own_information(fit, SiteMoves(0.0), Before(centre, K))[1]
+    np.testing.assert_allclose(nothing, F, rtol=1e-8)
+    assert not own_information(fit, SiteMoves(0.3), Before(centre, K))[1].any()
 
 
 @pytest.mark.long
@@ -165,6 +238,9 @@ def test_files_are_recognised_by_what_they_hold(tmp_path, capsys):
     assert (tmp_path / 'out' / 'joint_fit.txt').read_text() in told + '\n'
     assert main(['fit', lab, a]) == 0
     assert 'at 0.01 m, intervals of 95 %' in capsys.readouterr().out
+    (tmp_path / 'h.csv').write_text('frequency_Hz,re_m_per_N,im_m_per_N\n20,0.001,0\n21,0.001,0\n')
+    assert main(['fit', lab, a, str(tmp_path / 'h.csv')]) != 0
+    assert "the scene 'lab' has no table [frf]" in capsys.readouterr().err
     (tmp_path / 'c.csv').write_text('colour,size\nred,2\n')
     assert main(['fit', lab, a, str(tmp_path / 'c.csv')]) != 0
     assert 'c.csv is no record that a fit takes' in capsys.readouterr().err

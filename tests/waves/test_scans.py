@@ -13,7 +13,7 @@ from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.waves import Branch, Scan, compare, read_places, read_scan, ridge, scan_waves, wavenumber_frequency, wavevector
 from magphonon.waves.rows import row_of
-from magphonon.waves.scans import DEGREES, RESAMPLED, integrated
+from magphonon.waves.scans import DEGREES, RESAMPLED, Samples, assembled, integrated
 
 NORMAL = 1.96
 LENGTH = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
@@ -437,3 +437,18 @@ def test_several_scans_are_analysed_in_one_call_as_each_alone(tmp_path, capsys):
     assert f'"magphonon fit {" ".join(tables)} --bands {scene}" fits' in capsys.readouterr().out
     assert main(['spectrum', '--verbose', names[1], scene, '-o', str(tmp_path / 'one')]) == 0
     assert (tmp_path / 'one' / Path(tables[1]).name).read_text() == Path(tables[1]).read_text()
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_clipped_signals_are_named(seed):
+    """Held at 0.6 of the top, in steps of one hundredth too; the same waves, whole, are not."""
+    rng, t = np.random.default_rng(seed), np.arange(600)
+    phase = 2 * np.pi * rng.uniform(0.04, 0.08, 3) * t[:, None] + rng.uniform(0, 6, 3)
+    waves = np.sin(phase) * np.exp(-(((t - 300) / 150.0) ** 2))[:, None]
+    for whole in (waves + 0.01 * rng.standard_normal(waves.shape), np.round(waves, 2)):
+        clipped = np.where(np.arange(3) == 1, np.clip(whole, -0.6, 0.6), whole)
+        for values, wanted in ((whole, []), (clipped, ['points 1 stay'])):
+            points = {str(k): Samples(1.0 * t, {'y': values[:, k]}) for k in range(3)}
+            told = [note for note in assembled('f.csv', points, False).notes if 'clipped' in note]
+            assert len(told) == len(wanted)
+            assert all(words in told[0] for words in wanted)
