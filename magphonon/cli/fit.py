@@ -223,7 +223,7 @@ def _fit_bands(options):
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
     _told(options, scene, options.files, band_report(found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
-        found.points, {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}))
+        found.points, {model: (found.fitted(model).perfect_cell(), found.fits[model]) for model in MODELS}))
 
 
 def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
@@ -259,6 +259,7 @@ def _fit_frf(options):
     from ..scenes.frf_fits import GAIN, KEYS, fit_frf, suspect_units, with_dofs
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
+    from ..stiffness.bond import MODELS
     from .fit_report import frf_report
 
     for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
@@ -276,4 +277,4 @@ def _fit_frf(options):
         print(f'These look like {doubt}: see to it before what follows is believed.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
     _told(options, scene, options.files, frf_report(found, fixed), 'frf_fit',
-          lambda: plot_transfer(found.functions, {model: found.curves(model) for model in found.fits}))
+          lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))
