@@ -358,6 +358,9 @@ class SiteDesign:
                          'optima, and another start may reach more.')
         if self.buckled:
             found.append(f'{self.buckled} trial designs buckled and were given up.')
+        if self.conventional is not None:
+            found.append(f'Designed by D0 alone it would promise {self.conventional.value:.4g} and give '
+                         f'{self.conventional.given:.4g}.')
         return found + self.objective.doubts(Rest(LinearSystem.of(self.atoms)))
 
 
