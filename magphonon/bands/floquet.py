@@ -129,7 +129,8 @@ class Hill:
             raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of {calc!r}; give the '
                              'calculator foundation=Travelling(k, eps, W, kap)')
         mean = on_foundation(atoms, calc.tie.k)
-        self.system, self.model, self.W = LinearSystem.of(mean).moving(), model, wave.W
+        self.system, self.W = LinearSystem.of(mean).moving(), wave.W
+        self.model: Model | None = model
         self.modes = self.system.directions
         self.kap = mean.cell.array @ wave.kap / (2 * np.pi) * mean.pbc  # in fractions of the reciprocal vectors
         n, dim = len(mean), self.system.dim

@@ -32,7 +32,7 @@ from ..errors import PhysicsError, not_negative, one_of
 from ..lattices.bonds import Bonds
 from ..response.frf import Dof, resolvents
 from ..response.normal_modes import Modes, modes, natural_frequencies
-from ..stiffness.bond import model_stiffness, stiffness_change
+from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.defects import Scatter, scattered, varied_sites
 from ..stiffness.factors import inverse
 from ..stiffness.relaxation import relaxed
@@ -199,13 +199,13 @@ class SiteSlopes:
         """
         calc, P = self.system.calc, self.system.free
         C, R, k = calc.bonds.incidence, calc.bond_vectors, np.broadcast_to(calc.foundation, (len(self.system), calc.dim))
-        kinds = [(slope.bonds, calc.model)] + [(slope.statics, 'complete')] * (np.ndim(slope.statics) > 0)
+        slopes: list[tuple[Any, Model]] = [(slope.bonds, calc.model), (slope.statics, 'complete')]
+        kinds = [(G, model) for G, model in slopes if np.ndim(G)]
         pull, complete = calc.interaction.forces(R)[1], calc.rest_stiffness('complete')
         push, each = np.broadcast_to(slope.vectors, R.shape), np.broadcast_to(slope.strengths, len(R))
         for (G, model), turns in zip(kinds, self._changes(model for _, model in kinds), strict=True):
-            if np.ndim(G):
-                push = push + np.einsum('bxy,bxyz->bz', G, turns)
-                each = each + (G * calc.rest_stiffness(model)).sum((1, 2))
+            push = push + np.einsum('bxy,bxyz->bz', G, turns)
+            each = each + (G * calc.rest_stiffness(model)).sum((1, 2))
         on = C.T @ push
         w, foot, along = np.zeros_like(on), on, P.T @ on.ravel()
         if not self.at_rest and abs(along).max() > ROUND_OFF * abs(push).max():  # else nothing moves, by symmetry

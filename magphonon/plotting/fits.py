@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from ..design.dispersion_fits import DispersionFit
     from ..interactions.fits import Fit
     from ..interactions.force_tables import Forces
+    from ..stiffness.bond import Model
     from ..waves.ridge_tables import RidgePoints
 
 MODEL_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], '--', 's')}
 
 
 @in_house_style
-def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, DispersionFit]]) -> Figure:
+def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, DispersionFit]]) -> Figure:
     """Measured points with the branches of both models, over the residuals in standard uncertainties.
 
     Parameters

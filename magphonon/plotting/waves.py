@@ -35,11 +35,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..dynamics.motion import Motion
+    from ..stiffness.bond import Model
     from ..waves.wave_analysis import Wave
     from ..waves.wave_source import BurstRecord, BurstSetup
 
 FLOOR_dB = -40  # lowest power shown in a map, in decibels relative to the strongest
-LINES = {'complete': (COLOURS[0], '-'), 'conventional': (COLOURS[1], '--')}
+LINES: dict[Model, tuple[str, str]] = {'complete': (COLOURS[0], '-'), 'conventional': (COLOURS[1], '--')}
 MARGIN = 1.4  # ratio of the upper end of a map to the highest frequency that it shows
 POWER = 'power (dB)'
 BESIDE_in = 0.9  # room for names, legend and colour bar beside panels whose sides are equal lengths
