@@ -8,19 +8,18 @@ the energy, changes the force in each pair and so D*, but no force on any point.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from typing import Any
 
 import ase.units
 import numpy as np
 from ase import Atoms
-from ase.calculators.calculator import Calculator
+from ase.calculators.calculator import Calculator, all_changes
 from ase.neighborlist import neighbor_list
 from numpy.typing import NDArray
 
-from ..errors import positive
+from ..errors import finite, positive
 from .calculator import PairCalculator
 
 MM = 1e-7  # per Angstrom
@@ -28,7 +27,8 @@ MJ = ase.units._e / 1e-3  # per eV
 GRAM = ase.units._amu * 1e3  # per amu
 STEP = 1e-3
 """Step of the differences for the curvature, relative to the distance: of fourth order, so off by 1e-9 for a law as steep as
-r^-13, while round-off of the forces is some 1e-13."""
+r^-13, while round-off of the forces is some 1e-13.  It is smaller near the end of the forces, which often end by a jump."""
+LEAST_STEP = 1e-8  # of a pair at the very end, which `find_bonds` refuses
 SHAKEN = 0.02  # standard deviation of the places at which forces are compared, in shortest distances
 SAME = 1e-6  # difference of forces, in largest forces, above which they are no sum over pairs
 PROBED = 2  # atoms of each element on which they are compared: each has all its neighbours, at as many distances
@@ -37,17 +37,22 @@ FARTHEST = 30.0  # shortest distances within which the force of a pair must have
 
 @dataclass(frozen=True, eq=False)
 class PairOf:
-    """The pair law of two atoms as a calculator of ASE has it, in mm and mJ; its slopes are forces, its curvature differences."""
+    """The pair law of two atoms as a calculator of ASE has it, in mm and mJ; its slopes are forces, its curvature differences.
+
+    No difference is taken across the distance `end`, beyond which they do not act on each other.
+    """
 
     calculator: Calculator
     symbols: tuple[str, str]
+    end: float = np.inf
     _known: dict[float, tuple[float, float]] = field(default_factory=dict, repr=False, compare=False)
 
     def _of(self, r: Any, which: int) -> NDArray[np.float64]:
         r = np.asarray(r, float)
         for apart in {*r.ravel().tolist()} - self._known.keys():
             two = Atoms(self.symbols, [[0, 0, 0], [apart / MM, 0, 0]])
-            self.calculator.calculate(two, ['energy', 'forces'])  # asked directly: comparing atoms takes as long again
+            # asked directly: comparing atoms takes as long again
+            self.calculator.calculate(two, ['energy', 'forces'], all_changes)
             found = self.calculator.results
             self._known[apart] = found['energy'] * MJ, found['forces'][0, 0] * MJ / MM
         return np.array([self._known[apart][which] for apart in r.ravel().tolist()]).reshape(r.shape)
@@ -63,8 +68,9 @@ class PairOf:
     def d2phi(self, r: Any) -> NDArray[np.float64]:
         """Curvature of the energy in N/mm."""
         r = np.asarray(r, float)
-        near, far = (self.dphi(r * (1 + k * STEP)) - self.dphi(r * (1 - k * STEP)) for k in (1, 2))
-        return (8 * near - far) / (12 * STEP * r)
+        h = np.clip(abs(self.end - r) / (3 * r), LEAST_STEP, STEP)
+        near, far = (self.dphi(r * (1 + k * h)) - self.dphi(r * (1 - k * h)) for k in (1, 2))
+        return (8 * near - far) / (12 * h * r)
 
 
 def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
@@ -106,9 +112,15 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
         raise ValueError('the atoms carry no calculator to split; attach one of ASE that is a sum over pairs')
     symbols = atoms.get_chemical_symbols()
     kinds = sorted(set(symbols))
-    laws = {(a, b): PairOf(atoms.calc, (kinds[a], kinds[b])) for a, b in combinations_with_replacement(range(len(kinds)), 2)}
+    finite('positions', atoms.positions)
+    grid = _shortest(atoms) * MM * np.arange(1, FARTHEST, 0.2)
+    if cutoff is not None:
+        last = positive('cutoff', cutoff, 'Angstrom') * MM * (1 + 3 * STEP)
+        grid = np.append(grid[grid < last], last)
+    laws = {(a, b): _ended(PairOf(atoms.calc, (kinds[a], kinds[b])), grid)
+            for a, b in combinations_with_replacement(range(len(kinds)), 2)}
     here = _in_mm(atoms, tags := [kinds.index(symbol) for symbol in symbols])
-    reach = _reach(laws, _shortest(atoms) * MM) if cutoff is None else positive('cutoff', cutoff, 'Angstrom') * MM
+    reach = _reach(laws.values(), grid[-1]) if cutoff is None else cutoff * MM
     _refuse_many_bodies(atoms, tags, laws, reach)
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='a mass of')  # atoms are denser than magnets, and their units are right
@@ -130,24 +142,30 @@ def _shortest(atoms):
         cutoff *= 2
         if cutoff > 1e6:
             raise ValueError('no two of these atoms are near each other: there is no pair to split')
-    return found.min()
+    if not (shortest := found.min()):
+        raise ValueError('two of these atoms coincide; move one of them')
+    return shortest
 
 
-def _reach(laws: Mapping[Any, PairOf], shortest: float) -> float:
+def _ended(law: PairOf, grid: NDArray[np.float64]) -> PairOf:
+    """The law with its end, if no force is left at the last of the distances `grid` in mm."""
+    acting = np.flatnonzero(law.dphi(grid))
+    if len(acting) and acting[-1] == len(grid) - 1:
+        return law
+    inside, outside = (grid[acting[-1]], grid[acting[-1] + 1]) if len(acting) else (0.0, grid[0])
+    while outside - inside > 1e-9 * outside:
+        middle = (inside + outside) / 2
+        inside, outside = (middle, outside) if law.dphi(middle) != 0 else (inside, middle)
+    return replace(law, end=outside)
+
+
+def _reach(laws, farthest):
     """Distance in mm beyond which no pair of atoms acts."""
-    grid = shortest * np.arange(1, FARTHEST, 0.2)
-    ends = []
-    for law in laws.values():
-        if law.dphi(grid[-1]) != 0:
-            raise ValueError(f'the atoms {" and ".join(law.symbols)} still act on each other {grid[-1] / MM:.3g} Angstrom apart: '
+    for law in laws:
+        if np.isinf(law.end):
+            raise ValueError(f'the atoms {" and ".join(law.symbols)} still act on each other {farthest / MM:.3g} Angstrom apart: '
                              'give a cutoff= in Angstrom')
-        acting = np.flatnonzero(law.dphi(grid))
-        inside, outside = (grid[acting[-1]], grid[acting[-1] + 1]) if len(acting) else (0.0, shortest)
-        while outside - inside > 1e-9 * outside:
-            middle = (inside + outside) / 2
-            inside, outside = (middle, outside) if law.dphi(middle) != 0 else (inside, middle)
-        ends.append(outside)
-    return max(ends)
+    return max(law.end for law in laws)
 
 
 def _refuse_many_bodies(atoms, tags, laws, reach):
@@ -155,7 +173,7 @@ def _refuse_many_bodies(atoms, tags, laws, reach):
     shaken = atoms.repeat([2 if periodic else 1 for periodic in atoms.pbc])
     shaken.set_constraint()
     rng = np.random.default_rng(0)
-    shaken.positions += SHAKEN * _shortest(atoms) * _moving(shaken) * rng.normal(size=(len(shaken), 3))
+    shaken.positions += SHAKEN * _shortest(atoms) * rng.normal(size=(len(shaken), 3))
     shaken.calc = atoms.calc
     forces = shaken.get_forces() * MJ / MM
     which = np.tile(tags, len(shaken) // len(atoms))
@@ -170,10 +188,5 @@ def _refuse_many_bodies(atoms, tags, laws, reach):
     largest, apart = abs(forces).max(), abs(forces - sums)[probed].max()
     if apart > SAME * largest:
         raise ValueError(f'{type(atoms.calc).__name__} is no sum over pairs: when the atoms are shaken by {SHAKEN:.0%} of their '
-                         f'distance, its forces differ from those of all pairs by up to {apart / largest:.2g} of the largest. D* '
-                         'is defined for energies written in lengths of pairs only')
-
-
-def _moving(atoms):
-    """1 along the directions that a planar or linear structure spans, else 0, shape (3,)."""
-    return (np.ptp(atoms.positions, axis=0) > 0) | atoms.pbc
+                         f'distance, its forces differ from those of all pairs within {reach / MM:.4g} Angstrom by up to '
+                         f'{apart / largest:.2g} of the largest. D* is defined for energies written in lengths of pairs only')

@@ -10,6 +10,7 @@ from ase.build import bulk
 from ase.calculators.calculator import Calculator, all_changes
 from ase.calculators.emt import EMT
 from ase.calculators.lj import LennardJones
+from ase.calculators.mixing import SumCalculator
 from ase.calculators.morse import MorsePotential
 from ase.neighborlist import neighbor_list
 
@@ -157,6 +158,52 @@ def test_calculators_of_ase_are_split_and_their_reach_is_found(calc):
     np.testing.assert_allclose(X, analytic_bands(split(argon, cutoff=end * (1 - 1e-6)), 'X').frequencies_Hz, rtol=1e-9)
 
 
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('given', [True, False])
+def test_stiffness_is_right_just_within_the_end_of_the_forces_and_of_sums_of_calculators(seed, given):
+    rng = np.random.default_rng(seed)
+    sigma, epsilon, end = rng.uniform(2.4, 3.5, 2), rng.uniform(0.01, 0.5, 2), 8.0
+    r = end * (1 - 10 ** rng.uniform(-5, -2.5))  # the force jumps at the end
+    triple = Atoms('Ar3', [[0, 0, 0], [4.0, 0, 0], [r, 0, 0]])
+    triple.calc = SumCalculator([LennardJones(sigma=s, epsilon=e, rc=end) for s, e in zip(sigma, epsilon, strict=True)])
+    here = split(triple, end if given else None)
+    lengths = here.calc.bonds.lengths
+    x = sigma[:, None] / (lengths * 1e7)
+    exact = (4 * epsilon[:, None] * (156 * x**12 - 42 * x**6)).sum(axis=0) / lengths**2 * ase.units._e * 1e3
+    assert lengths.max() == pytest.approx(r * 1e-7)
+    np.testing.assert_allclose(here.calc.law.d2phi(lengths), exact, rtol=0, atol=1e-6 * abs(exact).max())
+
+
+class Bent(Calculator):
+    """Neighbours in a row joined by springs, `sum (r - 1.5)^2/2`, and stiff against bending, `bend sum (1 + cos angle)`."""
+
+    implemented_properties = ['energy', 'forces']  # noqa: RUF012
+    bend = 0.0
+
+    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+        super().calculate(atoms, properties, system_changes)
+        R = np.diff(atoms.positions, axis=0)
+        r = np.linalg.norm(R, axis=1)[:, None]
+        n, joined = R / r, r < 3
+        pull = joined * (r - 1.5) * n
+        cosine = (n[1:] * n[:-1]).sum(axis=1)[:, None]
+        pull[1:] -= self.bend * (n[:-1] - cosine * n[1:]) / r[1:]
+        pull[:-1] -= self.bend * (n[1:] - cosine * n[:-1]) / r[:-1]
+        zero = np.zeros((1, 3))
+        self.results = {'energy': float((joined * (r - 1.5) ** 2).sum() / 2 + self.bend * (1 - cosine).sum()),
+                        'forces': np.vstack([pull, zero]) - np.vstack([zero, pull])}
+
+
+@pytest.mark.parametrize('along', np.eye(3))
+def test_a_row_that_resists_bending_is_refused_although_its_angles_are_straight(along):
+    row = Atoms('Ar4', np.outer(np.arange(4), 1.6 * along))
+    row.calc = Bent()
+    split(row)  # the control
+    row.calc.bend = 0.1
+    with pytest.raises(ValueError, match='no sum over pairs'):
+        split(row)
+
+
 def test_many_body_energies_are_refused_with_the_difference():
     copper = bulk('Cu', 'fcc', a=3.6)
     copper.calc = EMT()
@@ -179,3 +226,6 @@ def test_a_force_without_an_end_asks_for_a_cutoff():
         split(chain)
     with pytest.raises(ValueError, match='carry no calculator'):
         split(Atoms('Ar'))
+    for x, words in ((0.0, 'coincide'), (np.nan, 'finite number')):
+        with pytest.raises(ValueError, match=words):
+            split(Atoms('Ar2', [[0, 0, 0], [x, 0, 0]], calculator=LennardJones()))
