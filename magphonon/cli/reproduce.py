@@ -14,7 +14,7 @@ HELP = 'recompute the paper, number by number, with a report'
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME',
-                        help='workflows, such as prototype_bands; default: all, in about a minute')
+                        help='workflows, such as prototype_bands; default: all, in less than two minutes')
     parser.add_argument('--quick', action='store_true',
                         help='run the longest workflows in short versions; without NAME this is so anyway')
     parser.add_argument('-o', '--output', metavar='DIR', default='out', help='directory for the report (default: out)')
