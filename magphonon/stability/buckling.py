@@ -34,6 +34,7 @@ ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalu
 VERGE = 1e-9  # distance from the foundation that is needed, as a fraction of it, within which round-off would decide
 FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat
 SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among which a stable one is searched for
+STRETCH = 1e-4  # relative, at which forces must still balance
 STEPS = 12  # number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`
 TURNED = 24  # wavevectors along each reciprocal vector at which B must hold what stiffness alone does not
 EXACT = 1e-9  # width of the interval within which an exponent is found
@@ -268,8 +269,8 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) ->
     -------
     float or None
         Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow);
-        None if it is stable, or unstable, at every spacing, or if the balance depends on the foundation, so that a uniform
-        stretch is not possible.
+        None if it is stable, or unstable, at every spacing, or if the balance depends on the foundation, on loads or on rest
+        lengths of members, so that a uniform stretch is not possible.
 
     Examples
     --------
@@ -282,6 +283,10 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) ->
     if isinstance(atoms, LinearSystem):
         calc, pull = atoms.calc, np.linalg.norm(atoms.calc.spring_forces, axis=1)
         if pull.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max():  # the foundation carries static forces
+            return None
+        change = np.subtract(*(calc.interaction.forces(scale * calc.bond_vectors)[1] for scale in (1 - STRETCH, 1.0)))
+        left = atoms.free.T @ (calc.bonds.incidence.T @ change).ravel()
+        if abs(left).max() > BALANCED**0.5 * abs(change).max():  # at no other size is there a rest of this shape
             return None
     k = common_spring(atoms)
 

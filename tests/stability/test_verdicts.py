@@ -8,7 +8,17 @@ from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
-from magphonon import Constant, InversePower, MagneticRepulsion, OnSite, Yukawa, critical_foundation, lattices, verdict
+from magphonon import (
+    Constant,
+    InversePower,
+    MagneticRepulsion,
+    OnSite,
+    Yukawa,
+    critical_foundation,
+    lattices,
+    read_scene,
+    verdict,
+)
 from magphonon.stability import critical_spacing, critical_support, frequency_shifts, stability_boundary, verdicts
 from magphonon.stability.buckling import softest_of
 from magphonon.stiffness.matrices import hessian
@@ -98,6 +108,14 @@ def test_spacing_that_a_foundation_holds():
         assert critical_spacing(chain) == pytest.approx((4 / k) ** 0.2, rel=1e-8)
     chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0))
     assert critical_spacing(chain) is None  # no spacing helps where there is no foundation
+
+
+def test_members_that_balance_at_one_size_alone_have_no_critical_spacing():
+    assert critical_spacing(read_scene('prism').atoms()) is None  # of two rest lengths
+    tissue = read_scene('tissue').atoms()  # all members are alike: the tension that holds them ends at their rest length
+    slack = tissue.calc.law.L0 / tissue.calc.bonds.lengths[0]
+    assert slack < 0.95
+    assert critical_spacing(tissue) == pytest.approx(slack, rel=1e-6)
 
 
 def test_what_holds_itself_at_every_spacing_never_begins_to_buckle():
