@@ -258,10 +258,13 @@ class Trap(Table):
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
         0.0, description='charge times magnetic field over mass in rad/s, as of a Penning trap', examples=[1e6])
 
-    def sites(self, particles: int) -> dict[str, Any]:
+    def sites(self, atoms: Atoms) -> dict[str, Any]:
         """Foundation, anchors and gyration, as arguments of the calculator."""
+        if np.ptp(atoms.positions[:, 2]):
+            raise ValueError('trap: it acts in a plane, and the particles of the file stand at different heights; give them one '
+                             'z_m, or take PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
         k = np.array([[self.stiffness_N_per_m, self.stiffness_y_N_per_m or self.stiffness_N_per_m]]) * u.N / u.m
-        return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (particles, 1)),
+        return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (len(atoms), 1)),
                 'gyration': self.gyration_rad_per_s / u.s}
 
 

@@ -90,7 +90,7 @@ def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:
     ------
     ValueError
         If a member joins a node that is not there; if the tensions that are given do not balance with any of the others, or leave
-        others undecided.
+        others undecided; if a cable would have to push.
     """
     listed = [(i, j, shift, group) for group in members for i, j, shift in group.between]
     bare = net(atoms, [(i, j, shift, Spring(1.0, 0.0)) for i, j, shift, _ in listed], **sites)
@@ -99,6 +99,10 @@ def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:
     tensions = np.array([0.0 if t is None else t for t in known])
     if None in known:
         tensions = _balanced(bare, tensions, np.array([t is not None for t in known]))
+    for (i, j, _, group), t in zip(listed, tensions, strict=True):
+        if group.slack and t < -UNBALANCED * abs(tensions).max():
+            raise ValueError(f'members: the cable from {i} to {j} would push with {-t:.3g} N, but cables go slack; take its '
+                             'slack = true out, or give other tensions')
     return net(atoms, [(i, j, shift, group.law_at(r, t))
                        for (i, j, shift, group), r, t in zip(listed, lengths, tensions, strict=True)], **sites)
 

@@ -282,7 +282,7 @@ class Scene(Table):
         foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
         if self.foundation:
             foundation = self.foundation.springs(foundation)
-        sites = {'foundation': foundation} if self.trap is None else self.trap.sites(len(atoms))
+        sites = {'foundation': foundation} if self.trap is None else self.trap.sites(atoms)
         sites |= {'strengths': atoms.arrays['strength']} if atoms.has('strength') else {}
         gyration = getattr(self.lattice, 'gyration_rad_per_s', 0.0) / u.s
         spatial = atoms.pbc.all() or (self.foundation is not None and self.foundation.out_of_plane is not None)

@@ -214,7 +214,7 @@ class FileLattice(Table):
                              'particles')
         least, most = NEAREST_m
         if not least <= self.spacing_m <= most:
-            unit = '' if Path(self.file).suffix.lower() == '.csv' else f'length_unit_m = {self.length_unit_m!r} makes '
+            unit = 'it puts ' if Path(self.file).suffix.lower() == '.csv' else f'length_unit_m = {self.length_unit_m!r} makes '
             raise ValueError(f'.file: {unit}the nearest particles {self.spacing_m:.3g} m apart; this must lie between {least:g} '
                              f'and {most:g} m: check the unit of its lengths')
 

@@ -230,7 +230,7 @@ def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
     ('x_m,y_m,kind\n0,0,1\n0.01,0,1.5\n', {'mass_kg': 1e-3}, 'line 3 of .*: kind must be a whole number, not 1.5'),
     ('x_m,y_m\n0,0\n0,1e300\n', {'mass_kg': 1e-3}, 'line 3 of .*: y_m must lie within 1e6 m, not 1e'),
     ('x_m,y_m\n0,0\n-2e6,0\n', {'mass_kg': 1e-3}, 'line 3 of .*: x_m must lie within 1e6 m, not -2e'),
-    ('x_m,y_m\n0,0\n0,0\n', {'mass_kg': 1e-3}, 'nearest particles 0 m apart'),
+    ('x_m,y_m\n0,0\n0,0\n', {'mass_kg': 1e-3}, 'it puts the nearest particles 0 m apart'),
     ('x_m,y_m,z_m\n0,0,0\n0.01,0,0.001\n', {'mass_kg': 1e-3}, 'planar particles must share one z'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'cell_m': [[1, 0], [0, 1], [1, 1]]}, 'cell_m must hold one or two'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'planar': True}, 'take length_unit_m and planar out'),
