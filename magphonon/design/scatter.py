@@ -200,7 +200,7 @@ class SiteSlopes:
         calc, P = self.system.calc, self.system.free
         C, R, k = calc.bonds.incidence, calc.bond_vectors, np.broadcast_to(calc.foundation, (len(self.system), calc.dim))
         slopes: list[tuple[Any, Model]] = [(slope.bonds, calc.model), (slope.statics, 'complete')]
-        kinds = [(G, model) for G, model in slopes if np.ndim(G)]
+        kinds = [one for one in slopes if np.ndim(one[0])]
         pull, complete = calc.interaction.forces(R)[1], calc.rest_stiffness('complete')
         push, each = np.broadcast_to(slope.vectors, R.shape), np.broadcast_to(slope.strengths, len(R))
         for (G, model), turns in zip(kinds, self._changes(model for _, model in kinds), strict=True):
