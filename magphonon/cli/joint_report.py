@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from .. import units as u
+from ..design.joint_fits import RESPONSES
 from ..design.least_squares import DETERMINED, NORMAL
 from ..findings import Findings
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
-from ..scenes.joint_fits import RESPONSES
 from ..tables import in_columns
 
 PULL = 2.7

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+BEFORE, RIDGES, RESPONSES = 'known before', 'ridges', 'transfer functions'  # names of records
 SHARED = 0.01
 """Least part of the variance along a direction that both a record and the others must tell, for them to contradict each other."""
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion
-from ..design.joint_fits import Joint, Record, told
+from ..design.joint_fits import BEFORE, RESPONSES, RIDGES, Joint, Record, told
 from ..design.least_squares import Before
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, frequency_sensitivities
 from ..design.transfer_fits import (
@@ -42,7 +42,6 @@ from .laws import TableLaw
 from .scene import Scene
 
 LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))
-BEFORE, RIDGES, RESPONSES = 'known before', 'ridges', 'transfer functions'
 CLOCK = 1e-3  # relative standard deviation of a clock
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
 ROUNDS = 2  # times that tables are read near the joint fit

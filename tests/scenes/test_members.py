@@ -84,7 +84,8 @@ def test_rest_lengths_move_nodes_to_where_they_balance(tmp_path):
     (prism, 'tension_N = 50 ', '', 'have 1 states of self-stress; give tension_N or rest_length_m of 1 more'),
     (prism, '[1, 2], [2, 0], ', '', 'no tensions of the others balance those that are given'),
     (prism, 'stiffness_N_per_m = 1e5', 'stiffness_N_per_m = 1e5\ntension_N = -50', 'no tensions of the others balance'),
-    (prism, 'stiffness_N_per_m = 1e5', 'slack = true\nstiffness_N_per_m = 1e5', 'from 0 to 4 would push with 114 N'),  # 50 N/0.1 m of 0.228 m
+    (prism, 'stiffness_N_per_m = 1e5', 'slack = true\nstiffness_N_per_m = 1e5',
+     'from 0 to 4 would push with 114 N'),  # 50 N/0.1 m of 0.228 m
     (prism, 'tension_N = 50', 'tension_N = -50', 'the cable from 0 to 1 would push with 50 N'),
     (prism, 'stiffness_N_per_m = 1e5 ', '', 'lacks stiffness_N_per_m; give it, or a law'),
     (prism, 'tension_N = 50 ', 'tension_N = 50\nrest_length_m = 0.1 ', 'both rest_length_m and tension_N'),
