@@ -267,7 +267,7 @@ def test_a_vector_outside_the_interval_is_noticed(monkeypatch):
     ({'times': []}, 'one or more'),
     ({'times': [-1.0]}, 'zero or above'),
     ({'damping': np.full(24, 0.1)}, 'one for each of the 25 particles'),
-    ({'particles': [25]}, r'indices from 0 to 24, not array\(\[25\]\)'),
+    ({'particles': [25]}, r'indices from 0 to 24, not \[25\]'),
     ({'drives': [Harmonic(12, (0, 0, 1), 1.0, 0.1)]}, 'pushes along z'),
     ({'drives': [Harmonic(25, (0, 1), 1.0, 0.1)]}, 'particle 25, but the structure has particles 0 to 24'),
     ({'damping': 1e5, 'times': [100.0]}, 'ask for a shorter time or less damping'),
