@@ -69,9 +69,7 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     """
     from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 
-    if not np.isfinite(atoms.positions).all():
-        k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
-        raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
+    _refuse_nowhere(atoms)
     periods = atoms.cell.array[atoms.pbc]
     if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # NumPy before 2.4.5 has no rank of an empty list
         raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
@@ -101,6 +99,11 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     shift = np.zeros((len(found), 3), dtype=int)
     shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
     return i, j, shift, found['v']
+
+
+def _refuse_nowhere(atoms):
+    for k in np.argwhere(~np.isfinite(atoms.positions))[:1, 0]:
+        raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
 
 
 def _refuse_many(atoms, periods, cutoff):
@@ -461,6 +464,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     >>> explicit_bonds(atoms, [(0, 3), (1, 3), (2, 3)]).lengths.round(12)
     array([1., 1., 1.])
     """
+    _refuse_nowhere(atoms)
     n = len(atoms)
     listed = {}
     for pair in pairs:

@@ -555,7 +555,8 @@ def displacements(case: Case) -> Finding:
     """
     lengths = case.calc.bonds.lengths
     nearest = [(law, lengths[own].min()) for law, own in groups(case.calc.law, len(lengths))]
-    curvature = max(abs(higher_derivatives(law, np.array([r]))[1][0] / law.d2phi(r)) for law, r in nearest)
+    bent = [(abs(higher_derivatives(law, np.array([r]))[1][0]), abs(law.d2phi(r))) for law, r in nearest]
+    curvature = max((fourth / second for fourth, second in bent if fourth), default=0.0)  # none of cables that are slack
     least = float(ROUND_OFF / DERIVATIVE_ERROR * case.spacing)
     most = float(np.sqrt(6 * DERIVATIVE_ERROR / curvature)) if curvature else np.inf  # of springs
     distance = default_distance(case.calc) if case.distance is None else case.distance

@@ -5,10 +5,12 @@ A net is a structure whose bonds are listed, each with its law.  Every node is a
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import shown
 from .calculator import PairCalculator
 from .repulsion import repulsion_of
 from .rest import LinearSystem
@@ -59,7 +61,13 @@ def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms
     members, nodes = list(members), atoms.copy()
     nodes.set_tags(range(len(nodes)))
     laws: dict[tuple[int, int], PairLaw] = {}
-    for i, j, *_, law in members:
+    for member in members:
+        try:
+            i, j, *_, law = member
+            operator.index(i), operator.index(j)
+        except (TypeError, ValueError):
+            raise ValueError(f'a member is (i, j, law) or (i, j, shift, law), as (0, 1, Spring(2.0, 9.5)), not '
+                             f'{shown(member)}') from None
         if laws.setdefault((min(i, j), max(i, j)), law) != law:
             raise ValueError(f'two members of different laws join the nodes {i} and {j}; a pair of nodes has one law: repeat the '
                              'cell, or put a node between')
