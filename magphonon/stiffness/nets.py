@@ -64,7 +64,7 @@ def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms
     for member in members:
         try:
             i, j, *_, law = member
-            operator.index(i), operator.index(j)
+            i, j = operator.index(i), operator.index(j)
         except (TypeError, ValueError):
             raise ValueError(f'a member is (i, j, law) or (i, j, shift, law), as (0, 1, Spring(2.0, 9.5)), not '
                              f'{shown(member)}') from None
