@@ -275,7 +275,7 @@ def verdict(command, files, folder, output=True, between=()):
         arguments += ['-o', str(out)]
     if command == 'plan':
         arguments.append('--run')
-    faults, status = judged(arguments, inputs, out)
+    faults, status = judged(arguments, inputs, out, seconds=60 if command == 'design' else 20)  # every site of a patch takes 18
     if faults == [SLOW] and command == 'plan':  # which finds out how long a method takes by trying it
         return [], None
     return faults, status

@@ -68,7 +68,7 @@ def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
     f, a = fit.covariance[0, 0] ** 0.5, fit.covariance[1, 1] ** 0.5
     assert scene.uncertainty.forces_percent == pytest.approx(100 * f, rel=1e-4)
     assert scene.uncertainty.exponent == pytest.approx(a, rel=1e-4)
-    shear = next(line for line in said.splitlines() if 'M, branch 1' in line).split()
+    shear = next(line for line in said.splitlines() if line.lstrip().startswith('M, branch 1')).split()
     # omega^2 of the shear branch at M is foundation/m + 2 (a - 3) f/(m r0) by the paper, with the covariance of ln f and a
     w2, c = (2 * np.pi * float(shear[3])) ** 2, 2 * fit.force / (scene.lattice.mass_kg * 0.01)
     slopes = np.array([c * (fit.exponent - 3), c]) / (2 * np.sqrt(w2)) / (2 * np.pi)
