@@ -115,7 +115,7 @@ def _balanced(bare, tensions, known):
     if left > UNBALANCED * abs(tensions).max(initial=0.0):
         raise ValueError(f'members: no tensions of the others balance those that are given; the nearest differ from them by '
                          f'{left:.3g} N, and the nodes have {len(states)} states of self-stress')
-    undecided = len(states) - np.linalg.matrix_rank(states[:, known])
+    undecided = len(states) - (np.linalg.matrix_rank(states[:, known]) if known.any() else 0)
     if undecided:
         raise ValueError(f'members: the nodes have {len(states)} states of self-stress; give tension_N or rest_length_m of '
                          f'{undecided} more independent members')
