@@ -66,13 +66,19 @@ def test_a_bistable_site_has_the_period_of_its_energy_in_one_well():
     assert family.omega[0] > 1.05 * plain  # the control: without the curvature 2 of a well
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_families_of_the_conventional_model_start_by_its_own_shifts(seed):
-    rng = np.random.default_rng([seed, 8])
+def drawn_patch(rng):
+    """Seven particles of drawn masses, law and springs, each at rest."""
     patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 1.1)
     patch.set_masses(rng.uniform(0.5, 2, len(patch)))
     patch.calc = MagneticRepulsion(patch, InversePower(1.0, rng.uniform(2, 6)), foundation=rng.uniform(12, 20)).balanced(
         np.arange(len(patch)))
+    return patch
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_families_of_the_conventional_model_start_by_its_own_shifts(seed):
+    rng = np.random.default_rng([seed, 8])
+    patch = drawn_patch(rng)
     complete = frequency_shifts(patch).curvature[-1]
     patch.calc.set(model='conventional')
     shift, last = frequency_shifts(patch), len(modes(patch).omega) - 1
@@ -85,10 +91,7 @@ def test_families_of_the_conventional_model_start_by_its_own_shifts(seed):
 @pytest.mark.parametrize('seed', range(3))
 def test_small_amplitudes_of_drawn_patches(seed):
     rng = np.random.default_rng([seed, 3])
-    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 1.1)
-    patch.set_masses(rng.uniform(0.5, 2, len(patch)))
-    patch.calc = MagneticRepulsion(patch, InversePower(1.0, rng.uniform(2, 6)), foundation=rng.uniform(12, 20)).balanced(
-        np.arange(len(patch)))
+    patch = drawn_patch(rng)
     linear, A = modes(patch).omega, 2e-3
     family = nonlinear_modes(patch, len(linear) - 1, A, points=1)
     shift = frequency_shifts(patch)
