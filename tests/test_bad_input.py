@@ -16,8 +16,10 @@ from ase.dft.kpoints import BandPath
 import magphonon
 from magphonon import (
     Bands,
+    Harmonic,
     InversePower,
     MagneticRepulsion,
+    PrescribedMotion,
     Tabulated,
     analytic_bands,
     explicit_bonds,
@@ -228,6 +230,12 @@ CASES = {
     'phonon without forces': (lambda: foundation_recovered(None), 'NoneType', 'finite_displacements(atoms)'),
     'phonopy path': (lambda: phonopy_bands(finite_displacements(cell()), path(spacing=2)),
                      'another shape', 'atoms.cell.bandpath'),
+
+    # particles that do not exist
+    'balanced nobody': (lambda: repulsion().balanced([99]), '[99]', 'indices from 0 to 2'),
+    'balanced mask': (lambda: repulsion().balanced([True, False, True]), 'True, False', 'indices from 0 to 2'),
+    'verdict drive': (lambda: magphonon.verdict(cell(), [Harmonic([99], (1, 0), 1.0, 2.0)]), '99', 'particles 0 to 0'),
+    'verdict wall': (lambda: magphonon.verdict(cell(), [PrescribedMotion(Harmonic([7], (1, 0), 1.0, 2.0))]), '7', '0 to 0'),
 
     # pictures
     'drawn on another path': (lambda: plot_bands(bands(points='GK'), ax=plot_bands(bands())), 'GK', 'on the same path'),

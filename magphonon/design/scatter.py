@@ -320,7 +320,7 @@ def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0)
         sample: Any = _scaled(scattered(atoms, sites, seed + k), scatter, np.random.default_rng([seed + k, len(ALIKE)]))
         try:
             if scatter.at_rest:
-                sample.calc = sample.calc.balanced(freedom(sample)[0])
+                sample.calc = sample.calc.balanced(np.flatnonzero(freedom(sample)[0]))
             else:
                 sample = relaxed(sample).atoms
             drawn.append(natural_frequencies(sample))

@@ -239,10 +239,11 @@ class SpectralMoments:
 
     @property
     def grid(self) -> NDArray[np.float64]:
-        """Angular frequencies in rad/ms, as many as there are moments, in equal steps over the whole interval."""
-        low, high = signed_root(np.array([self.interval.lowest, self.interval.highest]))
-        count = len(self.moments)
-        return low + (high - low) * (np.arange(count) + 0.5) / count
+        """Angular frequencies in rad/ms in steps of half the resolved width, and zero: trapezoids find every mode, also one that
+        lies at the end of the interval, where peaks are narrow.
+        """
+        count = 2 * len(self.moments)
+        return np.union1d(self._frequency(np.pi * (np.arange(count) + 0.5) / count), 0.0)
 
     def density(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
         """Density over the angular frequency, in ms/rad; its integral is the square of the start vector.

@@ -38,7 +38,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     omega : array_like, shape (frequencies,), optional
-        Increasing, in rad/ms; as many as there are moments, over all frequencies, if not given.
+        Increasing, in rad/ms; if not given, over all frequencies, in steps of half the resolved width.
     moments : int
         An even number.  The width of a resolved peak is `pi/(2 moments)` of the highest frequency, or less.
     vectors : int

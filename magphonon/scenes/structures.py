@@ -239,7 +239,7 @@ class FileLattice(Table):
     def settled(self, atoms: Atoms) -> Atoms:
         """The particles with their calculator where the scene says that they are: at rest as they stand, or moved to rest."""
         if self.positions == 'rest':
-            atoms.calc = atoms.calc.balanced(freedom(atoms)[0])
+            atoms.calc = atoms.calc.balanced(np.flatnonzero(freedom(atoms)[0]))
             return atoms
         if not (self.relaxed or self.positions == 'anchors'):
             return atoms

@@ -20,7 +20,7 @@ from .. import units as u
 from ..bands.bloch import bloch_modes
 from ..bands.force_constants import checked_supercell, default_distance
 from ..dynamics.cages import CONTACT
-from ..dynamics.drives import constant_push
+from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import positive
@@ -151,7 +151,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     atoms : ase.Atoms
         With their PairCalculator, or a cell with AllNeighbours.
     drives : sequence of drives
-        Drives of the run; `Constant` ones may balance static forces, in addition to the dead load of the calculator.
+        Drives of the run; `Constant` ones may balance static forces, in addition to the dead load of the calculator.  A drive of
+        a particle that the structure does not have is refused.
     supercell : three ints, optional
         Supercell for phonopy's finite displacements.
     distance : float, optional
@@ -169,6 +170,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     >>> judged.fine, round(judged.buckling.needed, 9)  # it needs 4 f/L0
     (False, 4.0)
     """
+    forces_and_walls(drives, len(atoms))  # refuses drives of particles that do not exist
     layer = atoms if flat_layer(atoms) else None
     if layer is not None:
         atoms = layer.copy()

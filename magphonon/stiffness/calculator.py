@@ -17,7 +17,7 @@ from ase.geometry import find_mic, minkowski_reduce
 from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
-from ..errors import Unstable, one_of
+from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, Model, displaced, interaction_along, model_stiffness
@@ -217,8 +217,8 @@ class PairCalculator(Repulsion):
         return self.changed(rest, sites=replace(self.sites, load=self.load if load is None else load, **sites), model=model)
 
     def balanced(self, particles: NDArray[Any] | Sequence[int]) -> PairCalculator:
-        """The same calculator with the dead load that balances all other forces on some particles at rest."""
-        load = self.load.copy()
+        """The same calculator with the dead load that balances all other forces on some particles at rest, given by indices."""
+        load, particles = self.load.copy(), indices('particles', particles, len(self.reference))
         rest = np.zeros((len(load), self.dim))
         load[particles, : self.dim] -= self._forces(rest, self._repulsion(rest)[1])[particles]
         return self.about(self.reference, load)

@@ -64,7 +64,7 @@ def shifted(atoms, site, shift, at_rest):
     moved.calc = MagneticRepulsion(reference, LAW, bonds=calc.bonds.at(reference), foundation=calc.foundation,
                                    strengths=calc.strengths, anchors=calc.anchors + move)
     if at_rest:
-        moved.calc = moved.calc.balanced(~held[:, 0])
+        moved.calc = moved.calc.balanced(np.flatnonzero(~held[:, 0]))
         return moved
     return relaxed(moved).atoms
 

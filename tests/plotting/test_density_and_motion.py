@@ -51,7 +51,7 @@ def test_spectral_function_lies_under_the_bands():
     drawn(plot_bands(analytic_bands(cell, path), ax=ax))
     assert [label.get_text() for label in ax.get_xticklabels()] == ['Γ', 'M', 'K', 'Γ']
     image = ax.collections[0]
-    shown = np.asarray(image.get_array()).reshape(64, 25)
+    shown = np.asarray(image.get_array()).reshape(129, 25)
     np.testing.assert_allclose(shown, spectral.density.T / 2 * 2 * np.pi * u.Hz)
     with pytest.raises(ValueError, match='25 wavevectors, but the path 30'):
         plot_spectral_function(spectral, band_path(cell, 'GMKG', npoints=30))

@@ -5,8 +5,9 @@ import pytest
 from ase.constraints import FixAtoms, FixedLine
 from motion import L0, LAW, MASS
 from numpy.testing import assert_allclose
+from scipy.integrate import cumulative_trapezoid
 
-from magphonon import MagneticRepulsion, lattices, modes, relaxed, units as u
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed, units as u
 from magphonon.bands import band_path, bloch_modes, lattice_density
 from magphonon.response import density_of_states, natural_frequencies, spectral_function
 from magphonon.response.chebyshev import Interval, SpectralMoments, stable_interval, whole_interval
@@ -24,7 +25,9 @@ def kernel(omega, modes, interval, count=COUNT):
     here, there = (np.arccos(((np.sign(w) * w**2 - interval.centre) / interval.radius).clip(-1, 1)) for w in (omega, modes))
     n = np.arange(1, count)
     series = g[0] + 2 * (np.cos(np.outer(here, n)) * g[1:]) @ np.cos(np.outer(n, there))
-    return series / np.pi * (2 * abs(omega) / interval.radius / np.sin(here))[:, None]
+    apart = interval.radius * np.sin(here)
+    slope = np.divide(2 * abs(omega), apart, out=np.full(len(omega), 2 / np.sqrt(interval.highest)), where=omega != 0)
+    return series / np.pi * (slope if interval.lowest == 0 else np.where(omega == 0, 0, slope))[:, None]
 
 
 def disturbed(seed, model='complete'):
@@ -172,18 +175,34 @@ def test_dysons_chain_has_as_many_modes_below_as_nodes():
     count, k = 6000, LAW.d2phi(L0)
     masses = MASS * np.random.default_rng(3).choice([1.0, 3.0], count)
     found = density_of_states(chain(count, masses), moments=256, vectors=8)
-    middles = np.arange(20, 250, 10)
-    omega = found.omega[middles] + (found.omega[1] - found.omega[0]) / 2
+    middles = np.arange(40, 500, 20)
+    omega = found.omega[middles]
     pivot, below = np.full(len(omega), np.inf), np.zeros(len(omega))
     for m in masses:
         pivot = 2 * k - m * omega**2 - k**2 / pivot
         below += pivot < 0
-    step = found.omega[1] - found.omega[0]
-    ours, sigma = np.cumsum(found.density)[middles] * step, np.cumsum(found.error)[middles] * step
+    ours, sigma = (cumulative_trapezoid(of, found.omega)[middles - 1] for of in (found.density, found.error))
     # the density is smoothed over the width: below by the modes in a width, 0.7 % of them, with peaks of single light particles
     assert (abs(ours - below) < 0.012 * count + 3 * sigma).all()
     equal = density_of_states(chain(count, np.full(count, masses.mean())), moments=256, vectors=2)
-    assert abs(np.cumsum(equal.density)[middles] * step - below).max() > 0.05 * count
+    assert abs(cumulative_trapezoid(equal.density, equal.omega)[middles - 1] - below).max() > 0.05 * count
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_mode_at_the_bound_of_all_frequencies_is_on_the_default_grid(seed):
+    """Rings: an even one has its highest mode exactly at the largest row sum.  A grid of equal steps misses it."""
+    rng = np.random.default_rng(seed)
+    ring = lattices.chain(1.0, 1.0).repeat((2 * int(rng.integers(1, 6)), 1, 1))
+    ring.calc = MagneticRepulsion(ring, InversePower(1.0, 4.0), foundation=rng.uniform(2.5, 12.0))
+    found = density_of_states(ring, moments=int(rng.choice([32, 128, 512])), vectors=4)
+    exact = natural_frequencies(ring)
+    bound = np.sqrt(stable_interval(LinearSystem.of(ring).K).highest)
+    assert bound == pytest.approx(exact[-1], rel=1e-12)
+    counted = cumulative_trapezoid(found.density, found.omega, initial=0)
+    assert counted[-1] == pytest.approx(len(exact), rel=1e-3)
+    equal = bound * (np.arange(64) + 0.5) / 64
+    control = density_of_states(ring, equal, moments=512, vectors=4)
+    assert abs(np.trapezoid(control.density, equal) / len(exact) - 1) > 0.02
 
 
 def test_the_sites_of_a_patch_are_found_wherever_it_lies():
