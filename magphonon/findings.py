@@ -94,8 +94,12 @@ class Findings(dict[str, Judge]):
         """The words of all that have something to say."""
         return [found.words for found in self.of(case) if found.words]
 
+    def asked(self, case: Any, verbose: bool = False) -> dict[str, Finding]:
+        """What each function finds, by name; unless the report is `verbose` only of those that answer or may find a fault."""
+        return {name: self.find(name, case) for name in self if verbose or name not in self.remarks or name == self.first}
+
     def told(self, case: Any, verbose: bool = False) -> list[str]:
-        """The words of the answer and of the faults, or of all in a `verbose` report; what cannot be either is not asked then."""
-        found = {name: self.find(name, case) for name in self if verbose or name not in self.remarks or name == self.first}
+        """The words of the answer and of the faults, or of all in a `verbose` report."""
+        found = self.asked(case, verbose)
         first = [found.pop(self.first).words] if self.first else []
         return [*filter(None, first), *(one.words for one in found.values() if one.words and (verbose or one.fault))]

@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
-from ase.spectrum.dosdata import GridDOSData
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
@@ -30,6 +30,9 @@ from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 from .bloch import bloch_modes
+
+if TYPE_CHECKING:
+    from ase.spectrum.dosdata import GridDOSData
 
 POINTS = 400  # number of frequencies where the caller gives none
 STEPS = {1: 1998, 2: 180, 3: 30}
@@ -75,6 +78,8 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
 
     def to_ase(self) -> GridDOSData:
         """The same as an `ase.spectrum.dosdata.GridDOSData`: modes per Hz over frequencies in Hz."""
+        from ase.spectrum.dosdata import GridDOSData  # imports matplotlib
+
         return GridDOSData(self.frequencies_Hz, self.per_Hz * self.modes, {'label': 'modes per Hz'})
 
     @property

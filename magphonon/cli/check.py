@@ -50,7 +50,7 @@ def run(options: Namespace) -> int:
     except ValueError as error:
         print(f'Defects and disorder: {error}.')
         return 1
-    found = {name: REPORT.find(name, case) for name in REPORT}
+    found = REPORT.asked(case, options.verbose)
     print(*(('\n' if options.verbose else '') + one.words for name, one in found.items()
             if one.words and (options.verbose or one.fault or name == REPORT.first)),
           *([] if options.verbose or case.modulated else omission(case.scene, False)), sep='\n')

@@ -19,6 +19,9 @@ from io import StringIO
 from pkgutil import iter_modules
 from threading import current_thread, main_thread
 
+if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is loaded: on small matrices threads of OpenBLAS wait more than they work
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 from .. import __version__
 from ..errors import did_you_mean
 from .arguments import find_inputs

@@ -47,8 +47,8 @@ from .thermostat import Bath
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 ENOUGH = 20_000  # number of particles from which on another thread pays
 COMPILING_PAYS = 3e6
-"""Number of particle-steps from which compiled steps save, in a patch of a thousand, the 0.4 s that they take to load; the three
-seconds that they take to be compiled, once on a machine, are saved in ten such runs."""
+"""Number of evaluations of the force on a particle from which compiled steps save, in a patch of a thousand, the 0.4 s that they
+take to load; the three seconds that they take to be compiled, once on a machine, are saved in ten such runs."""
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
 SHOWN = 8 * BLOCK  # largest number of steps after which the atoms follow blocks, for who iterates
 
@@ -288,7 +288,8 @@ class DrivenVerlet(VelocityVerlet):
         ASE's yields at every step: where each is wanted, attach an observer, take a `Recorder`, or engine='ase'.
         """
         self.max_steps = self.nsteps + steps
-        long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None and can_compile()
+        work = len(self.atoms) * steps * self.splitting.stages
+        long = work >= COMPILING_PAYS and find_spec('numba') is not None and can_compile()
         self._prepare(long)
         if self.nsteps == 0:
             self.log()

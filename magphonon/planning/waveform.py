@@ -2,13 +2,11 @@
 
 The effect of D* is the difference of the exact linear solutions with and without it.  The effect of nonlinearity is bounded by
 the largest strain s of a bond: the first nonlinear term is (a + 1) s/2 of the linear one, for a force that falls as r^-a.  Where
-this bound does not decide, the burst is run in time steps, and once more with 1e-6 of its amplitude, which is linear: what
-differs is the effect of nonlinearity.  Step and order are those that `magphonon.dynamics.splittings` takes for the tolerance.
+this bound does not decide, the burst is run in time steps: what differs from the exact linear solution is the effect of
+nonlinearity, and the error of the steps.  Step and order are those that `magphonon.dynamics.splittings` takes for the tolerance.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 from ase import Atoms
@@ -29,15 +27,11 @@ from .plan import Method, Plan, percent
 
 FRAMES = 12  # number of times compared and written in each period of the carrier: harmonics up to the fifth are resolved
 TIMES = 8  # number of frames whose strains are computed at once, so that the arrays stay in the processor's cache
-WEAK_AMPLITUDE = 1e-6
-"""Amplitude of the weak burst, as a fraction of the full one: linear to six digits, and far above round-off.  A thousand times as
-much or as little gives the same motion to four digits."""
 BOUND_FACTOR, BUILD_UP_STEPS = 5, 30
 """Safety factor of the bound of nonlinearity, and the number of steps along a row beyond which the factor grows with the square
 root of their number, because harmonics build up on the way.  The largest ratios measured, without foundation, are 3 along 20
 steps and 5.1 along 60."""
 MOST_SQUEEZED = 0.5  # of a bond, in the motion that the linear equations tell
-CLEAR = 2 * STEPS_SHARE  # of the tolerance: uncertainty of a nonlinearity from two runs, each with the error of its steps
 
 
 @takes(*STIFF)
@@ -77,11 +71,10 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     if nonlinear > tolerance:
         squeezed = (1 - min(strain, MOST_SQUEEZED)) ** (-steepness(calc) / 2)  # bonds that are shortened are stiffer
         dt, order = step_within(tolerance, squeezed * highest_frequency(system), duration, frame)
-        full, weak = (_run(atoms, drive, row, damping, times, dt, order, share) for share in (1.0, WEAK_AMPLITUDE))
-        nonlinear = difference(full, weak)
-        doubt = CLEAR * tolerance / nonlinear
+        nonlinear = difference(_run(atoms, drive, row, damping, times, dt, order), exact[:, row])
+        doubt = STEPS_SHARE * tolerance / nonlinear
         count, stages = round(frame / dt) * len(times), SPLITTINGS[order].stages
-        said = f'nonlinearity: {percent(nonlinear)} (from two runs of {len(atoms)} particles in {count} steps of order {order})'
+        said = f'nonlinearity: {percent(nonlinear)} (from a run of {len(atoms)} particles in {count} steps of order {order})'
         algorithm = f'{count} steps of order {order}, each of {stages} evaluation{"s" * (stages > 1)} of the forces'
         steps = [Method('nonlinear', algorithm, STEPS_SHARE * tolerance, 1.0, dt=dt, order=order)]
     methods = [Method(f'{model} linear', f'exact propagation in {linear[model].products} products with the stiffness matrix',
@@ -90,16 +83,15 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     return Plan('Waveform', 'its rms', tolerance, (*methods, *steps), (f'D* changes the waveform by {percent(frozen)}', said))
 
 
-def _run(atoms, drive, row, damping, times, dt, order, share):
-    """Displacements of the row at the `times`, divided by the share of the amplitude that drives them."""
-    dyn = DrivenVerlet(as_model(atoms, 'complete'), dt, [replace(drive, amplitude=share * np.asarray(drive.amplitude))], damping,
-                       order=order)
+def _run(atoms, drive, row, damping, times, dt, order):
+    """Displacements of the row at the `times`, with the law itself."""
+    dyn = DrivenVerlet(as_model(atoms, 'complete'), dt, [drive], damping, order=order)
     record = Recorder(dyn, row, round(times[0] / dt))
     try:
         dyn.run(round(times[-1] / dt))
     except Diverged as error:
         raise ValueError(f'particles collide or leave their cages, so there is nothing to plan: {error}') from None
-    return record.displacements[1:] / share
+    return record.displacements[1:]
 
 
 def steepness(calc: Repulsion) -> float:
