@@ -111,8 +111,9 @@ def _monte_carlo(scene, path, tolerances, few, labels):
     from ..design.uncertainty import sampled_frequencies
     from ..scenes.tolerances import varied
 
-    points = points_on(path)
-    drawn = sampled_frequencies(lambda factors: varied(scene, factors).perfect_cell(), list(points.values()), tolerances, SAMPLES)
+    points, cell = points_on(path), scene.perfect_cell()
+    drawn = sampled_frequencies(lambda factors: varied(scene, factors).perfect_cell(cell), list(points.values()), tolerances,
+                                SAMPLES)
     unstable = np.mean((drawn < -1e-6 * abs(drawn).max()).any(axis=(1, 2)))
     k, mode = np.array([(list(points).index(name), branch - 1) for name, branch in labels]).T
     certain = few.std <= 1e-9 * few.values  # frequencies that depend on no tolerance

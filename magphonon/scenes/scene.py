@@ -217,11 +217,11 @@ class Scene(Table):
         relaxation = self.relaxation()
         return self.perfect_cell() if relaxation is None else relaxation.atoms
 
-    def perfect_cell(self) -> Atoms:
+    def perfect_cell(self, like: Atoms | None = None) -> Atoms:
         """One unit cell, the oscillator or the finite structure, without [defects] and [disorder], with its PairCalculator or
-        AllNeighbours.
+        AllNeighbours; in a scene that differs by numbers alone, with the pairs of neighbours of the cell `like`.
         """
-        atoms = self._standing()
+        atoms = self._standing(like)
         if self.foundation and self.foundation.leans:
             try:
                 atoms.calc = leaning(atoms.calc, self.foundation.height)
@@ -239,7 +239,7 @@ class Scene(Table):
         return self.model_copy(update={'foundation': self.foundation.model_copy(update={'pillar': pillar})})
 
     @_units_told_by_keys()
-    def _standing(self) -> Atoms:
+    def _standing(self, like: Atoms | None = None) -> Atoms:
         if self.members:
             nodes = self.cell()
             sites = self._sites(nodes)
@@ -254,7 +254,9 @@ class Scene(Table):
                 raise ValueError(f"law.shells = '{ALL}': {error}") from None
             return atoms
         bonds, reach = self.lattice.bonds, getattr(self.law, 'reach', None)
-        if reach is not None:
+        if like is not None:
+            bonds = like.calc.bonds  # pyright: ignore[reportOptionalMemberAccess]  it has a calculator
+        elif reach is not None:
             bonds = bonds_within(atoms, reach * self.lattice.spacing_m * u.m)
         try:
             shells: Any = self.law.shells  # "auto" is a number by now
