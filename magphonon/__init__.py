@@ -20,8 +20,6 @@ from pathlib import Path
 
 import lazy_loader
 
-from .renamed import with_old
-
 __version__ = '0.3.0'
 
 if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workflows stand beside the package
@@ -48,4 +46,3 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
                   'relaxed', 'restored'],
     'sweeps': ['sweep'],
 })
-__getattr__ = with_old(__name__, __all__, __getattr__)

@@ -14,7 +14,7 @@ FLOORS = [{'cli'}, {'sweeps'}, {'scenes'}, {'design', 'planning'}, {'plotting', 
           {'bands', 'dynamics'}, {'stiffness'}, {'lattices', 'interactions'}]
 """From the top down; rooms on one floor do not know each other.  Single modules such as `units` are the ground below all."""
 CORE = {
-    '': 'errors units results files renamed traits',
+    '': 'errors units results files traits',
     'interactions': 'law_cards pair_laws bond_laws',
     'lattices': 'bonds',
     'stiffness': 'bond matrices sites site_laws terms plausibility restartable supercells repulsion calculator rest',

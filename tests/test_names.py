@@ -1,4 +1,4 @@
-"""One notion has one name on all results; a replaced name still works."""
+"""One notion has one name on all results."""
 
 from dataclasses import fields
 
@@ -10,14 +10,11 @@ import magphonon
 from magphonon import DrivenVerlet, Recorder, propagate
 from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
 from magphonon.dynamics import Motion
-from magphonon.renamed import NAMES
 from magphonon.response import FrequencyResponse, Localisation, Modes, SpectralFunction
 from magphonon.stability import Shifts
 from magphonon.waves import Branch, Spectrum
 from magphonon.waves.spectrum import Ridge
 
-ROOMS = [magphonon, magphonon.bands, magphonon.design, magphonon.dynamics, magphonon.plotting, magphonon.response,
-         magphonon.scenes, magphonon.stability, magphonon.stiffness, magphonon.sweeps, magphonon.waves]
 RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
            DensityOfStates, SpectralFunction, Localisation]
 
@@ -40,16 +37,6 @@ def test_every_record_of_motion_has_the_same_names():
         np.testing.assert_allclose(record.times, [0.0, 0.02, 0.04], rtol=1e-12)
         np.testing.assert_array_equal(record.particles, [12, 13])
         assert record.displacements.shape == (3, 2, 2)
-
-
-@pytest.mark.parametrize(('old', 'new'), NAMES.items())
-def test_an_old_name_still_works_and_says_the_new_one(old, new):
-    rooms = [room for room in ROOMS if new in room.__all__]
-    assert rooms
-    for room in rooms:
-        assert old not in room.__all__
-        with pytest.warns(DeprecationWarning, match=f'{room.__name__}.{old} is called {new} now'):
-            assert getattr(room, old) is getattr(room, new)
 
 
 def test_a_name_that_never_was_is_refused():

@@ -340,7 +340,7 @@ def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof,
                      damping: ArrayLike, at_rest: bool = False) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Derivatives of a frequency response by the logarithms of masses, strengths and springs of each site, and by their places.
 
-    The arguments are those of `magphonon.response.frf.harmonic_response`, the Place where the response is seen, and `at_rest` as
+    The arguments are those of `magphonon.response.frf.harmonic_response`, the Dof where the response is seen, and `at_rest` as
     in SiteScatter.  Shape (6, particles, frequencies), in mm, those by places in mm per mm; and by the logarithms of what all
     sites have in common, shape (4, frequencies).
     """

@@ -106,7 +106,7 @@ class TransferFit(ParameterFit):
 def responses(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
     """Responses of a lattice, of all functions, one after the other: in mm/N, or per displacement of the bench.
 
-    Each function has the Place where it is seen, and the Place of its force or the direction in which the bench is shaken;
+    Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken;
     `widened` is a damping in 1/ms on top.
     """
     omega, where = _frequencies(functions)

@@ -7,7 +7,4 @@ the time step, moves blocks of steps by one of the two `kernels_*`, for which `b
 
 import lazy_loader
 
-from ..renamed import with_old
-
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__getattr__ = with_old(__name__, __all__, __getattr__)

@@ -9,7 +9,4 @@ interaction that depends on more than the distance (`PairInteraction`).
 
 import lazy_loader
 
-from ..renamed import with_old
-
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__getattr__ = with_old(__name__, __all__, __getattr__)

@@ -5,7 +5,4 @@
 
 import lazy_loader
 
-from ..renamed import with_old
-
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__getattr__ = with_old(__name__, __all__, __getattr__)
