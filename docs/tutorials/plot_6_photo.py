@@ -130,8 +130,8 @@ lines = [f'{k + 1},{truth.frequencies_Hz[k]},{x},{y},{truth.shapes[k, i, 0]}' fo
          for x, y in [true.positions[i, :2]]]
 (folder / 'shapes.csv').write_text('\n'.join(['mode,frequency_Hz,x_mm,y_mm,u_x', *lines]), encoding='utf-8')
 comparison = compared(folder / 'shapes.csv', scene.atoms(), found)
-for name, mac, least in zip(comparison.names, comparison.mac, comparison.least, strict=True):
-    print(f'measured mode {name}: mode {mac.argmax() + 1}, MAC {mac.max():.2f} (a match needs {least:.2f})')
+for name, mac, least, best in zip(comparison.names, comparison.mac, comparison.least, comparison.best, strict=True):
+    print(f'measured mode {name}: mode {best + 1}, MAC {mac[best]:.2f} (a match needs {least:.2f})')
 
 from magphonon.plotting import plot_comparison
 

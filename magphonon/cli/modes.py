@@ -31,7 +31,6 @@ MOST_TURNING = 1500  # the same where forces turn velocities: matrices are compl
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
 MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are drawn at each special point
-FAR = 0.25  # relative distance in frequency beyond which shapes alike are no match; a law known to 10 % gives a fifth
 OUTSIDE = 1e-4
 """Distance of a local mode from the bands, as a fraction of the highest frequency: the bands may be wider between
 points of the mesh."""
@@ -363,18 +362,24 @@ def _with_others(scene, system, found, shown):
 
 
 def matches(comparison, found) -> list[str]:
-    """A line for each measured shape: the computed mode that is most like it."""
+    """A line for each measured shape: the computed mode that is it, and which others look the same at the measured points."""
+    from ..response.measured_shapes import FAR
+
     f = found.frequencies_Hz
     lines = ['measured shapes (MAC of 1 is the same shape; columns of mac.csv in this order):']
-    for name, omega, mac, least in zip(comparison.names, comparison.omega, comparison.mac, comparison.least, strict=True):
-        best, measured = int(mac.argmax()), units.hertz(omega)
+    for name, omega, mac, least, best in zip(comparison.names, comparison.omega, comparison.mac, comparison.least,
+                                             comparison.best, strict=True):
+        measured, alike = units.hertz(omega), np.flatnonzero(mac > least)
         known = not np.isnan(measured)
         what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
         off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
         if mac[best] > least:
             far = bool(abs(f[best] / measured - 1) > FAR)  # not, if unknown
+            others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
             lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
-                         + (', too far in frequency for one mode: are u_x and u_y exchanged, or is the law another?' * far))
+                         + (', too far in frequency for one mode: are u_x and u_y exchanged, or is the law another?' * far)
+                         + (f'; mode {", ".join(others)} looks the same at so few points (aliasing): measure particles between '
+                            'them' if others else ''))
         else:
             lines.append(f'{what}no mode alike; the nearest is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC {mac[best]:.3f}, '
                          f'and a match needs {least:.3f} with so many measured directions')

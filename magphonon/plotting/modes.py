@@ -162,11 +162,10 @@ def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequenc
 def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = None) -> Axes:
     """MAC of measured shapes, in rows, with the computed ones most like them, in columns; matches are framed."""
     ax = new_axes() if ax is None else ax
-    best = np.argsort(found.mac, axis=1)[:, -2:]
-    shown = np.unique(best)
+    shown = np.unique(np.column_stack([found.best, np.argsort(found.mac, axis=1)[:, -2:]]))
     picture = ax.imshow(found.mac[:, shown], cmap='Greys', vmin=0, vmax=1, aspect='auto')
-    rows = np.flatnonzero(found.mac.max(axis=1) > found.least)
-    columns = np.searchsorted(shown, found.mac[rows].argmax(axis=1))
+    rows = np.flatnonzero(found.mac[np.arange(len(found.best)), found.best] > found.least)
+    columns = np.searchsorted(shown, found.best[rows])
     ax.plot(columns, rows, 's', markersize=9, markerfacecolor='none', color=COLOURS[1], label='match')
     frequencies = units.hertz(found.omega)
     measured = [name if np.isnan(f) else f'{name}: {f:.4g} Hz' for name, f in zip(found.names, frequencies, strict=True)]

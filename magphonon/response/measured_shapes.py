@@ -31,6 +31,7 @@ ALIKE = 0.5
 """MAC above which no other of the computed shapes can be as much like a measured one, if all of it was measured."""
 CHANCE = 0.01
 """Probability with which the best of all computed shapes may have the MAC of a match by chance."""
+FAR = 0.25  # relative distance in frequency beyond which shapes alike are no match; a law known to 10 % gives a fifth
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,16 @@ class Comparison:
         Modal assurance criterion with each computed mode.
     least : ndarray, shape (measured,)
         The MAC that a match needs: more than `ALIKE`, and than chance gives with so few measured directions; 1 with one.
+    best : ndarray of int, shape (measured,)
+        The computed mode of each: the most alike of those within `FAR` of the measured frequency where one of them matches, else
+        of all.
     """
 
     names: tuple[str, ...]
     omega: NDArray[np.float64]
     mac: NDArray[np.float64]
     least: NDArray[np.float64]
+    best: NDArray[np.int_]
 
 
 def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Comparison:
@@ -113,4 +118,6 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
         if len(a) > 1:
             by_chance = betaincinv(0.5, (len(a) - 1) / 2, (1 - CHANCE) ** (1 / len(found.omega)))
             least[k] = max(ALIKE, by_chance)
-    return Comparison(names, omega, mac, least)
+    near = np.where(abs(found.omega / omega[:, None] - 1) <= FAR, mac, 0.0)  # nothing is near an unknown frequency
+    best = np.where(near.max(axis=1) > least, near.argmax(axis=1), mac.argmax(axis=1))
+    return Comparison(names, omega, mac, least, best)

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from ase.constraints import FixAtoms
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, read_scene
 from magphonon.cli.main import main
@@ -132,3 +133,25 @@ def test_a_match_far_off_in_frequency_gets_a_word(factor, told, patch, tmp_path)
     table = written(tmp_path, patch.positions[:, :2], found.shapes[:3], frequencies=factor * found.frequencies_Hz[:3])
     lines = matches(compared(table, patch, found), found)
     assert [('too far in frequency' in line) for line in lines[1:]] == [told] * 3
+
+
+@pytest.mark.parametrize(('factor', 'own'), [(1.0, True), (1.2, True), (3.0, False)])
+def test_frequency_decides_between_modes_that_look_alike_at_few_points(factor, own, tmp_path):
+    """Every second particle of a row tells a wave from its folded twin by frequency alone."""
+    from magphonon.cli.modes import matches
+
+    row = lattices.chain(SPACING, 0.8).repeat((24, 1, 1))
+    row.pbc = False
+    row.set_constraint(FixAtoms([0, 23]))
+    row.calc = MagneticRepulsion(row, InversePower(2000.0, 4.0), foundation=0.06)
+    found, at = modes(row), np.arange(0, 24, 2)
+    along = np.flatnonzero((found.shapes[..., 0] ** 2).sum(axis=1) > (found.shapes[..., 1] ** 2).sum(axis=1))
+    lowest = along[1]
+    table = written(tmp_path, row.positions[at, :2], found.shapes[[lowest]][:, at], ('u_x',),
+                    factor * found.frequencies_Hz[[lowest]])
+    comparison = compared(table, row, found)
+    twin = int(np.where(abs(found.omega / found.omega[lowest] - 1) > 0.6, comparison.mac[0], 0).argmax())
+    assert comparison.mac[0, twin] > comparison.least[0]  # alone by its shape it could be either
+    assert (comparison.best[0] == lowest) == own
+    line, = matches(comparison, found)[1:]
+    assert 'looks the same at so few points (aliasing)' in line

@@ -1,0 +1,125 @@
+"""Intervals of lattices fitted to waves hold the truth of magnets, lattices and faults that are drawn.
+
+Rings, cubes and sums of two powers on triangular and square lattices, kx unlike ky, records that are clipped, drift as 1/f, hum,
+are tilted, or have unequal gains.  In docs/coverage.md; each takes some minutes of one core:
+
+    python -m pytest -m long -n 0 -s tests/waves/test_wave_coverage.py
+"""
+
+import numpy as np
+import pytest
+
+from magphonon import read_scene
+from magphonon.bands import band_path
+from magphonon.scenes import fit_bands
+from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
+from tests.drawn_lattices import FAULTS, MASS, VECTORS, Tally, bloch, plain_fit, specimen, spoilt
+from workflows import bench_lattice as bench
+
+SPECIMENS, WITHOUT = 24, 40
+
+
+def scene_of(folder, one, rng):
+    """The lattice as its owner knows it: force, exponent and springs some ten percent off, as an inverse power."""
+    off = np.exp(0.1 * rng.uniform(-1, 1, 4)) * [one.truth['force'], 4.2, *one.springs]
+    (file := folder / 'scene.toml').write_text(
+        f'title = "drawn"\n[lattice]\nkind = "{one.lattice}"\nspacing_m = 0.01\nmass_kg = {MASS}\n[law]\nkind = "inverse_power"\n'
+        f'force_N = {off[0]}\na = {off[1]}\nshells = "auto"\n[foundation]\nstiffness_N_per_m = {off[2]}\n'
+        f'stiffness_y_N_per_m = {off[3]}\n', encoding='utf-8')
+    return read_scene(file)
+
+
+def scanned(one, source, side, carrier, seconds, fault, rng):
+    """The scan along R2 of a burst of five cycles on the lowest row that moves, or on its middle, along `side`."""
+    lab, R2 = one.lab, VECTORS[one.lattice][1]
+    (x, y), inside = lab.anchors.T, np.flatnonzero(~lab.held)
+    row = inside[y[inside] < y[inside].min() + R2[1] / 2]
+    middle = x[inside].mean()
+    if source == 'point':
+        row = row[[abs(x[row] - middle).argmin()]]
+        start, weights = lab.anchors[row[0]], np.ones(1)
+    else:
+        weights = np.cos(np.pi * (x[row] - middle) / (np.ptp(x[row]) + 2e-2)) ** 2
+        start = lab.anchors[row[abs(x[row] - (middle - np.ptp(y[inside]) / 2 * R2[0] / R2[1])).argmin()]]
+    places = start + np.arange(1, int(np.ptp(y[inside]) / R2[1]))[:, None] * R2
+    points = inside[np.linalg.norm(lab.anchors[inside] - places[:, None], axis=2).argmin(axis=1)]
+    drive = bench.pushed(lab, row, weights[:, None] * np.array(side)), bench.burst(carrier, 5)
+    t, u = bench.small_motion(lab, [drive], seconds, points, one.modes)
+    u = spoilt(bench.measured(u, 1 / t[1], rng, dead=1), fault, rng)
+    return Scan(1e3 * t, tuple(map(str, points)), 1e3 * places, {'x': u[..., 0], 'y': u[..., 1]})
+
+
+def ridges_of(one, source, scene, folder, fault, rng):
+    """Ridges of three bursts, shear and longitudinal, at frequencies where the bands of the lattice are."""
+    R2 = VECTORS[one.lattice][1] / 0.01
+    k = np.outer([1.4, 0.9, 1.9], np.linalg.inv(VECTORS[one.lattice]).T[1])
+    carriers = bloch(one.law, one.lattice, k, one.springs, static=one.static)[range(3), [0, 1, 1]] / (2 * np.pi)
+    sides = ((1, 0), (0, 1), (0, 1)) if source == 'row' else ((R2[1], -R2[0]), R2, R2)
+    cell, found = scene.perfect_cell(), {}
+    for name, side, carrier, seconds in zip('123', sides, carriers, (0.4, 0.25, 0.25), strict=True):
+        waves = scan_waves(scanned(one, source, side, carrier, seconds, fault, rng), cell, source)
+        found[name] = [wave for wave in waves if wave.motion == ('transverse' if name == '1' else 'longitudinal')]
+    write_ridges(folder / 'ridges.csv', found)
+    return read_ridges(folder / 'ridges.csv')
+
+
+def field_points(one, kind, scene, folder, fault, rng, seconds=2.0, path=None):
+    """Ridges of all magnets but some, moved by noise on each ('thermal') or of the base."""
+    (omega, shapes), lab, frames = one.modes, one.lab, int(2e3 * seconds)
+    w = 2 * np.pi * np.fft.rfftfreq(frames, 1e-3)
+    band = w < 2 * np.pi * 250
+    if kind == 'base':
+        force = np.einsum('nxm,n,xf->mf', shapes, lab.masses, rng.normal(size=(2, len(w), 2)).view(complex)[..., 0] * band)
+    else:
+        force = rng.normal(size=(len(omega), len(w), 2)).view(complex)[..., 0] * band
+    modal = np.fft.irfft(force / (omega[:, None] ** 2 + 1j * lab.damping * w - w**2), frames)[:, : frames // 2]
+    kept = np.flatnonzero(~lab.held & (rng.random(len(lab.held)) > 0.05))
+    u = np.einsum('nxm,mt->tnx', shapes[kept], modal, optimize=True)
+    u = spoilt(bench.measured(u, 1000.0, rng, jitter=1e-4), fault, rng)
+    places = 1e3 * lab.rest[kept] + [30, -40] + 0.05 * rng.normal(size=(len(kept), 2))
+    scan = Scan(np.arange(len(u)) * 1.0, tuple(map(str, kept)), places, {axis: 1e-3 / abs(u).max() * u[..., n]
+                                                                         for n, axis in enumerate('xy')})
+    cell = scene.perfect_cell()
+    write_points(folder / 'ridges.csv', field_ridges(field_of(scan, cell), cell, band_path(cell, path)))
+    return read_ridges(folder / 'ridges.csv')
+
+
+def priors_of(one, rng, names=('a', 'foundation_x', 'foundation_y')):
+    """What is known to ten percent beforehand, drawn as far off."""
+    return {name: (value, 0.1 * value) for name in names for value in [one.truth[name] * (1 + 0.1 * rng.standard_normal())]}
+
+
+def tally(path, seeds, folder, static=True, width=None, lattices=('triangular', 'square')):
+    """Specimens of a path, one after the other."""
+    found = Tally(path if static else f'{path} without D*')
+    for seed in seeds:
+        rng, fault = np.random.default_rng([seed, 7]), FAULTS[(seed + seed // 6) % len(FAULTS)] if static else 'none'
+        one = specimen(seed, width or (0.24 if path in ('row', 'point') else 0.2), lattices, static)
+        scene, words = scene_of(folder, one, rng), f'seed {seed}, {fault}'
+        try:
+            if path in ('row', 'point'):
+                points = ridges_of(one, path, scene, folder, fault, rng)
+            else:
+                points = field_points(one, path, scene, folder, fault, rng)
+            fits = fit_bands(scene, points, priors=priors_of(one, rng) if path == 'point' else {})
+        except ValueError as error:
+            found.refusal(one, words, error)
+            continue
+        plain = plain_fit(one, fits.points) if len(fits.points) > 3 and one.lattice != 'honeycomb' else {}
+        found.add(one, f'{words}, {len(fits.points)} points', fits.values(), plain, fits.evidence)
+    print(found.summary(), flush=True)
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('path', ['row', 'point', 'thermal', 'base'])
+def test_intervals_hold_the_truth_of_drawn_lattices(path, tmp_path):
+    found = tally(path, range(100, 100 + SPECIMENS), tmp_path)
+    assert found.share >= 0.9
+    assert min(found.evidence) > -2  # never against D* where it is
+
+
+@pytest.mark.long
+def test_no_false_claim_about_static_forces(tmp_path):
+    found = tally('row', range(500, 500 + WITHOUT), tmp_path, static=False)
+    assert max(found.evidence) < 2
