@@ -87,6 +87,7 @@ def _cholesky(A):
         return None
     lower = sparse.tril(A, format='coo')
     kept = spmatrix(*(matrix(x) for x in (lower.data, lower.row.astype(np.int64), lower.col.astype(np.int64))), A.shape)
+    del lower  # factors are largest where they are made
     factor = cholmod.symbolic(kept, uplo='L')
     try:
         cholmod.numeric(kept, factor)

@@ -136,8 +136,9 @@ def _closer(D, far, factors, highest):
     """A shift below the lowest eigenvalue, a thousand times closer than `far`, with the factors there and its distance."""
     near = sparse.linalg.eigsh(D, k=1, sigma=far, OPinv=factors.operator, v0=_start(D.shape[0]), tol=ROUGH,
                                return_eigenvectors=False)[0]
-    distance = max(ROUGH * (near - far), ROUND_OFF * highest)
-    return *factors_below(D, near, distance, factors.order), distance
+    distance, order = max(ROUGH * (near - far), ROUND_OFF * highest), factors.order
+    del factors  # the next ones take their memory
+    return *factors_below(D, near, distance, order), distance
 
 
 def _start(size):

@@ -221,6 +221,7 @@ class _Descent:
             regular = H + REGULAR * abs(H).sum(axis=1).max() * sparse.eye_array(len(y))
             solve = inverse(regular, order)
             order, better = solve.factors.order, y - solve(self.slope(y))
+            del solve, regular  # the next factors take their memory
             if not self.residual(better) < self.residual(y):
                 break
             y = better
@@ -236,16 +237,19 @@ class _Descent:
         self._move(np.zeros_like(y))
         known = _near(self.atoms, self.length)
         self._move(y)
-        for i, j, _ in sorted(_near(self.atoms, self.length) - known - _pairs(bonds)):
+        short = bonds.among(now < self.length)  # others are not near: sets of all bonds would take more memory than factors
+        for i, j, _ in sorted(_near(self.atoms, self.length) - known - _pairs(short)):
             raise Unstable(f'the particles {i} and {j}, between which no force acts here, are closer than the shortest bond, '
                              f'{self.length:.4g} mm: from its first positions the structure buckles or slides; {MEND}, or bond '
                              'more neighbours (shells= or cutoff=)')
 
     def softest(self, y):
         """Lowest and a bound of the highest squared frequency, rad^2/ms^2, and the softest mode, its largest component one."""
-        root = sparse.diags_array(1 / np.sqrt(self.masses))
-        lowest, highest, v = lowest_mode(sparse.csr_array(root @ self.stiffness(y) @ root) * (self.force / self.length))
-        v = root @ v
+        root = sparse.diags_array(np.sqrt(self.force / self.length / self.masses))
+        K = sparse.csr_array(root @ self.stiffness(y) @ root)
+        self._at = None  # factors need its memory
+        lowest, highest, v = lowest_mode(K)
+        v = v / np.sqrt(self.masses)
         return lowest, highest, v / np.linalg.norm((self.P @ v).reshape(len(self.atoms), -1), axis=1).max()
 
     def result(self, y, before, steps, saddles, lowest):
