@@ -152,7 +152,7 @@ def plain_fit(one, points):
     start = np.log([1.0, *one.springs])
     spread = off(start)[1]
     found = least_squares(lambda x: off(x)[0], start)
-    C = np.linalg.inv(found.jac.T @ found.jac) * max(1, 2 * found.cost / max(len(points) - 3, 1))
+    C = np.linalg.pinv(found.jac.T @ found.jac) * max(1, 2 * found.cost / max(len(points) - 3, 1))
     f = one.truth['force'] / one.lab.strengths[~one.lab.held].mean() ** 2
     return {name: (value * np.exp(x), WIDE * sigma) for name, value, x, sigma in zip(
         ('force', 'foundation_x', 'foundation_y'), (f, 1, 1), found.x, np.sqrt(np.diag(C)), strict=True)}

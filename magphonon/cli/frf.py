@@ -34,6 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
+    from .modes import unused
     from .neighbours import omission
 
     scene = read_scene(options.scene)
@@ -43,7 +44,8 @@ def run(options: Namespace) -> None:
     with answering(options, scene, *tables) as (folder, save, told):
         first, lines = _responses(scene, plan, folder, save)
         lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
-        told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save), *omission(scene, options.verbose)]
+        told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save),
+                 *filter(None, [unused(scene).words]), *omission(scene, options.verbose)]
 
 
 def _measured(scene, options):
@@ -140,17 +142,19 @@ def _natural(system, omega):
 
 
 def _scattered(scene, system, omega):
-    """The lowest natural frequencies in the range with what the scatter of each site in [uncertainty] leaves unknown of them."""
+    """The lowest natural frequencies in the range with what [uncertainty] leaves unknown of them."""
     from ..design.scatter import mode_scatter
     from ..response.normal_modes import Modes, local_modes
 
-    scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
+    scatter, _ = scene.known_of_structure
     if not scatter:
         return []
     found = local_modes(system, omega[[0, -1]])
+    if not len(found.omega):
+        return []
     spread = mode_scatter(system, scatter, Modes(found.omega[:SHOWN_PEAKS], found.shapes[:SHOWN_PEAKS]))
     shown = ', '.join(f'{f:.5g} +- {std:.2g}' for f, std in zip(*map(units.hertz, spread), strict=True))
-    return [f'  the lowest of them with the scatter of each site, to first order: {shown} Hz']
+    return [f'  the lowest of them with what [uncertainty] says, to first order: {shown} Hz']
 
 
 def _peaks(result, unit):

@@ -256,13 +256,19 @@ def scatter(case: Case) -> Finding | None:
     if case.patch is None or not case.spread[0]:
         return None
     columns, lost = case.spread
-    words = '  +- is the standard deviation by the scatter of each site, to first order'
+    words = '  +- is the standard deviation by what [uncertainty] says of each site and of all of them, to first order'
     if 'drawn_std_Hz' in columns:
         words = ('  +- is the larger of two standard deviations: by the scatter of each site to first order, and about these '
                  f'frequencies of {round(DRAWN * (1 - lost))} structures drawn at random, mode by mode in ascending order; both '
                  'are in modes.csv')
     unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
     return Finding(lost, words + unstable, fault=bool(unstable))
+
+
+@REPORT.check
+def unused_tolerances(case: Case) -> Finding | None:
+    """Which tolerances do not act on the modes of a patch."""
+    return None if case.patch is None else unused(case.scene)
 
 
 @REPORT.remark
@@ -284,6 +290,13 @@ def others(case: Case) -> Finding:
     from .neighbours import omitted
 
     return Finding() if case.scene.finite else omitted(case.scene)
+
+
+def unused(scene: Scene) -> Finding:
+    """Which tolerances of [uncertainty] modes and responses of a structure do not know."""
+    names = scene.known_of_structure[1]
+    return Finding(len(names), f'Not used here: what [uncertainty] says of {", ".join(names)}; "magphonon uncertainty" '
+                   'propagates it to bands and responses.' if names else '', fault=bool(names))
 
 
 def _of_no_stiffness(omega):
@@ -316,11 +329,11 @@ def _spread(scene, system, found):
     """Columns of modes.csv with the scatter that [uncertainty] names for each site; the share of structures drawn that buckle."""
     from ..design.scatter import mode_scatter, sampled_modes
 
-    scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
+    scatter, _ = scene.known_of_structure
     if not scatter:
         return {}, 0.0
     first = units.hertz(mode_scatter(system, scatter, found).std)
-    if system.directions > MOST_DRAWN:
+    if system.directions > MOST_DRAWN or not scatter.std.any():  # what all sites share mixes no modes
         return {'std_Hz': first}, 0.0
     drawn = sampled_modes(system.atoms, scatter, DRAWN)
     lost = float(np.isnan(drawn[:, 0]).mean())

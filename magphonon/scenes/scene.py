@@ -28,6 +28,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from .. import units as u
 from ..bands.force_constants import enough_cells
 from ..bands.neighbours import ConvergedShells, converged_shells, whole_reach
+from ..design.scatter import NO_SCATTER, SiteScatter
 from ..errors import PhysicsError
 from ..files import whole_file
 from ..lattices.bonds import bonds_within
@@ -190,6 +191,11 @@ class Scene(Table):
     def finite(self) -> bool:
         """Whether it is a structure from a file without any period."""
         return self.lattice.finite
+
+    @property
+    def known_of_structure(self) -> tuple[SiteScatter, list[str]]:
+        """What [uncertainty] says of the modes of a structure, and which of its tolerances do not act on them."""
+        return (NO_SCATTER, []) if self.uncertainty is None else self.uncertainty.of_structure(self)
 
     @property
     def special_points(self) -> dict[str, NDArray[np.float64]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -80,6 +81,27 @@ class _Uncertainty(Table):
             i, j = names.index(one), names.index(other)
             C[i, j] = C[j, i] = getattr(self, key) * sigma[one] * sigma[other]
         return Tolerances({name: changes[name] for name in sigma}, C, scatter)
+
+    def of_structure(self, scene: Scene) -> tuple[SiteScatter, list[str]]:
+        """What is known of the modes of a structure: the scatter of its sites and what all of them share; the unused tolerances.
+
+        A factor of the force is twice one of all strengths, a spacing is a ruler, a pillar is a spring.  What changes a law by
+        itself, such as an exponent, and what is correlated with it, has no such equivalent.
+        """
+        known, alike, unused = self.tolerances(scene), {}, []
+        kinds = KINDS[scene.law.kind].parameters if scene.law.kind in KINDS else {}
+        springs = scene.foundation.changes if scene.foundation else {}
+        powers = {'spacing': ('scale', 1.0), 'mass': ('mass', 1.0),
+                  **({'stiffness': ('stiffness', 1.0)} if len(springs) == 1 else {}),
+                  **{name: ('strength', one.power / 2) for name, one in kinds.items() if one.power and not one.change},
+                  **{name: ('stiffness', float(power)) for name, power in PILLAR_POWERS.items()}}
+        for row, name in zip(known.covariance, known.changes, strict=True):
+            if name not in powers or np.count_nonzero(row) != 1:
+                unused.append(name)
+                continue
+            what, power = powers[name]
+            alike[what] = float(np.hypot(alike.get(what, 0.0), power * np.sqrt(row.max())))
+        return replace(known.scatter, alike={**known.scatter.alike, **alike}), unused
 
     def _sigma(self, scene, changes):
         sigma = {}

@@ -162,3 +162,33 @@ def test_scene_without_anything_to_propagate_to_is_refused(tmp_path, capsys):
     text = text.partition('[frf]')[0] + text[text.index('[uncertainty]'):]
     assert main(['uncertainty', '--verbose', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
     assert 'has no [frf], to which tolerances could propagate' in capsys.readouterr().err
+
+
+KEPT = {'spacing': 0.004, 'mass': 0.01, 'stiffness': 0.02, 'b': 0.03, 'force': 0.03, 'youngs_modulus': 0.02, 'radius': 0.01}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('law', 'foundation', 'names', 'unused'), [
+    ('b_N_m_a = 2.5e-9\na = 4.0', 'stiffness_N_per_m = 30.0', ('spacing', 'mass', 'stiffness', 'b'), ['a']),
+    ('force_N = 0.25\na = 4.0', 'stiffness_N_per_m = 30.0', ('mass', 'force'), []),
+    ('b_N_m_a = 2.5e-9\na = 4.0', '[foundation.pillar]\nyoungs_modulus_Pa = 3e9\nradius_m = 7.9e-4\nheight_m = 0.02',
+     ('youngs_modulus', 'radius'), []),
+    ('b_N_m_a = 2.5e-9\na = 4.0', 'stiffness_N_per_m = 30.0\nstiffness_y_N_per_m = 36.0', ('mass',), ['stiffness'])])
+def test_tolerances_act_on_the_modes_of_a_patch_or_are_named(law, foundation, names, unused, tmp_path, capsys):
+    """Against differences of scenes with each parameter a thousandth off; without a tolerance its share is missing."""
+    from magphonon import modes
+    from magphonon.design import mode_scatter
+
+    told = ''.join(f'{name}_percent = {100 * KEPT.get(name, 0.01)}\n' for name in (*names, *unused))
+    file = scene_file(tmp_path, 'title = "Patch"\n[lattice]\nkind = "triangular"\nspacing_m = 0.01\nmass_kg = 8e-4\n[law]\n'
+                      f'kind = "inverse_power"\n{law}\nshells = 2\n[foundation]\n{foundation}\n[patch]\nkind = "hexagon"\n'
+                      f'side_m = 0.0305\n[uncertainty]\n{told}')
+    scene = read_scene(file)
+    scatter, left = scene.known_of_structure
+    assert left == unused
+    omega, std = mode_scatter(scene.patch_atoms(), scatter)
+    own = {name: (modes(varied(scene, {name: 1.001}).patch_atoms()).omega - omega) / 1e-3 * KEPT[name] for name in names}
+    assert_allclose(std, np.sqrt(sum(one**2 for one in own.values())), rtol=0.02)
+    assert (abs(own[names[0]]) > 0.05 * std).all()  # the control: each counts
+    assert main(['modes', file, '-o', str(tmp_path / 'out')]) == 0
+    assert (f'Not used here: what [uncertainty] says of {", ".join(unused)};' in capsys.readouterr().out) == bool(unused)
