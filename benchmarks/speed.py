@@ -104,8 +104,8 @@ class Result:
 
 
 REASONS = {
-    ('100 ms', 'plain C'): 'C looks neither whether the law reaches nor whether the bonds hold, which beyond a strain of 0.05 takes '
-                           'a survey of all pairs, as long as the steps; and it writes no atoms',
+    ('100 ms', 'plain C'): 'C looks neither whether the law reaches nor whether the bonds hold, for which a strain of 0.1 needs a '
+                           'survey of all pairs, as long as the steps; and it writes no atoms',
     ('two threads', 'one thread'): 'The next line says what the machine gives to two separate runs',
     ('two runs side by side', ''): 'It is what the machine gives, not the package',
 }
@@ -526,7 +526,7 @@ def with_holes(n):
 
 
 def memory(job, code, n, before):
-    """Peak of a process that runs code with a patch of `n x n` magnets, less that with a small one, against one measured before."""
+    """Peak of a process that runs code for a patch of `n x n` magnets, less that with a small one, against an earlier one."""
     peaks = []
     for side in (10, n):
         told = 'print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1])'
@@ -789,7 +789,8 @@ ROWS = {
     'engines 1e4': lambda: engines(100),
     'engines 1e5': lambda: engines(316),
     'memory': lambda: memory('compiled steps', 'speed.stepper(speed.patch({}))', 547, 750.0),
-    'memory with holes': lambda: memory('relaxed, one in thirty missing', 'import magphonon; magphonon.relaxed(speed.with_holes({}))', 316, 6400.0),
+    'memory with holes': lambda: memory('relaxed, one in thirty missing',
+                                        'import magphonon; magphonon.relaxed(speed.with_holes({}))', 316, 6400.0),
     'bands': bands,
     'large cells': lambda: [*large_cells(17, {'dense': 2, 'phonopy': 20}), *large_cells(32, {'dense': 10})],
     'mesh': mesh,
