@@ -104,8 +104,8 @@ class Result:
 
 
 REASONS = {
-    ('100 ms', 'plain C'): 'C looks neither whether the law reaches nor whether the bonds hold, for which a strain of 0.1 needs a '
-                           'survey of all pairs, as long as the steps; and it writes no atoms',
+    ('100 ms', 'plain C'): 'C looks neither whether the law reaches nor whether the bonds hold, for which a strain of 0.1 needs '
+                           'a survey of all pairs, as long as the steps; and it writes no atoms',
     ('two threads', 'one thread'): 'The next line says what the machine gives to two separate runs',
     ('two runs side by side', ''): 'It is what the machine gives, not the package',
 }
