@@ -57,6 +57,8 @@ sphinx_gallery_conf = {
     'examples_dirs': ['tutorials', 'gallery'],
     'gallery_dirs': ['generated/tutorials', 'generated/gallery'],
     'filename_pattern': '.',
+    'backreferences_dir': 'generated/backreferences',  # the page of a name shows the examples that use it
+    'doc_module': ('magphonon',),
     'image_scrapers': ('generate.scraper.figures',),
     'within_subsection_order': 'FileNameSortKey',
     'abort_on_example_error': True,

@@ -177,7 +177,7 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
                   {q: column for q, column in values.items() if not q.startswith(POINT)}, np.asarray(lines),
                   {q.removeprefix(POINT): column for q, column in values.items() if q.startswith(POINT)}, tuple(notes))
     for quantity in (quantity for quantity in table.columns if units[quantity]):
-        table.refuse(quantity, np.isinf(table[quantity]), 'be a number of a size that can be')
+        table.refuse(quantity, np.isinf(table[quantity]), 'be a finite number')
     return table
 
 
@@ -348,13 +348,13 @@ def _cells(line, sign):
 
 
 def _passed_over(path, head, columns, others, layout):
-    """None for a column of another name; ValueError where such are not wanted, or where it only says no unit that is known."""
+    """None for a column of another name; ValueError where such are not wanted, or where it only has no known unit."""
     begun = (q for q in columns if columns[q] and (head.name == q or head.name.startswith(f'{q}_')))
     meant = head.quantity or max(begun, key=len, default=None)
     if meant is not None:
         allowed = [f'{meant}_{unit}'.rstrip('_') for unit in columns[meant]]
-        again = '; of decibels say of what, as [dB re 1 m/s/N]' if 'dB' in head.name else ''
-        raise ValueError(f'{path}: the column {shown(head.name)} says no unit that is known; write {", ".join(allowed[:4])}'
+        again = '; for decibels give the reference, as [dB re 1 m/s/N]' if 'dB' in head.name else ''
+        raise ValueError(f'{path}: the column {shown(head.name)} has no known unit; write {", ".join(allowed[:4])}'
                          f'{again}')
     if not others:
         known = [f'{q}_{unit}'.rstrip('_') for q, units in columns.items() for unit in units]

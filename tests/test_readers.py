@@ -175,8 +175,8 @@ def test_gaps_need_the_size_of_the_magnets(tmp_path):
 
 
 @pytest.mark.parametrize(('written', 'mend'), [
-    ('r [ft],F [N]\n1,2\n', r"'r \[ft\]' says no unit that is known; write r_m, r_mm"),
-    ('r,F\n1,2\n', "the column 'r' says no unit that is known; write r_m, r_mm"),
+    ('r [ft],F [N]\n1,2\n', r"'r \[ft\]' has no known unit; write r_m, r_mm"),
+    ('r,F\n1,2\n', "the column 'r' has no known unit; write r_m, r_mm"),
     ('Distance,Force\n1,2\n', 'lacks the column r_m.*r_m,f_N .*as r .mm.'),
     ('8.0,0.6\n9,0.5\nr [mm],F [N]\n10,0.4\n', 'line 1 of .* holds numbers above the header in line 3; put the header first'),
     ("r [um];F [uN]\n8'000.0;600'000\nr [um];F [uN]\n9;8\n", "line 3 of .*r .um. is 'r .um.', not a finite number"),
@@ -328,8 +328,8 @@ def test_transfer_functions_are_read_as_meant(name, tmp_path):
 
 
 @pytest.mark.parametrize(('written', 'mend'), [
-    ('Frequency [Hz],Magnitude [dB],Phase [deg]\n20,-60,0\n21,-61,0\n', r'say of what, as \[dB re 1 m/s/N\]'),
-    ('Frequency [Hz],Amplitude [V/V],Phase [deg]\n20,1,0\n21,1,0\n', r"'Amplitude \[V/V\]' says no unit that is known"),
+    ('Frequency [Hz],Magnitude [dB],Phase [deg]\n20,-60,0\n21,-61,0\n', r'for decibels give the reference, as \[dB re 1 m/s/N\]'),
+    ('Frequency [Hz],Amplitude [V/V],Phase [deg]\n20,1,0\n21,1,0\n', r"'Amplitude \[V/V\]' has no known unit"),
     ('Frequency [Hz],Amplitude [mm/N]\n20,1\n21,1\n', 'holds neither transfer functions nor records'),
     ('Point,Value\n1,2\n', 'holds neither transfer functions nor records'),
 ])
@@ -411,7 +411,7 @@ def test_read_refuses_in_words(tmp_path, capsys):
     (tmp_path / 'gaps.csv').write_text('gap_mm,f_N\n1,0.5\n2,0.4\n')
     (tmp_path / 'none.csv').write_text('colour,size\nred,2\n')
     for name, mend in (('noise', 'is not a text file; export it as CSV'), ('gaps', '--contact 6.35mm'),
-                       ('none', 'is no record that is known;\n  as forces: ')):
+                       ('none', 'is not a known kind of record;\n  as forces: ')):
         assert main(['read', str(tmp_path / f'{name}.csv'), '-o', str(tmp_path / 'out')]) == 2
         said = capsys.readouterr().err
         assert mend in said

@@ -146,11 +146,11 @@ def own_decibels(read):
 
 
 def promises_of_d0(starts=STARTS):
-    """Designs of the same bounds by D0 alone, one start each: what they promise, and what another solver says of them."""
+    """Designs of the same bounds with D0 alone, one start each: what they promise, and what another solver says of them."""
     atoms, at = patch()
     design = optimise(atoms, contrast(atoms, at), OVER, steps=60, model='conventional', starts=starts)
     kept = [number for number in design.given_by_starts if number >= GOAL]
-    return [Check(f'control: of {starts} designs by D0 alone, those that keep {GOAL:g} dB', len(kept), starts, 0, control=True),
+    return [Check(f'control: of {starts} designs with D0 alone, those that keep {GOAL:g} dB', len(kept), starts, 0, control=True),
             *(Reported(f'D0 alone, {which}: it promises this weaker contrast (dB), beside the truth', promise, truth)
               for which, promise, truth in ends(design.starts, design.given_by_starts))]
 
@@ -213,7 +213,7 @@ def gap(starts=3):
     best = max(alone)
     return [*Four(f'gap above branch {BRANCHES} of a cell of nine (Hz)', *best, promise,
                   omega[:, BRANCHES:].min() - omega[:, :BRANCHES].max(), 1e-3).rows,
-            *(Reported(f'gap by D0 alone, {which}: it promises (Hz), beside the truth', p, t)
+            *(Reported(f'gap with D0 alone, {which}: it promises (Hz), beside the truth', p, t)
               for which, p, t in ends(*zip(*alone, strict=True)))]
 
 

@@ -97,7 +97,7 @@ def bursts(gaps):
     travels = sum(with_dstar[:2]) * with_dstar[2] / energy
     return [Check('burst, D0 alone: share of its energy that does not run to the right', 1 - there, 0, 0.16),
             Check('share that runs to the left, D0', back, 0, 1e-3),
-            Check('energy that travels with D*, over all that enters by D0 alone', travels, 0, 1e-3),
+            Check('energy that travels with D*, over all that enters with D0 alone', travels, 0, 1e-3),
             Check('control: D0 alone', there + back, 0, 1e-3, control=True)]
 
 
@@ -153,7 +153,7 @@ def bands_of_edges(out):
     axes.flat[1].set_ylabel('')
     return save_picture(figure, out / 'gyration_edges.png',
                         'Magnets on a bench that turns 72 times a minute: bands of a strip with held edges around the '
-                        'second gap of the lattice (shaded). By D0 alone one wave along each edge crosses it; with the static '
+                        'second gap of the lattice (shaded). With D0 alone one wave along each edge crosses it; with the static '
                         'forces none does.')
 
 

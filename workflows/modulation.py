@@ -46,7 +46,7 @@ def prototype(eps, omega=W, rows=ROWS):
 
 
 def shear(q, model='complete'):
-    """Angular frequency of shear across the rows: `m w^2 = k + (a - 3) f/L (1 - cos 2 pi q)`, a in place of a - 3 by D0 alone."""
+    """Angular frequency of shear across the rows: `m w^2 = k + (a - 3) f/L (1 - cos 2 pi q)`; D0 alone: a for a - 3."""
     cell = read_scene('prototype').perfect_cell()
     law, L = cell.calc.law, cell.calc.bonds.lengths[0]
     across = (law.a + MODELS[model]) * abs(law.dphi(L)) / L
@@ -135,7 +135,7 @@ def front(model):
 
 
 def stiffness(model):
-    """Of the bonds between two rows against shear, (a - 3) f/2L; by D0 alone a f/2L."""
+    """Of the bonds between two rows against shear, (a - 3) f/2L; with D0 alone a f/2L."""
     return (4 + MODELS[model]) / 2
 
 
@@ -168,4 +168,4 @@ def picture(out, fronts):
     return save_picture(figure, out / 'modulation.png',
                         'Foundations that change. (a) Shear waves on springs that a wave modulates by 30 % at 8 Hz (ready scene '
                         '"modulated"): gaps open elsewhere for waves against it than for waves with it. (b) A front through rows '
-                        'with two wells each, at three times: by D0 alone it runs twice as fast.')
+                        'with two wells each, at three times: with D0 alone it runs twice as fast.')

@@ -1,4 +1,4 @@
-"""Noise: a bath gives every wave the energy kT; what resists it, kT/<|u_q|^2>, is not the stiffness by D0 alone."""
+"""Noise: a bath gives every wave the energy kT; what resists it, kT/<|u_q|^2>, is not the stiffness with D0 alone."""
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def in_the_cold(cell, kT):
 
 
 def closed(cell, stiffness, model='complete'):
-    """Angular frequencies at M, three times, and K: 2a - 6, 6a - 2 and 4.5 (a - 1), by D0 alone 2a, 6a and 4.5 a, times f/L."""
+    """Angular frequencies at M, three times, and K: 2a - 6, 6a - 2 and 4.5 (a - 1), with D0 alone 2a, 6a and 4.5 a, times f/L."""
     a, D0 = 4.5824, model == 'conventional'
     at_m, at_k = ([2 * a, 6 * a], 4.5 * a) if D0 else ([2 * a - 6, 6 * a - 2], 4.5 * (a - 1))
     k = np.array([at_m, at_m, at_m, [at_k, at_k]]) * stiffness + cell.calc.foundation

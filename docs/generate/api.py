@@ -92,10 +92,12 @@ def page(room):
 
 
 def page_of(room, name):
-    """One name in full."""
+    """One name in full, and the tutorials and examples of the gallery that use it."""
     thing = getattr(import_module(f'magphonon.{room}'), name)
     kind = 'autoclass' if inspect.isclass(thing) else 'autofunction' if callable(thing) else 'autodata'
-    return f'{heading(name)}\n.. {kind}:: magphonon.{room}.{name}\n' + '   :members:\n' * (kind == 'autoclass')
+    examples = f'magphonon.{name}' if name in magphonon.__all__ else f'magphonon.{room}.{name}'  # as sphinx-gallery lists them
+    return (f'{heading(name)}\n.. {kind}:: magphonon.{room}.{name}\n' + '   :members:\n' * (kind == 'autoclass')
+            + f'\n.. minigallery:: {examples}\n   :add-heading: Examples\n   :heading-level: -\n')
 
 
 INDEX = """

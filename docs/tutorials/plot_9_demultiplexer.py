@@ -29,12 +29,12 @@ print(over)
 # The design
 # ----------
 # The objective is the weaker of the two contrasts in dB.  Its slope by every magnet and every pillar, through the rest that
-# follows them, costs about as much as the responses themselves.  ``compare`` designs by D0 alone, too.
+# follows them, costs about as much as the responses themselves.  ``compare`` designs with D0 alone, too.
 
 design = optimise(patch, weakest, over, steps=30, compare=True)
 print(f'before: {design.before:.1f} dB; by D0 + D*: {design.value:.1f} dB')
 other = design.conventional
-print(f'by D0 alone: {other.value:.1f} dB promised, {other.given:.1f} dB in truth')
+print(f'with D0 alone: {other.value:.1f} dB promised, {other.given:.1f} dB in truth')
 
 # %%
 # Is it true?

@@ -102,8 +102,8 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
     while True:
         harmonics += 1 + harmonics // 4  # slow and deep modulations take many
         if 2 * (2 * harmonics + 1) * hill.modes > MOST:
-            raise ValueError(f'fewer than {harmonics} harmonics do not tell the frequencies to {tolerance:g} of the largest; the '
-                             'modulation is slow and deep: give a larger tolerance')
+            raise ValueError(f'more than {harmonics} harmonics would be needed for an error of {tolerance:g} of the largest '
+                             'frequency; the modulation is slow and deep: give a larger tolerance')
         before, (omega, weight) = _strongest(omega, weight, hill)[0], hill.solved(q, harmonics)
         away = abs(before[:, :, None] - omega[:, None, :]).min(axis=2)
         if away.max(initial=0.0) <= tolerance * abs(before).max(initial=0.0):
@@ -126,7 +126,7 @@ class Hill:
         calc = repulsion_of(atoms)
         wave = calc.tie.modulation(calc.anchors)
         if wave is None:
-            raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of {calc!r}; give the '
+            raise ValueError(f'floquet_bands needs a modulated foundation, not {calc!r}; give the '
                              'calculator foundation=Travelling(k, eps, W, kap)')
         mean = on_foundation(atoms, calc.tie.k)
         self.system, self.W = LinearSystem.of(mean).moving(), wave.W

@@ -75,7 +75,8 @@ def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> li
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
     return [*lines, f'Of {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics on either '
-            'side, alone: ranges of growth are narrow; "magphonon check" follows them everywhere.']
+            'side; growing waves between these are missed, because they fill narrow ranges: "magphonon check" searches '
+            'everywhere.']
 
 
 def _in_words(value):

@@ -167,10 +167,10 @@ def _conclusion(records):
             if here:
                 bins = [sorted(misfits[which, name].bins for misfits in here) for which in (model, other)]
                 near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
-                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges on its {name} branch, {near} bins off it '
-                             f'and {far} off that of the {other} model')
+                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges on its {name} branch, {near} bins away, '
+                             f'and {far} bins from that of the {other} model')
     if astray:
-        lines.append(f'{astray} of the ridges on no branch of the row: --verbose says why that may be')
+        lines.append(f'{astray} of the ridges lie on no branch of the row: --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']
 
 

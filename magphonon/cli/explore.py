@@ -129,8 +129,8 @@ def _refuse_unknown(scene: Scene) -> None:
         raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or use '
                          '"magphonon bands"')
     if scene.foundation is not None and scene.foundation.leans:
-        raise ValueError('foundation.pillar.lean: what leaning takes of the foundation changes with the spacing, which the '
-                         'sliders of the explorer do not know; take lean out, or use "magphonon bands"')
+        raise ValueError('foundation.pillar.lean: leaning softens the foundation by an amount that depends on the spacing, '
+                         'which the explorer does not compute; leave lean out, or use "magphonon bands"')
     if scene.cell().pbc.all():
         raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, but the explorer draws planar ones; use '
                          '"magphonon bands"')

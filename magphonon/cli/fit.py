@@ -274,7 +274,7 @@ def _fit_frf(options):
     fixed = _fixed(options, KEYS)
     gain = GAIN if options.gain_sigma is None else options.gain_sigma
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
-        print(f'These look like {doubt}: see to it before what follows is believed.\n')
+        print(f'These look like {doubt}: correct that before believing what follows.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
     _told(options, scene, options.files, frf_report(found, fixed), 'frf_fit',
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

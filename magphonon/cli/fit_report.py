@@ -103,7 +103,7 @@ def saturation(case):
     if (top := case.forces.saturated).any():
         r = case.forces.r[top] / u.mm
         return (f'{top.sum()} rows from {r.min():g} to {r.max():g} mm have the same largest force, {case.forces.f.max() / u.N:g} '
-                'N: the load cell was at its end there. Leave them out, or the exponent comes out too small.')
+                'N: the load cell was saturated there. Leave these rows out, or the exponent comes out too small.')
     return None
 
 
@@ -113,21 +113,22 @@ def drift(case):
     z = case.fit.residuals / case.fit.noise
     alike = z[1:] @ z[:-1] / (z @ z)
     if len(z) >= FEW and alike > ALIKE / np.sqrt(len(z)):
-        return (f'Rows that follow each other err alike (correlation {alike:.2g}): the load cell drifts, as by warming, and the '
-                'intervals, which take rows as independent, are too narrow. Return to one distance now and then to see it.')
+        return (f'The errors of successive rows are correlated ({alike:.2g}): the load cell drifts, perhaps as it warms up, and '
+                'the intervals, which assume independent rows, are too narrow. Return to one distance now and then to see the '
+                'drift.')
     return None
 
 
 @FORCES.check
 def few_rows(case):
     n = len(case.forces.r)
-    return f'{n} rows are few for a law of any shape: the intervals rest on what was known before.' if n < FEW else None
+    return f'{n} rows are few for a law of any shape: the intervals rest mostly on the assumptions above.' if n < FEW else None
 
 
 @FORCES.check
 def scatter(case):
-    return (f'The rows scatter {case.fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened by '
-            'that: look for an outlier, or leave the column out.') if case.fit.scatter > 1 else None
+    return (f'The rows scatter {case.fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened '
+            'accordingly: look for an outlier, or leave the column out.') if case.fit.scatter > 1 else None
 
 
 @FORCES.check
@@ -146,8 +147,8 @@ def conflicts(case):
     for name, value, conflict, unit, symbol in zip(SHARED, case.fit.zeros, case.fit.conflicts, (u.N, u.mm, u.N, u.mm),
                                                    ('N', 'mm') * 2, strict=True):
         if conflict > CONFLICT:
-            yield (f'The {name} comes out as {value / unit:.2g} {symbol}, {conflict:.1f} standard deviations from what was told: '
-                   'it is larger, or the shape of the magnets is not as named.')
+            yield (f'The {name} comes out as {value / unit:.2g} {symbol}, {conflict:.1f} standard deviations from what was '
+                   'assumed: its error is larger, or the shape of the magnets is another one.')
 
 
 def band_report(found, points: int, fixed: list[str]) -> str:
@@ -195,7 +196,7 @@ def allowed(found):
     lines = [f'They allow for a shift that all ridges of a branch share: {told}.']
     strayed = found.fits['complete'].strayed
     if strayed:
-        lines.append(f'{strayed} of the points of waves from a point source follow the next branch to that of their motion.')
+        lines.append(f'{strayed} of the points from a point source lie on the branch beside that of their motion.')
     return lines
 
 
@@ -220,7 +221,7 @@ def _interval(value, sigma):
 def few_points(found):
     n, names = len(found.points), found.names
     if n < FEW and len(names) >= MANY:
-        yield (f'{n} points are few for {len(names)} parameters: one ridge that is misread would move them and hardly raise '
+        yield (f'{n} points are few for {len(names)} parameters: one misread ridge would move them and hardly raise '
                'chi2. Record longer, or with more carriers.')
 
 
@@ -231,8 +232,8 @@ def undetermined(found):
         return []
     more = ('the other branch too (a force along the row drives longitudinal waves, one across it shear)'
             if len(set(found.fits['complete'].branches)) == 1 else 'more frequencies of both branches')
-    return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters may change together '
-            f'and leave them where they are. Measure {more}, or tell what is known from elsewhere with --prior; --fix '
+    return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters can change together '
+            f'without moving the ridges. Measure {more}, or state what is known from elsewhere with --prior; --fix '
             f'{open_[0]} takes its value from the scene as exact.']
 
 
@@ -241,11 +242,11 @@ def biased(found):
     lines = []
     if found.biased and found.better.follows:
         more = ' '.join(f'--prior {KEY_OF[name]}=...+-...' for name in found.names if name not in (*found.priors, 'force'))
-        lines.append('Biased, wide: the waves are those of a point source, or of a source that the table does not name. Such '
-                     'ridges are shifted, and the values lie to one side within their intervals (docs/coverage.md). Tell what is '
-                     f'known from elsewhere, as {more}, or drive a row of sources.')
+        lines.append('Biased, with wide intervals: the waves come from a point source, or from a source that the table does not '
+                     'name. Such ridges are shifted, so the values lie to one side within their intervals (docs/coverage.md). '
+                     f'State what is known from elsewhere, as {more}, or drive a row of sources.')
     if not any(found.points.motions):
-        lines.append('The table has no column motion: which branch a ridge follows is told by its distance alone'
+        lines.append('The table has no column motion: which branch a ridge follows is decided by its distance alone'
                      + (', and all points are taken for one ridge. Name record and motion (transverse or longitudinal) of each.'
                         if len(found.points.names) == 1 else '.'))
     return lines
@@ -257,8 +258,8 @@ def left_out(found):
     if not found.left_out:
         return []
     return [f'Left out of the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
-            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened by this: a fit that is good because ridges '
-            'were taken out is no surer than one with them.']
+            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened accordingly: a fit that is good only '
+            'because ridges were left out is no more certain than one with all of them.']
 
 
 @RIDGES.check
@@ -322,9 +323,9 @@ def _causes(found):
         return f'{told}None of these explains it: look at {also}.' if tried else f'Look at {also}.'
     if best == NEIGHBOURS:
         return f'{told}Take shells = "auto". If that is not enough, look at {also}.'
-    return (f'{told}Look at the ridge "{best}" first: is its motion or its source another than the table says? Then look at '
+    return (f'{told}Look at the ridge "{best}" first: has it another motion or source than the table says? Then look at '
             f'{also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. --without leaves '
-            'one out and widens the intervals by what is missed.')
+            'one out and widens the intervals accordingly.')
 
 
 @RIDGES.check
@@ -366,7 +367,7 @@ def frf_report(found, fixed: list[str]) -> str:
                  *(f'{fit.misfit:.4g}' if stated else f'{100 * fit.noise:.3g}' for fit in fits.values())))
     return '\n'.join([
         found.scene.title, '', f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '',
-        *_table(fits, rows), '', 'Intervals of 95 %, and in brackets values of a model that does not follow the data; force and '
+        *_table(fits, rows), '', '95 % intervals; values in brackets belong to a model that does not follow the data; force and '
         'bond stiffness -df/dr are those at the spacing.', *RESPONSES.lines(found)])
 
 
@@ -374,8 +375,9 @@ def frf_report(found, fixed: list[str]) -> str:
 def not_this_lattice(found):
     better = found.better
     return None if better.follows else (
-        f'The lattice is not this model: its sites would have to scatter by {100 * better.site_scatter:.0f} %, so that no '
-        'interval is given. Check mass, spacing, shells, places and directions of points, units.')
+        f'The lattice does not follow this model: only a scatter of {100 * better.site_scatter:.0f} % from site to site would '
+        'explain the data, so no intervals are given. Check mass, spacing, shells, units, and the positions and directions of '
+        'the points.')
 
 
 @RESPONSES.check
@@ -385,15 +387,15 @@ def residual(found):
         return
     share = f'{100 * better.site_scatter:.2g} %'
     if any(one.sigma is not None for one in found.functions):
-        yield (f'The residual of the {better.model} model is {better.misfit:.3g} times the noise: the lattice is not quite this '
-               f'model. Magnets whose strengths scatter by {share} from one to the next, springs by twice and places by half of '
-               'that, do so; the intervals are widened by what such scatter does.')
+        yield (f'The residual of the {better.model} model is {better.misfit:.3g} times the noise: the lattice does not quite '
+               f'follow this model. Scatter from site to site would explain it: {share} of the strengths, twice that of the '
+               'springs, half that of the positions. The intervals are widened accordingly.')
     else:
-        yield ('No uncertainties are stated (a column sigma_...): the whole residual is counted as noise, and once more as '
-               f'scatter from magnet to magnet, of {share}.')
+        yield ('No uncertainties are stated (a column sigma_...), so the whole residual counts as noise, and once more as a '
+               f'scatter of {share} from magnet to magnet.')
     if 'damping' in better.names:
         bias = 100 * better.bias[better.names.index('damping')]
-        yield f'Scatter broadens peaks: {bias:.2g} % of damping are taken off, half of it is in the interval.'
+        yield f'Scatter broadens peaks: the damping is lowered by {bias:.2g} % for it, and its interval allows for half of this.'
 
 
 @RESPONSES.check

@@ -105,7 +105,7 @@ def _beside(scene, measured, save):
 
 def _compared(functions, curves):
     """How far the computed responses are from each measured one."""
-    lines = ['root mean square distance from what was measured, in shares of its peak:']
+    lines = ['root mean square distance from the measurement, as a fraction of its peak:']
     for k, one in enumerate(functions):
         peak = abs(one.response).max()
         off = {model: np.sqrt(np.mean(abs(one.response - own[k]) ** 2)) / peak for model, own in curves.items()}

@@ -63,7 +63,7 @@ def faults(found):
         if pull.sigmas >= PULL:
             yield (f'{pull.record}: {pull.fault} would have to be off by {abs(pull.shift):.1f} times what was stated '
                    f'({pull.sigmas:.1f} standard deviations).')
-    yield 'Check the first of these first: with it put right, the others may vanish.'
+    yield 'Check the first one first: once it is corrected, the others may vanish.'
 
 
 @JOINT.check
@@ -81,8 +81,8 @@ def responses(found):
     complete, alone = (found.responses[model].square for model in ('complete', 'conventional'))
     yield f'Transfer functions: the residual without D* is {np.sqrt(alone / complete):.2g} times that with it.'
     if not found.joints['complete'].alone(RESPONSES).records[0].information.any():
-        yield ('They are counted as telling nothing, because even sites that scatter by 10 % would not explain them: see by '
-               '"magphonon fit --frf" whether places, units or neighbours are others.')
+        yield ('They are given no weight, because even a scatter of 10 % from site to site would not explain them: check with '
+               '"magphonon fit --frf" whether positions, units or neighbours are wrong.')
 
 
 @JOINT.check

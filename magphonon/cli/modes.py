@@ -215,14 +215,14 @@ def of_lattice(case: Case) -> Iterator[str]:
 
 @REPORT.check
 def without_energy(case: Case) -> Finding | None:
-    """Of a finite structure: how many modes cost no energy, and how many would by D0 alone; told always where there are any."""
+    """Of a finite structure: how many modes cost no energy, and how many would with D0 alone; told always where there are any."""
     from ..stiffness.rest import LinearSystem
 
     if case.patch is None or not case.scene.finite or case.system.turning or case.system.directions > MOST_REPEATED:
         return None
     alone = LinearSystem.about(case.patch.calc.about(case.patch, model='conventional'), case.patch).moving()
     blind = _of_no_stiffness(_modes(alone, case.ranges)[0].omega)
-    return Finding(blind, f'  {case.free.sum()} of them cost no energy; by D0 alone it would be {blind.sum()}',
+    return Finding(blind, f'  {case.free.sum()} of them cost no energy; with D0 alone it would be {blind.sum()}',
                    fault=True) if (case.free | blind).any() else None
 
 
@@ -371,7 +371,7 @@ def _with_others(scene, system, found, shown):
         f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
         told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
                     f'no mode is like mode {k + 1}')
-    return [f'  with {enough.shells} shells of neighbours, beyond which none counts: {"; ".join(told)}']
+    return [f'  with {enough.shells} shells of neighbours, beyond which none matters: {"; ".join(told)}']
 
 
 def matches(comparison, found) -> list[str]:

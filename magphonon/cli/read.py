@@ -69,7 +69,7 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
         except ValueError as error:
             faults.append(f'as {kind}: {error}')
     content(file, MOST_BYTES)  # what cannot be read at all is told once
-    raise ValueError(f'{file} is no record that is known;\n  ' + '\n  '.join(faults))
+    raise ValueError(f'{file} is not a known kind of record;\n  ' + '\n  '.join(faults))
 
 
 def _understood(file, kind):

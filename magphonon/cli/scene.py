@@ -17,8 +17,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument('name', metavar='NAME', nargs='?', help='without it: the names and titles')
     chosen.add_argument('--keys', metavar='TABLE or KEY', nargs='?', const='',
-                        help='type, unit, default, range, meaning and example of every key, of those of a table such as law, or '
-                             'of one such as spacing_m')
+                        help='type, unit, default, range, meaning and example of every key; after it, a table such as law or a '
+                             'key such as spacing_m for these alone')
 
 
 def run(options: Namespace) -> None:

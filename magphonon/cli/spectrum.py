@@ -40,8 +40,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='how the waves were driven: fronts along R1, or waves along the measured row (default: what [burst] '
                              'says, otherwise point; in the plane, noise if the motion does not decay)')
     parser.add_argument('--at', metavar='HZ', type=float,
-                        help='of points that cover the plane: also the motion at this frequency, over the wavevectors with the '
-                             'contours of the bands, and over the points')
+                        help='for points that cover the plane: also draw the motion at this frequency, over the wavevectors '
+                             '(with contours of the bands) and over the points')
     add_output(parser)
     add_pictures(parser)
 
@@ -78,7 +78,7 @@ def _analysed(options, scene):
         plane = scan.places is not None and is_field(np.asarray(scan.places), cell)
         try:
             if options.at is not None and not plane:
-                raise ValueError('--at takes points that cover the plane, and these are one row or a few')
+                raise ValueError('--at needs points that cover the plane; these lie on one row or a few')
             case = (_field if plane else _row)(options, scene, cell, scan, folder, save)
         except ValueError as error:
             raise ValueError(f'{options.table}: {error}') from None

@@ -65,7 +65,8 @@ def run(options: Namespace) -> None:
         raise ValueError(f"{error}; pip install 'magphonon[sweep,dask,mpi]' installs all that sweeps need") from None
     except RuntimeError as error:  # of joblib, where a process died, or of Dask
         why = ' '.join(str(error).split()).rstrip('.')
-        raise ValueError(f'the workers failed: {why}. See that each has this magphonon and memory enough, take fewer --workers, '
+        raise ValueError(f'the workers failed: {why}. See that each has this version of magphonon and enough memory, take fewer '
+                         '--workers, '
                          'and give the command again: it goes on where it stopped') from None
 
 

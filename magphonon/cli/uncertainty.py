@@ -167,6 +167,6 @@ def _peaks(f, spread):
                      f'first order there: to second order its standard deviation is up to {100 * share:.2g} %, at {f[k]:.5g} '
                      f'Hz, and its mean about {100 * share / 2**0.5:.2g} % lower')
     if len(told) < len(narrow):
-        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so large a part of their width that the ribbon '
-                     'at their top means nothing')
+        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so much of their width that the ribbon at their '
+                     'top is meaningless')
     return lines

@@ -237,8 +237,8 @@ class Worst(Objective):
 def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDArray[np.float64]]:
     """The soft minimum of values, and its derivative by each; of infinite width their mean."""
     if not len(values) or not width > 0:
-        raise ValueError(f'a soft minimum is that of one or more numbers, and its width is positive, or infinite for their mean: '
-                         f'not of {len(values)} with the width {width!r}')
+        raise ValueError(f'a soft minimum takes one or more numbers and a positive width (infinite for their mean), not '
+                         f'{len(values)} with the width {width!r}')
     if np.isinf(width):
         return float(values.mean()), np.full(len(values), 1 / len(values))
     e = np.exp(-(values - values.min()) / width)

@@ -288,7 +288,7 @@ class SiteDesign:
     buckled : int
         Number of evaluations that found no stable rest.
     conventional : SiteDesign or None
-        The same designed by D0 alone.
+        The same designed with D0 alone.
     given : float
         The value in truth: that in the complete model, whatever the model of the design.
     """
@@ -359,7 +359,7 @@ class SiteDesign:
         if self.buckled:
             found.append(f'{self.buckled} trial designs buckled and were given up.')
         if self.conventional is not None:
-            found.append(f'Designed by D0 alone it would promise {self.conventional.value:.4g} and give '
+            found.append(f'Designed with D0 alone it would promise {self.conventional.value:.4g} and give '
                          f'{self.conventional.given:.4g}.')
         return found + self.objective.doubts(Rest(LinearSystem.of(self.atoms)))
 
@@ -396,7 +396,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     constraints : sequence of (Objective, float)
         Objectives whose value must not fall below a number, such as a `Margin` of stability.
     compare : bool
-        Design by D0 alone too, `SiteDesign.conventional`.
+        Design with D0 alone too, `SiteDesign.conventional`.
     report : function, optional
         Called at each better design with its parameters and value, such as to save them.
 
@@ -665,7 +665,7 @@ def orbits(atoms: Atoms, operations: Sequence[ArrayLike]) -> NDArray[np.int_]:
         A[: len(given), : len(given)] = finite('operation', given, (3, 3) if len(given) == 3 else (2, 2))
         distance = np.linalg.norm((X @ A.T)[:, None] - X, axis=2)
         if (distance.min(axis=1) > 1e-6 * np.ptp(X)).any():
-            raise ValueError(f'{given.tolist()} is no symmetry of the places of the particles about their middle')
+            raise ValueError(f'{given.tolist()} does not map the particles onto each other about their centre')
         rows += list(range(len(X)))
         columns += distance.argmin(axis=1).tolist()
     return sparse.csgraph.connected_components(sparse.coo_array((np.ones(len(rows)), (rows, columns)), (len(X), len(X))))[1]

@@ -39,7 +39,7 @@ class Verification:
     before : float
         Of the structure as it was given.
     promised_by_D0, given_by_D0 : tuple of float
-        What each start of the design by D0 alone promised, and what it gives in the complete model; empty where the design was
+        What each start of the design with D0 alone promised, and what it gives in the complete model; empty where the design was
         made without `compare=True`.
     promised : tuple of float
         What each start of this design promised.
@@ -72,7 +72,7 @@ class Verification:
         >>> found = Verification(0.0, (20.0, 24.0), (-3.0, 1.0), (50.0, 58.0), 4.0, 58.0, 57.0, np.nan, np.array([40.0, 30.0]))
         >>> print(found.table('dB', goal=35.0))
         before                                            0 dB
-        a design by D0 alone promises                     20 to 24 dB
+        a design with D0 alone promises                     20 to 24 dB
           and gives                                       -3 to 1 dB
         this design, by start                             50 to 58 dB
           chosen                                          58 dB
@@ -92,7 +92,7 @@ class Verification:
 
         rows = [('before', told(self.before))]
         if self.promised_by_D0:
-            rows += [('a design by D0 alone promises', told(*self.promised_by_D0)), ('  and gives', told(*self.given_by_D0))]
+            rows += [('a design with D0 alone promises', told(*self.promised_by_D0)), ('  and gives', told(*self.given_by_D0))]
         rows += [('this design, by start', told(*self.promised)), ('  chosen', told(self.value)),
                  ('  with nearest neighbours alone', told(self.nearest)), ('  with all neighbours', told(self.neighbours)),
                  ('  by time steps', told(self.time_steps))]

@@ -263,8 +263,8 @@ class Drives:
         self._parts = []
         for drive in drives:
             if isinstance(drive, PrescribedMotion) and not walls:
-                raise ValueError('a Wall is for DrivenVerlet and propagate, and for frequency_response as walls=; here only '
-                                 'forces are known')
+                raise ValueError('a Wall is for DrivenVerlet and propagate, and for frequency_response as walls=; only forces '
+                                 'are accepted here')
             if not callable(drive):
                 raise ValueError(f'a drive must be a Harmonic, ToneBurst, Constant or a function of the time, not {drive!r}')
             own = getattr(drive, 'particles', None)

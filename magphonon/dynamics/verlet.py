@@ -251,7 +251,7 @@ class DrivenVerlet(VelocityVerlet):
             return None
         E = self._half_step()
         if self.splitting.stages > 1 or E is None or not self.damping.any():
-            raise ValueError('the noise of a temperature belongs to damping, in steps of order 2: give damping=..., and order=2')
+            raise ValueError('a temperature needs damping, and steps of order 2: give damping=..., and order=2')
         return Bath(self.temperature_mJ, self.atoms.get_masses(), E, self.seed, getattr(self.atoms.calc, 'dim', 3))
 
     def _decay(self, E, half):

@@ -198,13 +198,14 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     shared = shared or SharedErrors()
     forces.check_reach(positive('spacing', spacing, 'mm'))
     if forces.sigma is None and len(forces.r) < LEAST_ROWS:
-        raise ValueError(f'{len(forces.r)} rows cannot tell the law and their noise: measure at least {LEAST_ROWS}, or give the '
+        raise ValueError(f'{len(forces.r)} rows are too few to determine the law and their noise: '
+                         f'measure at least {LEAST_ROWS}, or give the '
                          'standard uncertainty of each force in a column sigma_N')
     forces = forces.thinned(MOST_ROWS)
     largest = abs(forces.f).max()
     zero, distance, hysteresis, backlash = shared.sizes(largest) / np.array([largest, forces.r.min()] * 2)
     if not (max(zero, hysteresis) <= LARGEST and max(distance, backlash, shared.gain) <= 1):
-        raise ValueError('an error that all rows share is told to be larger than what they hold: the zero of the distances or '
+        raise ValueError('a shared error is stated to be larger than what was measured: the zero of the distances or '
                          'the backlash than the nearest distance, the zero of the force or the hysteresis than a hundred times '
                          'the largest force, or the gain than 1; say how well they are known')
     laws = [_Model(forces, shared, LawFamily(spacing, one)) for one in ([None] if shape is None else [None, shape])]

@@ -445,7 +445,7 @@ class Tabulated:
         if not (r[0] > 0 and (np.diff(r) > 0).all()):
             raise ValueError(f'table distances must be positive and increasing, not {r}; sort them and drop repeats')
         for k in np.flatnonzero(np.diff(r) < APART * r[1:])[:1]:
-            raise ValueError(f'the table distances {r[k]:.12g} and {r[k + 1]:.12g} mm are one; average their forces')
+            raise ValueError(f'the table distances {r[k]:.12g} and {r[k + 1]:.12g} mm are equal; average their forces')
         if not (f > 0).all():
             raise ValueError(f'table forces must be positive (repulsive), not {f.min():g} N; drop the points at the noise floor')
         spline = CubicSpline(np.log(r), np.log(f))

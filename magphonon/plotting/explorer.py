@@ -213,10 +213,10 @@ def structure_page(atoms: Atoms, drive: dict[str, Any], title: str, scene: str) 
     calc = atoms.calc
     law, here = calc.laws, float(calc.bonds.lengths.min())
     if not isinstance(law, InversePower):
-        raise ValueError(f'the page knows the inverse power of one law, not {law!r}; "magphonon frf" takes every law')
+        raise ValueError(f'the page takes one inverse-power law, not {law!r}; "magphonon frf" takes every law')
     if np.any(calc.load):
-        raise ValueError('the page lets particles find their rest from where their springs are anchored, but those of this '
-                         'structure stand at rest where they are; give positions = "anchors"')
+        raise ValueError('the page starts particles at the anchors of their springs and lets them find their rest, but this '
+                         'structure gives the positions at rest; give positions = "anchors"')
     state = {'spacing': here / units.m, 'exponent': law.a, 'foundation': 0.0}
     alone = {name: {'values': [value], 'scene': 0, 'unit': '', 'per_SI': 1.0} for name, value in state.items()}
     data = {'spacing_m': here / units.m, 'periods': 0, 'cell': [], 'positions': [], 'masses_kg': [], 'bonds': [], 'template': '',

@@ -199,7 +199,7 @@ def _table(path, held, estimator):
         raise ValueError(f'{path} holds neither transfer functions nor records; {LAYOUT}')
     endings = {table.spelt[name] for name in (*parts, *(['sigma'] if 'sigma' in table else []))}
     if len(endings) > 1:
-        raise ValueError(f'{path}: {", ".join(table.header[name] for name in parts)} and sigma must have one unit')
+        raise ValueError(f'{path}: {", ".join(table.header[name] for name in parts)} and sigma must have the same unit')
     (ending,) = endings
     if 'amplitude' in table:
         if (table['amplitude'] < 0).any():
@@ -274,8 +274,8 @@ def _of_datasets(path, sets):
         found.append(TransferFunction(name, omega, unit * data, None, order, *ends, shaken=shaken))
     if not found:
         types = sorted({one['func_type'] for one in sets if one['type'] == 58})
-        raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; export '
-                         'these, or the raw records as a table')
+        raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; '
+                         'export transfer functions, or the raw records as a table')
     return found
 
 

@@ -280,8 +280,8 @@ def _divided(points, without):
 
 def _refuse_two_springs(points, free):
     if {'foundation_x', 'foundation_y'} <= {*free} and points.from_points.all():
-        raise ValueError('two springs, along x and along y, cannot be told from ridges of a point source alone, which are '
-                         'shifted; tell what is known of them (--prior foundation_x_N_per_m=20+-2), fix one, take '
+        raise ValueError('two springs, along x and along y, cannot be determined from ridges of a point source alone, which are '
+                         'shifted; state what is known of them (--prior foundation_x_N_per_m=20+-2), fix one, take '
                          'foundation.stiffness_y_N_per_m out, or drive a row of sources')
 
 

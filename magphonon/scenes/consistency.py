@@ -56,7 +56,7 @@ def check(scene: Scene) -> None:
     if isinstance(scene.lattice, FileLattice) or isinstance(scene.law, SavedLaw):
         _file(scene)
     if bool(scene.members) != (scene.law.kind == 'members'):
-        raise ValueError('members: their laws stand there, and law.kind = "members" says so; give both or neither')
+        raise ValueError('[[members]] and law.kind = "members" belong together; give both or neither')
     if scene.laws_of_kinds:
         _kinds(scene)
     if isinstance(scene.law.shells, int) and scene.law.shells > MOST_SHELLS:
@@ -87,8 +87,8 @@ def check(scene: Scene) -> None:
 
 def _supports(scene: Scene) -> None:
     if scene.trap is not None and (not scene.finite or scene.foundation is not None or scene.law.kind == 'saved'):
-        raise ValueError('trap: it holds a finite structure from a file, without [foundation] and with a law that the scene '
-                         'tells; take it out, or these')
+        raise ValueError('trap: it holds a finite structure from a file, without [foundation] and with a law given in the '
+                         'scene; remove [trap] or what contradicts it')
     if scene.foundation is not None and scene.foundation.leans:
         _lean(scene)
     if scene.foundation is not None and scene.foundation.modulation is not None:
@@ -103,8 +103,8 @@ def _modulation(scene: Scene) -> None:
     beside += ['foundation.pillar.lean'] if foundation.leans else []
     beside += ['bands.temperature_J'] if scene.bands is not None and scene.bands.temperature_J is not None else []
     if beside:
-        raise ValueError(f'foundation.modulation: {", ".join(beside)} suppose springs that stay the same; take them or the '
-                         'modulation out ("magphonon bands", "magphonon check" and DrivenVerlet in Python know it)')
+        raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
+                         'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python know it)')
     if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
         raise ValueError('foundation.modulation: it belongs to a chain or a planar lattice with a number of shells; take it out')
 
@@ -161,7 +161,7 @@ def _lean(scene: Scene) -> None:
     beside = [f'[{name}]' for name in tables if getattr(scene, name)]
     beside += ['[foundation.out_of_plane]'] if scene.foundation.out_of_plane is not None else []
     if beside:
-        raise ValueError(f'foundation.pillar.lean: magnets that lean are known in the plane of a perfect lattice alone; take '
+        raise ValueError(f'foundation.pillar.lean: leaning magnets are supported in the plane of a perfect lattice only; take '
                          f'{", ".join(beside)} or lean out')
     if scene.single or isinstance(scene.lattice, FileLattice) or scene.lattice.cell().pbc.all():
         raise ValueError(f'foundation.pillar.lean: kind = "{scene.lattice.kind}" is no perfect lattice of magnets on a plane; '

@@ -82,7 +82,7 @@ class BandPlan(Damped):
     supercell: Counts | None = Field(None, description="phonopy's supercell, one number for each periodic direction; by "
                                                        'default the smallest in which no bond spans half of it')
     damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s, for which the bands of the '
-                                       'complete model are told once more, with the decay of each mode', examples=[4.0])
+                                       'complete model are computed once more, with the decay of each mode', examples=[4.0])
     temperature_J: Energy | None = Field(None, description='kT in J of a bath, in which time steps of the supercell show the '
                                          'stiffness of waves in thermal motion', examples=[2.4e-5])
 

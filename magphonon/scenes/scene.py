@@ -272,8 +272,8 @@ class Scene(Table):
             if not isinstance(self.lattice, FileLattice):
                 sphere = f', law.diameter_m = {self.law.diameter_m!r}' if self.law.kind == 'hertz' else ''
                 raise type(error)(f'{self.lattice.spacing_given}{sphere}, law.shells = {self.law.shells!r}: {error}') from None
-            raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; of positions without clear shells give cutoff_m, '
-                             'the distance within which particles interact') from None
+            raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; if its positions have no clear shells, give '
+                             'cutoff_m, the distance within which particles interact') from None
         if self.single:  # a constant force balances the repulsion of the three magnets
             atoms.calc = atoms.calc.balanced([Oscillator.free])
         return atoms

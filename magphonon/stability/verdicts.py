@@ -414,7 +414,7 @@ def buckling(case: Case) -> Finding:
             words += (' Whether gyration holds so many particles was not judged.' if case.large else
                       ' Gyration is too slow to hold it.')
     elif not case.held:
-        words = (f'Stable{where} only as long as nothing is lost: without gyration it would need a foundation of {needed} and '
+        words = (f'Stable{where} only without losses: without gyration it would need a foundation of {needed} and '
                  f'has {spring}{own}; with gyration any damping lets it fall, however slowly.')
     elif found.needed:
         room = f' It would be stable down to a spacing of {at}.' if at else ''

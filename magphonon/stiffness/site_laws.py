@@ -91,8 +91,7 @@ class Springs:
     def springs(self, what: str = 'this') -> Any:
         """The constant springs, or ValueError for another law, of which `what` knows nothing."""
         if self.known:
-            raise ValueError(f'{what} supposes that constant springs tie the particles to their places, but {self!r} does: '
-                             f'{self.known}')
+            raise ValueError(f'{what} needs a foundation of constant springs, not {self!r}: {self.known}')
         return self.k
 
     def of(self, particles: int, dim: int) -> Self:
@@ -201,7 +200,7 @@ class Travelling(Springs):
     changes: ClassVar[bool] = True
     modulated: ClassVar[bool] = True
     saved: ClassVar[tuple[str, ...]] = ('k', 'eps', 'W', 'kap')
-    known: ClassVar[str] = 'floquet_bands and time steps (DrivenVerlet) know it; for the mean springs set foundation=k'
+    known: ClassVar[str] = 'use floquet_bands or time steps (DrivenVerlet), or take its mean springs, foundation=k'
 
     def __post_init__(self) -> None:
         if not 0 <= finite('eps', self.eps, ()) <= 1:
@@ -265,7 +264,7 @@ class OnSite(Springs):
     g: Callable[[float], Any] | None = None
     K: Any = None
     share: Any = 1.0
-    known: ClassVar[str] = 'bands, modes, responses and time steps (DrivenVerlet) know it'
+    known: ClassVar[str] = 'use bands, modes, responses or time steps (DrivenVerlet)'
 
     @classmethod
     def along(cls, direction: ArrayLike, V: Callable[[Any], Any], dV: Callable[[Any], Any], d2V: Callable[[Any], Any],

@@ -184,7 +184,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     (10.5, True)
     """
     if len(cell) > 1:
-        raise ValueError(f'a field is read on a lattice of one particle to the cell, not of {len(cell)}; scan a row of it')
+        raise ValueError(f'a map of the plane needs a lattice with one particle per cell, not {len(cell)}; scan a row of it')
     if not {'x', 'y'} & scan.motions.keys():
         raise ValueError('the record holds no motion along x or y, in the plane; name its columns u_x_m and u_y_m')
     sites, notes = _sites(np.asarray(scan.places), cell)
@@ -255,7 +255,8 @@ def _refuse_ghosts(field, cell):
     ghosts[away < LOBE_bins * field.bin_k] = 0
     if ghosts.max() > GHOST:
         at = q[ghosts.argmax()] - np.rint(q[ghosts.argmax()])
-        raise ValueError(f'{len(h)} points stand so far apart that waves look alike whose wavevectors differ by ({at[0]:.2g}, '
+        raise ValueError(f'{len(h)} points are so far apart that waves look the same when their wavevectors differ '
+                         f'by ({at[0]:.2g}, '
                          f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the '
                          f'amplitude, allowed {100 * GHOST:.0f} %); measure particles between them, most of all neighbours')
 

@@ -112,7 +112,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     found = {}
     for line, name, *place in zip(table.lines, names.tolist(), table['x'].tolist(), table.get('y', 0.0).tolist(), strict=True):
         if found.setdefault(name, tuple(place)) != tuple(place):
-            raise ValueError(f'line {line} of {path}: point {name} stands there twice, at different places')
+            raise ValueError(f'line {line} of {path}: point {name} has two different places')
     return found
 
 
@@ -150,7 +150,7 @@ def _points(path, held) -> tuple[dict[str, Samples], bool]:
     for k in np.argsort(first):
         elsewhere = (places[rows[k]] != places[first[k]]).any(axis=1)
         for row in rows[k][elsewhere][:1]:
-            raise ValueError(f'line {table.lines[row]} of {path}: point {own[k]} stands at another place than before; give each '
+            raise ValueError(f'line {table.lines[row]} of {path}: point {own[k]} is at a different place than before; give each '
                              'point its own name')
         points[str(own[k])] = Samples(table['time'][rows[k]], {part[2:]: table[part][rows[k]] for part in parts},
                                       tuple(places[first[k]].tolist()) if placed else None)

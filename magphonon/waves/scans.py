@@ -212,7 +212,7 @@ def _at_equal_times(path, times, points: Mapping[str, Samples], notes: list[str]
                              'out, or sample faster')
         off = f'with an error of up to {100 * max(errors, default=0):.2g} % of the largest displacement'
         if left_out:
-            notes.append(f'left out, as they lack more samples than the others tell: points {_listed(left_out)}')
+            notes.append(f'left out, because too many of their samples are missing: points {_listed(left_out)}')
         if filled:
             notes.append(f'{filled} missing samples of {len(errors) - splined} points are interpolated, {off}')
         if splined:

@@ -139,8 +139,8 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
         raise ValueError(f'a map needs displacements of the shape (frames, points), at least {FEWEST} of each, not {u.shape}')
     largest = abs(u).max()
     if largest and not 1 / LARGEST < largest < LARGEST:
-        raise ValueError(f'the largest displacement of the row is {largest / units.m:g} m: its square is beyond all numbers; '
-                         'give displacements in their unit')
+        raise ValueError(f'the largest displacement of the row is {largest / units.m:g} m: too large or too small to compute '
+                         'with; check the unit')
     u = without_drift(u)
     if abs(u).max() <= ROUND_OFF * largest:
         raise ValueError('the row is at rest throughout the record, or only drifts; record longer, or another component')
@@ -181,8 +181,8 @@ def _refuse_aliasing(window, there):
     worst = ghosts[beyond].max(initial=0.0)
     if worst > GHOST:
         apart = 2 * np.pi * (3 * PAD + ghosts[beyond].argmax()) / (PAD * len(weights))
-        raise ValueError(f'the {len(there)} measured points on {len(window)} places of the row stand so far apart that two waves '
-                         f'look alike whose wavenumbers differ by {apart:.2f} rad per step (aliasing; the ghost has '
+        raise ValueError(f'the {len(there)} measured points on {len(window)} places of the row are so far apart that waves look '
+                         f'the same when their wavenumbers differ by {apart:.2f} rad per step (aliasing; the ghost has '
                          f'{100 * worst:.0f} % of the amplitude, allowed {100 * GHOST:.0f} %); measure points between them, most '
                          'of all neighbours, one step apart')
 

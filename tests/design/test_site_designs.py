@@ -97,7 +97,7 @@ def test_groups_are_equal_and_sites_that_do_not_vary_stay():
     one = int(places(atoms)[1].particle)
     few = optimise(atoms, contrast(atoms), OVER, steps=3, sites=[one])
     assert np.flatnonzero(few.values['strength'] != 1).tolist() == [one]
-    with pytest.raises(ValueError, match='is no symmetry'):
+    with pytest.raises(ValueError, match='does not map the particles onto each other'):
         orbits(atoms, [[[0.8, 0.6], [-0.6, 0.8]]])
 
 

@@ -257,7 +257,7 @@ def test_walls_are_refused_where_they_mean_nothing(tmp_path):
             run(PrescribedMotion(Harmonic([0, 3], (1, 0), 1e-3, 1.0)))
     with pytest.raises(ValueError, match='must be a drive, read in mm'):
         PrescribedMotion(np.sin)
-    with pytest.raises(ValueError, match='only forces are known'):
+    with pytest.raises(ValueError, match='only forces are accepted'):
         write_lammps_input(tmp_path, row, timestep=0.01, steps=1, drives=[PrescribedMotion(push)])
     scene = Scene.model_validate(SHAKEN)
     with pytest.raises(ValueError, match=r'frf\.wall: a wall that moves is for "magphonon frf"'):

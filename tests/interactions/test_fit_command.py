@@ -105,7 +105,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     ([], 'is empty'),
     (['distance,force', *GOOD], "lacks the column r_m (its header is 'distance,force')"),
     (['\x89PNG\r', 'x'], 'a table of forces has the columns'),
-    (['r_m,f_N', *GOOD[:2]], '2 rows cannot tell the law and their noise: measure at least 6'),
+    (['r_m,f_N', *GOOD[:2]], '2 rows are too few to determine the law and their noise: measure at least 6'),
     (['# a comment', 'r_m,f_N', *GOOD, '0.02'], 'line 11 of '),
     (['r_m,f_N', '0,1', *GOOD], 'is 0 m in line 2: the particles touch at 0.00635 m; give distances of the centres'),
     (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], '0 N in line 5, 0 N in line 6 and 3 more: leave the column out'),

@@ -192,14 +192,14 @@ def test_faults_of_the_load_cell_are_named():
     for seed in range(4):
         good = table(LAWS['disc'], (7, 20), seed)
         said = report_of(good)
-        assert not any(word in said for word in ('at its end', 'err alike', 'are few'))
+        assert not any(word in said for word in ('saturated', 'rows are correlated', 'are few'))
     worst = np.sort(good.f)[-4]
     said = report_of(Forces(good.r, np.minimum(good.f, worst), None, good.direction))
-    assert f'have the same largest force, {worst:g} N: the load cell was at its end' in said
+    assert f'have the same largest force, {worst:g} N: the load cell was saturated' in said
     coarse = Forces(good.r, np.round(good.f, 1), None, good.direction)  # a balance of few digits is not at its end
     assert not coarse.saturated.any()
     warm = np.sin(np.arange(len(good.r)) / 2)
-    assert 'Rows that follow each other err alike' in report_of(replace(good, f=good.f + 0.02 * abs(good.f).max() * warm))
+    assert 'errors of successive rows are correlated' in report_of(replace(good, f=good.f + 0.02 * abs(good.f).max() * warm))
     assert 'rows are few' in report_of(Forces(good.r[:9], good.f[:9], None, good.direction[:9]))
 
 

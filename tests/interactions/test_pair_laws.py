@@ -157,7 +157,7 @@ def test_readings_that_do_not_hold_a_table_are_told():
     twice, forces = np.insert(r, 7, 10.49), np.insert(f, 7, 1.02 * f[7])
     with pytest.warns(UserWarning, match=r'readings at 10\.49 and 10\.5 mm are close together'):
         Tabulated(twice, forces)
-    with pytest.raises(ValueError, match='are one; average their forces'):
+    with pytest.raises(ValueError, match='are equal; average their forces'):
         Tabulated([1, 1 + 1e-12, 2, 3], [4, 3, 2, 1])
 
 

@@ -230,7 +230,7 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
 
     for sources, biased in (((), True), (('point', 'point'), True), (('point', 'row'), True), (('row', 'row'), False)):
         told = said(replace(points, sources=sources))
-        assert ('Biased, wide: the waves are those of a point source' in told) == biased
+        assert ('Biased, with wide intervals: the waves come from a point source' in told) == biased
         assert ('0.2 bins for the' in told) == biased
     assert 'no column motion' not in told
     assert 'The table has no column motion: which branch' in said(replace(points, motions=('', '')))
@@ -448,7 +448,7 @@ def test_two_springs_and_their_frequencies(tmp_path):
     assert fits.values()['foundation_y'][1] < 0.1
     omega, sigma = fits.predicted(scene.special_points['M'])
     assert abs(np.log(omega / bloch_modes(truth.perfect_cell(), [scene.special_points['M']])[0])).max() < 3 * sigma.max() < 0.05
-    with pytest.raises(ValueError, match='cannot be told from ridges of a point source alone'):
+    with pytest.raises(ValueError, match='cannot be determined from ridges of a point source alone'):
         fit_bands(scene, replace(points, sources=('point', 'point')))
     one = fit_bands(scene_of(tmp_path, START), points)
     assert one.fits['complete'].chi2 > fits.fits['complete'].chi2 + 20
@@ -501,7 +501,7 @@ def test_waves_of_a_point_source_may_follow_the_next_branch(tmp_path):
     fits = fit_bands(scene_of(tmp_path, START), points)
     assert fits.fits['complete'].strayed == astray.sum()
     assert fits.better.follows
-    assert '4 of the points of waves from a point source follow the next branch' in band_report(fits, 36, [])
+    assert '4 of the points from a point source lie on the branch beside' in band_report(fits, 36, [])
     assert not fit_bands(scene_of(tmp_path, START), replace(points, sources=('row',) * 3)).better.follows
 
 

@@ -111,7 +111,7 @@ def test_a_patch_leans_as_its_lattice_does():
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'disorder': {'seed': 1, 'mass_percent': 1.0}}, r'a perfect lattice alone; take \[disorder\] or lean out'),
+    ({'disorder': {'seed': 1, 'mass_percent': 1.0}}, r'a perfect lattice only; take \[disorder\] or lean out'),
     ({'uncertainty': {'mass_percent': 1.0}}, r'take \[uncertainty\] or lean out'),
     ({'lattice': {'kind': 'kagome'}, 'patch': None, 'frf': None, 'burst': None, 'vibrometer': None},
      'leaning changes the springs of this lattice site by site or along oblique axes'),
@@ -143,7 +143,7 @@ def test_check_says_what_leaning_does(capsys, tmp_path):
     assert 'Pillars lean' not in told['lean'] + told['thick']
     assert 'cut-off frequency of 26.0668 Hz' in told['lean']
     assert main(['explore', str(tmp_path / 'lean.toml'), '-o', str(tmp_path / 'page.html')]) == 2
-    assert 'the sliders of the explorer do not know; take lean out' in capsys.readouterr().err
+    assert 'the explorer does not compute; leave lean out' in capsys.readouterr().err
 
 
 def test_other_laws_keep_their_range():

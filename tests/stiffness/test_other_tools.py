@@ -73,7 +73,7 @@ def unequal():
 
 def test_masses_that_no_table_can_know_are_told(tmp_path):
     cell = unequal()
-    with pytest.warns(UserWarning, match='tools that look masses up, such as matcalc'):
+    with pytest.warns(UserWarning, match='tools that look masses up by symbol, such as matcalc'):
         atoms = for_ase_tools(cell)
     assert atoms.get_masses()[1] / atoms.get_masses()[0] == pytest.approx(2.6)
     with warnings.catch_warnings():

@@ -191,7 +191,7 @@ def test_scattered_missing_samples_are_filled_in(step_ms, noise, tmp_path):
     rows = [f'{t[i, 0]},{10 * k},{u[i, k]:.9g}' for i in range(len(t)) for k in n if not gone[i, k]]
     (tmp_path / 'scan.csv').write_text('\n'.join(['time_ms,x_mm,u_um', *rows]))
     scan = read_scan(tmp_path / 'scan.csv')
-    assert re.search(r'left out, as they lack more samples than the others tell: points \(50 mm, 0 mm\)', scan.notes[0])
+    assert re.search(r'left out, because too many of their samples are missing: points \(50 mm, 0 mm\)', scan.notes[0])
     assert re.search(r'\d+ missing samples of \d+ points are interpolated, .* error of up to [\d.]+ %', scan.notes[1])
     kept, lacking = np.delete(truth, 5, axis=1), np.delete(gone, 5, axis=1)
     off = 1e3 * scan.motions[''] - kept
@@ -261,7 +261,7 @@ def turned(degrees):
     (line(1e4, range(12)), '1e[+]04 mm apart, .* is 10 mm; are the positions in mm, under a header in m?'),
     (line(0.01, range(12)), '0.01 mm apart, .* is 10 mm; are the positions in m, under a header in mm?'),
     (line(10, [0, 1, 2, 2, 3, 4, 5, 6, 7, 8]), '0 mm apart'),
-    (line(10, range(0, 24, 2)), r'two waves look alike whose wavenumbers differ by 3.14 rad per step \(aliasing'),
+    (line(10, range(0, 24, 2)), r'waves look the same when their wavenumbers differ by 3.14 rad per step \(aliasing'),
     (line(10, range(7)), 'at least 8 of each'),
 ])
 def test_points_that_are_no_row_of_the_lattice_are_refused(places, message, prototype):
@@ -297,9 +297,9 @@ def test_rows_of_the_lattice_are_found_in_any_order_from_any_origin(degrees, pro
 
 
 @pytest.mark.parametrize(('header', 'message'), [
-    ('time_s,point,u_y', "'u_y' says no unit that is known; write u_y_m"),
-    ('time,point,u_y_m', "'time' says no unit that is known; write time_s"),
-    ('time_s,point,v_y_mm', "'v_y_mm' says no unit that is known; write v_y_m_per_s"),
+    ('time_s,point,u_y', "'u_y' has no known unit; write u_y_m"),
+    ('time,point,u_y_m', "'time' has no known unit; write time_s"),
+    ('time_s,point,v_y_mm', "'v_y_mm' has no known unit; write v_y_m_per_s"),
     ('time_s,u_y_m,other', 'lacks the column particle or x_m,y_m'),
     ('time_s,point,speed', 'lacks the column u_x_m, u_y_m or u_m'),
     ('time_s,u_y_m,u_y_mm', "'u_y_m' and 'u_y_mm' say the same"),
@@ -369,7 +369,7 @@ def test_places_may_stand_in_a_table_of_their_own(tmp_path, prototype):
     np.testing.assert_allclose(wave.ridge.xi, 0.9, atol=0.02)
     assert scan.placed({name: places[name] for name in list(places)[:9]}).names == scan.names[:9]
     (tmp_path / 'points.csv').write_text('point,x_mm\nA,1\nA,2\n')
-    with pytest.raises(ValueError, match='point A stands there twice, at different places'):
+    with pytest.raises(ValueError, match='point A has two different places'):
         read_places(tmp_path / 'points.csv')
 
 

@@ -239,8 +239,8 @@ def test_beside_a_stronger_wave_that_runs_backwards_a_weak_one_is_dropped():
     (np.ones((20, 20, 2)), 1.0, r'\(frames, points\)'),
     (np.full((20, 20), np.nan), 1.0, r'displacements\[0, 0\] is nan'),
     (np.arange(20.0) + 1e-3 * np.arange(20.0)[:, None], 1.0, 'at rest throughout the record, or only drifts'),
-    (1e303 * travelling(1)[2], 1.0, r'largest displacement of the row is 3e\+296 m: its square is beyond all numbers'),
-    (1e-297 * travelling(1)[2], 1.0, 'largest displacement of the row is 3e-304 m: its square is beyond all numbers'),
+    (1e303 * travelling(1)[2], 1.0, r'largest displacement of the row is 3e\+296 m: too large or too small to compute'),
+    (1e-297 * travelling(1)[2], 1.0, 'largest displacement of the row is 3e-304 m: too large or too small to compute'),
     (np.ones((20, 20)), 0.0, 'dt must be a positive number in ms'),
 ])
 def test_records_that_make_no_map_are_refused(u, dt, message):

@@ -2,7 +2,7 @@
 Wave fronts
 ===========
 
-The same push on the same magnets at the same time, without time steps: by springs alone, which is
+The same push on the same magnets at the same time, without time steps: with springs alone, which is
 called conventional, and with the static forces.
 """
 

@@ -270,7 +270,7 @@ class BurstView {
     if (this.over) this.restart();
   }
 
-  /** Ten spacings from the source, what each lattice does after the push: first with D*, then by springs alone. */
+  /** Ten spacings from the source, what each lattice does after the push: first with D*, then with springs alone. */
   sound() {
     const {x, y, held, size} = this.patch, s = this.drive.source, rate = 8000, fast = 8;
     let ear = s, least = Infinity;
