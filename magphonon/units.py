@@ -11,7 +11,7 @@ Angular frequencies are in rad/ms, frequencies in kHz = 1/ms, speeds in mm/ms = 
 
 from __future__ import annotations
 
-from math import pi
+from math import floor, log10, pi
 from typing import Any
 
 mm = g = ms = rad = A = 1.0
@@ -34,3 +34,19 @@ c = 299792458 * m / s
 def hertz(omega: Any) -> Any:
     """Frequency in Hz of an angular frequency in rad/ms."""
     return omega / (2 * pi) / Hz
+
+
+PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
+"""Prefixes of a unit by the power of ten."""
+
+
+def prefix_power(value: float) -> int:
+    """Power of ten of the prefix with which a value is printed as 1 to 999, one of `PREFIXES`."""
+    power = 3 * floor((log10(abs(value)) + 1e-9) / 3) if value else 0  # 1e-9: 0.999999999 m is a rounded metre
+    return min(max(power, min(PREFIXES)), max(PREFIXES))
+
+
+def in_words(unit: str, *values: float, digits: int = 4) -> str:
+    """One value, or a range, with the prefix of the unit that suits the largest: `in_words('m', 2e-5)` is '20 µm'."""
+    power = prefix_power(max(map(abs, values)))
+    return ' to '.join(f'{value / 10.0**power:.{digits}g}' for value in values) + f' {PREFIXES[power]}{unit}'

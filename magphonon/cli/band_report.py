@@ -108,8 +108,9 @@ def effect(case: Case) -> str:
     f, f0 = complete[at[name], branch], other[at[name], branch]
     if abs(f - f0) <= ZERO_FRACTION * complete.max():
         return f'D* changes no branch at {", ".join(at)}.{words}'
-    to = f'{f:.4g} Hz ({100 * (f / f0 - 1):+.2g} %)' if f > 0 else 'below zero: it buckles'
-    return f'D* takes branch {branch + 1} at {name} from {f0:.4g} to {to}.{words}'
+    change = f'{units.in_words("Hz", f0, f)} ({100 * (f / f0 - 1):+.2g} %)'
+    to = change if f > 0 else f'{units.in_words("Hz", f0)} to below zero: it buckles'
+    return f'D* takes branch {branch + 1} at {name} from {to}.{words}'
 
 
 @REPORT.remark
@@ -122,7 +123,8 @@ def lattice(case: Case) -> Iterator[str]:
         yield f'{len(atoms)} particles from {given.file}, {held} of them held, the nearest {given.spacing_m:g} m apart'
     else:
         force = repulsion(atoms.calc.law, given.spacing_m * units.m)
-        yield f'{given.kind} lattice, L0 = {given.spacing_m:g} m, M = {given.mass_kg:g} kg, f(L0) = {force:.6g} N'
+        yield (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
+               f'f(L0) = {units.in_words("N", force)}')
     if case.scene.defects or case.scene.disorder:
         yield 'bands of the perfect lattice; [defects] and [disorder] belong to its patch, see "magphonon modes"'
 
@@ -150,7 +152,7 @@ def long_waves(case: Case) -> Iterator[str]:
         return
     speeds = [sound_speeds(case.atoms, model=model) for model in case.atoms.calc.bloch_models]
     yield 'long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)'
-    yield from _rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds), initial=0))
+    yield from _rows('', speeds, case.bands['complete'].omega.max() * case.scene.lattice.spacing_m * units.m)
     if np.isnan(speeds).any():
         yield '  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch'
     with suppress(ValueError):  # such as of a law that needs a neutralising background

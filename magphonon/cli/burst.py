@@ -182,11 +182,15 @@ def _amplitudes(cell, largest, loud):
     bound = np.inf if cell.calc.turning else frequency_shifts(cell).amplitude(LINEAR_ERROR)  # shifts of such waves are not known
     lines = ['']
     for record, u in largest.items():
-        lines.append(f'{record}: largest displacement {u / units.m:.3g} m, {u / spacing:.2%} of the spacing')
+        lines.append(f'{record}: largest displacement {_metres(u)}, {u / spacing:.2%} of the spacing')
         if loud and u > bound:
-            lines[-1] += (f'; WARNING: beyond the linear range ({bound / units.m:.3g} m = {LINEAR_ERROR:.0%} frequency error); '
+            lines[-1] += (f'; WARNING: beyond the linear range ({_metres(bound)} = {LINEAR_ERROR:.0%} frequency error); '
                           'lower force_N')
     return lines
+
+
+def _metres(u):
+    return units.in_words('m', u / units.m, digits=3)
 
 
 def _decays(plan, cell, records):

@@ -119,7 +119,7 @@ def verdict_in_short(case: Case) -> str:
     if (supports := case.judged.supports) is not None and supports.central:
         said.append(f'Supports need {max(filter(None, supports)) / (units.N / units.m):.4g} N/m out of the plane.')
     if (amplitude := case.judged.amplitude) is not None and np.isfinite(amplitude):
-        said.append(f'Linear to 1 % up to an amplitude of {amplitude / units.m:.2g} m.')
+        said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
 
 

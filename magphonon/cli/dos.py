@@ -78,8 +78,8 @@ def where(case: Case) -> str:
     if not case.lattice:
         return _modes_of_patch(case.patch)
     ends, found = case.ends['complete'], case.lattice['complete']
-    gaps = [f'{low:.6g} to {high:.6g} Hz' for (_, low), (high, _) in pairwise(ends) if high > low]
-    return (f'{found.modes:.0f} branches from {ends[0, 0]:.6g} to {ends[-1, 1]:.6g} Hz, most modes at '
+    gaps = [units.in_words('Hz', low, high, digits=6) for (_, low), (high, _) in pairwise(ends) if high > low]
+    return (f'{found.modes:.0f} branches from {units.in_words("Hz", ends[0, 0], ends[-1, 1], digits=6)}, most modes at '
             f'{_hertz(found, found.density.argmax())}; ' + (f'no modes from {" and ".join(gaps)}' if gaps else 'no gap'))
 
 
@@ -90,7 +90,7 @@ def of_lattice(case: Case) -> list[str]:
     for model, found in case.lattice.items():
         ends, f = case.ends[model], found.frequencies_Hz
         lines.append(f'lattice, {model}: {found.modes:.0f} branches from {ends[0, 0]:.6g} to {ends[-1, 1]:.6g} Hz, most modes '
-                     f'at {_hertz(found, found.density.argmax())}, in bins of {f[1] - f[0]:.3g} Hz')
+                     f'at {_hertz(found, found.density.argmax())}, in frequency bins of {f[1] - f[0]:.3g} Hz')
         lines += [f'  gap from {low:.6g} to {high:.6g} Hz' for (_, low), (high, _) in pairwise(ends)]
     return lines
 
@@ -147,7 +147,7 @@ def _of_lattice(folder, atoms):
 
 
 def _hertz(found, k):
-    return f'{found.frequencies_Hz[k]:.4g} Hz'
+    return units.in_words('Hz', found.frequencies_Hz[k])
 
 
 def _of_patch(folder, patch, axes):

@@ -15,6 +15,8 @@ from weakref import WeakSet
 
 import numpy as np
 
+from ..units import PREFIXES, prefix_power
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from os import PathLike
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
 STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
 COLUMN_in, PAGE_in = 3.4, 7.0  # width of a column and of a page of Physical Review B in inches
-PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}  # prefixes of a unit by the power of ten
 FREQUENCIES = 'frequencies'  # mark of an axis whose data are frequencies in Hz
 COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8CD6F2')
 """The colours of the print style, which colour-blind readers can distinguish, and which differ in grey too."""
@@ -119,12 +120,6 @@ def _figures(value: Any) -> list[Figure]:
     first = value.flat[0] if isinstance(value, np.ndarray) and value.dtype == object and value.size else value
     figure = first.get_figure(root=True) if isinstance(first, Artist) else None
     return [] if figure is None else [figure]
-
-
-def prefix_power(value: float) -> int:
-    """Power of ten of the prefix with which a value is printed as 1 to 999, one of `PREFIXES`."""
-    power = 3 * np.floor((np.log10(abs(value)) + 1e-9) / 3) if value else 0  # 1e-9: 0.999999999 m is a rounded metre
-    return int(np.clip(power, min(PREFIXES), max(PREFIXES)))
 
 
 def label(axis: Axis, quantity: str, unit: str, power: int) -> None:

@@ -608,7 +608,7 @@ def amplitude(case: Case) -> Finding:
         return Finding(found, f'Frequencies stay within 1 % of the linear ones up to an amplitude of {100 * LARGE:g} % of the '
                        'spacing.')
     return Finding(found, f'The linear theory holds for small motion: its frequencies are 1 % off at an amplitude of '
-                   f'{found / u.m:.2g} m, {100 * share:.2g} % of the spacing.')
+                   f'{u.in_words("m", found / u.m, digits=2)}, {100 * share:.2g} % of the spacing.')
 
 
 @remark

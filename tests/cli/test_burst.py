@@ -127,10 +127,11 @@ def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, caps
     for shown in (soft, capsys.readouterr().out):
         lines = [line for line in shown.splitlines() if 'largest displacement' in line][-len(NAMES):]  # the first one answers
         assert [line.split(':')[0] for line in lines] == list(NAMES)
-        told.append([float(re.search(r'displacement ([0-9.e-]+) m', line)[1]) for line in lines])
+        read = [re.search(r'displacement ([0-9.]+) (.?)m,', line) for line in lines]
+        told.append([float(value) * {'': 1.0, 'm': 1e-3, 'µ': 1e-6}[prefix] for value, prefix in map(re.Match.groups, read)])
         for u, line in zip(told[-1], lines, strict=True):
-            assert f'{u:.3g} m, {u:.2%} of the spacing' in line  # of 1 m
-            assert ('WARNING: beyond the linear range (0.0237 m = 1% frequency error)' in line) == (u > 0.0237)
+            assert f'm, {u:.2%} of the spacing' in line  # of 1 m
+            assert ('WARNING: beyond the linear range (23.7 mm = 1% frequency error)' in line) == (u > 0.0237)
     (quiet, stiff), (loud, _) = told
     assert stiff < quiet < 0.0237 < loud
     record = np.loadtxt(out / f'{NAMES[0]}.csv', delimiter=',', skiprows=1)
