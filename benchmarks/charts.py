@@ -1,8 +1,10 @@
 """Error against cost, a panel for each question: `python benchmarks/charts.py [-o docs]` writes charts.png and charts.csv.
 
-The panels of bands, bursts, responses and large motion are those of `python -m workflows speed_accuracy`; three more are measured
-here: coming to rest, densities of states, and how much arithmetic an error needs.  The cost is CPU time, which other load on the
-machine stretches less than the time on the wall; on two machines the order of the methods is the same, the times are not.
+The panels of bands, bursts, responses and large motion are those of `python -m workflows speed_accuracy`; six more are measured
+here: coming to rest, densities of states, frequencies at an amplitude, fits of a law, the lowest modes of large cells by the
+accuracy of their factors, and how much arithmetic an error needs.  Under each panel stands which method is the quickest to some
+errors; it is printed, and in charts.csv.  The cost is CPU time, which other load on the machine stretches less than the time on
+the wall; on two machines the order of the methods is the same, the times are not.
 """
 
 import argparse
@@ -11,23 +13,32 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import process_time
+from warnings import catch_warnings, simplefilter
 
 os.environ['OMP_NUM_THREADS'] = '1'  # before numpy is loaded: all methods on one core
 
 import numpy as np
 from ase.optimize import FIRE, LBFGS
-from scipy.optimize import minimize
-from scipy.sparse.linalg import spsolve
+from scipy import sparse
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import fsolve, minimize
+from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg, spilu, splu, spsolve
 
-from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, relaxed
+from magphonon import DrivenVerlet, MagneticRepulsion, Recorder, lattices, modes, read_scene, ready_scene, relaxed
 from magphonon.bands.density import lattice_density
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS, step_within
+from magphonon.interactions import SharedErrors, fit_forces
+from magphonon.interactions.force_tables import Forces
 from magphonon.plotting.axes import letter_panels, panels, print_style
 from magphonon.response import density_of_states
+from magphonon.stability import frequency_shifts, nonlinear_modes
+from magphonon.stability.amplitude_shifts import forces_at
 from magphonon.stiffness import LinearSystem
+from magphonon.stiffness.lowest import lowest_eigenpairs
 from workflows import accuracy, accuracy_bands, accuracy_frf, accuracy_nonlinear, accuracy_transient
-from workflows.accuracy import Candidate, looks_of, measure, panels_of, plot_work_precision, write_table
+from workflows.accuracy import Candidate, cheapest, looks_of, measure, panels_of, plot_work_precision, spoken, write_table
 from workflows.rows import save_picture
 
 accuracy.perf_counter = process_time
@@ -38,6 +49,8 @@ TITLES = {'one magnet, 300 wavevectors': 'bands of one magnet, over the highest 
           'N = 1024, 400 frequencies': '400 frequencies of 1024 magnets',
           f'Amplitude {accuracy_nonlinear.AMPLITUDES[1]:g} L0': '144 magnets plucked by 1 % of the spacing'}
 """What the panels of the workflows are called here; others of theirs are left out."""
+STATED = 'what it states'
+"""No method, but the standard error that a fit gives itself."""
 
 
 def main():
@@ -49,11 +62,13 @@ def main():
     for question in (accuracy_bands, accuracy_transient, accuracy_frf, accuracy_nonlinear):
         table += question.chart(True).measurements
     table = [replace(m, panel=TITLES[m.panel]) for m in table if m.panel in TITLES]
-    for question in (coming_to_rest, densities, arithmetic):
+    for question in (coming_to_rest, densities, at_amplitude, fits, large_cells, arithmetic):
         table += question()
         print(*(f'{m.panel}: {m.method}, {m.setting}: {m.error:.1e} in {m.seconds:.3g} s' for m in panels_of(table).popitem()[1]),
               sep='\n', flush=True)
-    write_table(out / 'charts.csv', table, ['CPU time in s; drawn by benchmarks/charts.py'])
+    found = [f'{panel}: {reading(own)}' for panel, own in panels_of(table).items()]
+    print(*found, sep='\n')
+    write_table(out / 'charts.csv', table, ['CPU time in s; drawn by benchmarks/charts.py', *found])
     with print_style():
         save_picture(drawn(table), out / 'charts.png', 'Error against CPU time of each method that answers a question.')
 
@@ -71,6 +86,18 @@ def drawn(table):
         ax.set(xlabel='CPU time (s)', ylabel='error')
         ax.legend(loc='upper center', bbox_to_anchor=(0.5, -0.18), ncols=1)
     return figure
+
+
+def reading(table):
+    """The quickest methods to errors of 1e-2, 1e-5 and 1e-8, and how much longer one of another kind takes, in a sentence."""
+    said, methods = {}, [m for m in table if not m.method.startswith(STATED)]
+    for tolerance in (1e-2, 1e-5, 1e-8):
+        if best := cheapest(methods, tolerance):
+            kind = best.method.split(',')[0]
+            other = cheapest([m for m in methods if m.method.split(',')[0] != kind], tolerance)
+            beside = f' ({other.method} takes {spoken(other.seconds / best.seconds)} times as long)' if other else ' alone'
+            said.setdefault(f'{best.method}{beside}', []).append(f'{tolerance:g}')
+    return '; '.join(f'to {" and ".join(errors)} {words}' for words, errors in said.items()) or 'no method reaches 0.01'
 
 
 def prototype(n):
@@ -168,6 +195,129 @@ def densities(n=24):
     names |= {('lattice_density of the perfect lattice', f'{s} steps'): partial(endless, s) for s in (8, 32, 128)}
     runs = [Candidate(*name, run, f'share of the modes of {n * n} magnets below 20 frequencies') for name, run in names.items()]
     return measure(runs, lambda share: abs(share - exact).max(), repeats=2, patience=0.3)
+
+
+def at_amplitude(share=0.03):
+    """The softest mode of seven magnets in a held rim, that turn at 3 % of the spacing: error of its frequency.
+
+    The motion is periodic in a shape of its own: shooting finds it, or harmonic balance; the linear shape, released, beats.
+    """
+    cell, _ = prototype(4)
+    L0 = cell.cell.lengths()[0]
+    patch = lattices.hexagon(cell, 2.1 * L0)
+    patch.calc = MagneticRepulsion(patch, cell.calc.laws, **cell.calc.parameters)
+    system, amplitude = LinearSystem.of(patch), share * L0
+    S, n, w = system.shapes.toarray(), system.directions, np.sqrt(system.spectrum[0][0])
+    shape = system.spectrum[1][:, 0]
+    places = (S @ shape).reshape(-1, 2)
+    most = np.linalg.norm(places, axis=1).argmax()
+    shape = shape * amplitude / np.linalg.norm(places[most])
+
+    def shooting(rtol, cost):
+        def flow(t, x):
+            cost['force evaluations'] += 1
+            return np.append(x[n:], S.T @ forces_at(patch.calc, (S @ x[:n]).reshape(1, -1, 2)).ravel())
+
+        def missed(z):  # velocities after half a period, and the amplitude
+            end = solve_ivp(flow, (0, np.pi / (z[n] * w)), np.append(amplitude * z[:n], np.zeros(n)), 'DOP853', rtol=rtol,
+                            atol=rtol * amplitude).y[n:, -1]
+            return np.append(end / (w * amplitude), np.linalg.norm((S @ z[:n]).reshape(-1, 2)[most]) - 1)
+
+        return w * fsolve(missed, np.append(shape / amplitude, 1.0), xtol=0.1 * rtol)[n]
+
+    def released(periods, cost):
+        atoms = patch.copy()
+        atoms.calc = patch.calc
+        atoms.positions[:, :2] += (S @ shape).reshape(-1, 2)
+        dyn = DrivenVerlet(atoms, 0.02 * 2 * np.pi / w, order=6, engine='numpy')
+        recorder = Recorder(dyn)
+        dyn.run(50 * periods)
+        cost['force evaluations'] = 50 * periods * SPLITTINGS[6].stages
+        y = recorder.displacements.reshape(len(recorder.times), -1) @ (S @ shape)
+        k = np.flatnonzero((y[:-1] < 0) & (y[1:] >= 0))
+        crossings = recorder.times[k] + np.diff(recorder.times)[k] * y[k] / (y[k] - y[k + 1])
+        return 2 * np.pi / np.polyfit(np.arange(len(k)), crossings, 1)[0]
+
+    def balanced(points, cost):
+        found = nonlinear_modes(patch, 0, 1.01 * amplitude, points=points)
+        return float(CubicSpline(found.amplitude**2, found.omega)(amplitude**2))
+
+    exact = shooting(1e-12, {'force evaluations': 0})
+    names = {('linear mode', ''): lambda cost: modes(patch, 1).omega[0],
+             ('frequency_shifts', ''): lambda cost: w * (1 + frequency_shifts(patch).curvature[0] * amplitude**2)}
+    names |= {('nonlinear_modes', f'{k} points'): partial(balanced, k) for k in (4, 8, 16)}
+    names |= {('shooting with DOP853', f'rtol {r:g}'): partial(shooting, r) for r in (1e-3, 1e-5, 1e-7, 1e-9)}
+    names |= {('linear shape released', f'{k} periods'): partial(released, k) for k in (4, 16, 64)}
+    panel = f'frequency of 7 magnets that turn at {share:.0%} of the spacing'
+    runs = [Candidate(*name, run, panel) for name, run in names.items()]
+    return measure(runs, lambda omega: abs(omega / exact - 1), repeats=2, patience=0.5)
+
+
+def fits(tables=8, spacing=10.0, shift=0.05, offset=5e-4, screened=12.0):
+    """The exponent at 10 mm of `f = e^{-r/12 mm} r^-4` from tables whose rows share zeros of distance (0.05 mm) and of force.
+
+    The error is the root mean square over tables that are drawn, relative to the exponent; that which a fit states is beside it.
+    """
+    exponent = 4 + spacing / screened
+
+    def force(r):
+        return (spacing / r) ** 4 * np.exp((spacing - r) / screened)
+
+    def measured(rows, noise, seed):
+        rng, r = np.random.default_rng(seed), np.linspace(8.0, 16.0, rows)
+        f, zero = force(r + shift * rng.normal()), offset * rng.normal()
+        return Forces(r, f * (1 + noise * rng.normal(size=rows)) + zero, noise * f)
+
+    def own(stated, rows, noise, cost):
+        found = [fit_forces(measured(rows, noise, seed), spacing, SharedErrors(distance=shift)) for seed in range(tables)]
+        return [exponent + fit.half_widths[2] / 1.96 if stated else fit.exponent for fit in found]
+
+    def line(rows, noise, cost):
+        found = [measured(rows, noise, seed) for seed in range(tables)]
+        return [-np.polyfit(np.log(table.r), np.log(abs(table.f)), 1)[0] for table in found]
+
+    kinds = ('fit_forces', partial(own, False)), (STATED, partial(own, True)), ('line through logarithms', line)
+    names = {(f'{name}, noise {noise:.1%}', f'{rows} rows'): partial(fit, rows, noise)
+             for name, fit in kinds for noise in (0.03, 0.003) for rows in (8, 32, 128, 512)}
+    runs = [Candidate(*name, run, f'exponent of a law from {tables} tables of forces') for name, run in names.items()]
+    return measure(runs, lambda a: np.sqrt(np.mean((np.array(a) / exponent - 1) ** 2)), repeats=1)
+
+
+def large_cells(side=32, count=8):
+    """The lowest squared frequencies of 1024 magnets whose masses scatter, by factors of more and less accuracy."""
+    cell, _ = prototype(4)
+    large = cell.repeat((side, side, 1))
+    large.set_masses(large.get_masses() * (1 + 0.1 * np.random.default_rng(0).normal(size=len(large))))
+    large.calc = MagneticRepulsion(large, cell.calc.laws, **cell.calc.parameters)
+    K = sparse.csc_array(LinearSystem.of(large).K)
+    start = np.random.default_rng(1).normal(size=(K.shape[0], count))
+    exact = np.linalg.eigvalsh(K.toarray())[:count]
+
+    def inverted(real, tolerance, cost):
+        factors = splu(K.astype(real))
+
+        def solve(x):
+            cost['products'] += 1
+            return factors.solve(x.astype(real)).astype(float)
+
+        return np.sort(eigsh(K, count, sigma=0.0, OPinv=LinearOperator(K.shape, solve, dtype=float), tol=tolerance,
+                             v0=start[:, 0], return_eigenvectors=False))
+
+    def incomplete(drop, cost):
+        factors = spilu(K, drop_tol=drop, fill_factor=30)
+        with catch_warnings():
+            simplefilter('ignore')  # it tells that it was stopped
+            return np.sort(lobpcg(K, start.copy(), M=LinearOperator(K.shape, factors.solve, matmat=factors.solve), largest=False,
+                                  tol=1e-9, maxiter=12)[0])
+
+    names = {('lowest_eigenpairs', ''): lambda cost: lowest_eigenpairs(sparse.csr_array(K), count)[0],
+             ('all eigenvalues, dense', ''): lambda cost: np.linalg.eigvalsh(K.toarray())[:count]}
+    names |= {('ARPACK, exact factors', f'tol {t:g}'): partial(inverted, np.float64, t) for t in (1e-1, 1e-3, 0.0)}
+    names |= {('ARPACK, factors in single precision', f'tol {t:g}'): partial(inverted, np.float32, t) for t in (1e-1, 1e-3, 1e-6)}
+    names |= {('LOBPCG, incomplete factors', f'drop {d:g}'): partial(incomplete, d) for d in (1e-1, 1e-2, 1e-4)}
+    panel = f'{count} lowest squared frequencies of a cell of {side**2} magnets'
+    runs = [Candidate(*name, run, panel) for name, run in names.items()]
+    return measure(runs, lambda squares: abs(squares / exact - 1).max(), repeats=2, patience=1.0)
 
 
 def arithmetic(n=100, duration=60.0, amplitude=0.01):
