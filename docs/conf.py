@@ -6,7 +6,13 @@ tutorial and example a button that runs it in the browser, with pip install '.[d
 
 import sys
 import tomllib
+from html import escape
 from pathlib import Path
+from textwrap import shorten
+
+from docutils import nodes
+from jinja2.filters import do_striptags as strip_tags
+from sphinx import addnodes
 
 import magphonon
 
@@ -90,7 +96,7 @@ html_math_renderer = 'mathml'
 html_title = f'magphonon {release}'
 html_static_path = ['_static']
 html_css_files = ['gallery.css']
-html_logo = '_static/logo.svg'
+html_logo = html_favicon = '_static/logo.svg'
 html_baseurl = tomllib.loads((Path(__file__).parents[1] / '.ci/owner.toml').read_text(encoding='utf-8'))['documentation']
 html_extra_path = ['generated/explorers', 'waves.png']
 
@@ -98,12 +104,23 @@ html_extra_path = ['generated/explorers', 'waves.png']
 DESCRIPTION = 'Bands, waves, responses and stability of lattices of particles that repel each other, on ASE and phonopy'
 
 
+def described(doctree):
+    """What a page says first, notes aside; or what the package is."""
+    of_text = nodes.section, addnodes.desc_content
+    said = (one.astext() for one in doctree.findall(nodes.paragraph) if isinstance(one.parent, of_text)) if doctree else ()
+    return shorten(next(iter(said), DESCRIPTION), 200, placeholder=' ...')
+
+
 def describe(app, page, template, context, doctree):
     """What a link to a page shows elsewhere: a description and, where the address of the site is known, a picture."""
-    picture = f'<meta property="og:image" content="{html_baseurl.rstrip("/")}/waves.png">' * bool(html_baseurl)
-    context['metatags'] = (context.get('metatags') or '') + (
-        f'<meta name="description" content="{DESCRIPTION}"><meta property="og:title" content="magphonon">'
-        f'<meta property="og:description" content="{DESCRIPTION}">{picture}')
+    title = strip_tags(context.get('title') or 'magphonon')
+    told = {'og:type': 'website', 'og:site_name': 'magphonon', 'og:title': title, 'og:description': described(doctree)}
+    if html_baseurl:
+        address = html_baseurl.rstrip('/')
+        told |= {'og:image': f'{address}/waves.png', 'og:url': f'{address}/{page}.html'}
+    tags = ''.join(f'<meta property="{name}" content="{escape(words)}">' for name, words in told.items())
+    context['metatags'] = (f'{context.get("metatags") or ""}<meta name="description" content="{escape(told["og:description"])}">'
+                           f'<meta name="twitter:card" content="summary_large_image">{tags}')
 
 
 def setup(app):

@@ -29,7 +29,11 @@ def figures(block, block_vars, gallery_conf):
 
 def thumbnail(picture, out, width, height):
     """The first panel of a picture, as large as its frame; sphinx-gallery itself would set all of it into white."""
-    ImageOps.fit(Image.open(picture).convert('RGB'), (width, height), centering=(0, 0)).save(out)
+    drawn = Image.open(picture).convert('RGB')
+    left, top, right, bottom = ImageOps.invert(drawn.convert('L')).getbbox()  # what is not white
+    margin = drawn.width // 100
+    inked = drawn.crop((max(left - margin, 0), max(top - margin, 0), right + margin, bottom + margin))
+    ImageOps.fit(inked, (width, height), centering=(0, 0)).save(out)
 
 
 gen_rst.scale_image = thumbnail

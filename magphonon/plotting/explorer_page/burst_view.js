@@ -157,7 +157,7 @@ class BurstView {
       });
       canvas.dataset.time_ms = 1e3 * burst.t;
       this.root.querySelector(`.${model} .told`).textContent = burst.grown ? 'it buckles: the motion grows without end'
-        : `${(1e3 * burst.t).toFixed(0)} ms${this.ports.length > 1 ? this.levels(model) : ''}`;
+        : `${(1e3 * burst.t).toFixed(0)}\u202fms${this.ports.length > 1 ? this.levels(model) : ''}`;
     }
   }
 
@@ -192,9 +192,18 @@ class BurstView {
       this.gone.add(this.patch.keys[p]);
     }
     if (this.rebuild()) return this.tell(this.gone.size ? `${this.gone.size} taken out; the others have moved to their new rest.` : '');
+    const enough = this.foundationWithout(this.gone);
     this.gone = before;
     this.rebuild();
-    return this.tell('Without it the lattice buckles; give it a stiffer foundation first.');
+    return this.tell(`Without it the lattice buckles; ${enough ? `on a foundation of ${written(enough, 3)}\u202fN/m it would stand.`
+      : 'give it a stiffer foundation first.'}`);
+  }
+
+  /** A foundation, in N/m, on which the patch without these particles finds a rest; undefined if none is found. */
+  foundationWithout(gone) {
+    if (this.data.structure) return undefined;
+    const patch = patchOf(this.data, gone), now = this.state.foundation_N_per_m;
+    return [1.5, 2, 3, 4, 6, 8].map(times => times * now).find(k => relaxed(patch, this.data, {...this.state, foundation_N_per_m: k}));
   }
 
   tell(words) {

@@ -106,7 +106,7 @@ function dstarInWords({name, complete, conventional, branch, ratio}) {
       + `has ${written(conventional)}\u202fHz there.`;
   }
   return `${start}lowers the ${branch} from ${written(conventional)}\u202fHz to ${written(complete)}\u202fHz, `
-    + `by ${written(100 * (1 - ratio), 3)}\u202f%: the ratio complete/conventional is ${written(ratio)}.`;
+    + `by ${written(100 * (1 - ratio), 3)}\u202f%.`;
 }
 
 /** Keep room for the longest words of each slider, so that nothing below them moves while one does. */
@@ -302,6 +302,7 @@ function start() {
   document.body.classList.toggle('chain', data.periods === 1);
   document.body.classList.toggle('structure', Boolean(data.structure));
   document.body.classList.toggle('only-burst', Boolean(data.structure) || address.get('view') === 'burst');
+  if (document.body.classList.contains('only-burst')) element('burst').after(document.querySelector('main'));
   if (!data.structure) {
     listen();
     listenToTools();
