@@ -121,7 +121,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
             dots.set_offsets((rest + factor * film[k, :, :2]) / units.m)
             dots.set_array(film[k, :, axis] / units.m / 10.0**power)
         when = '' if moments is None else f', {moments[k] / units.s:.4f} s'
-        line = f'displacements drawn {float(f'{factor:.3g}'):.12g} times as large{when}'
+        line = f'displacements drawn {float(f"{factor:.3g}"):.12g} times as large{when}'
         lines = [title, line] if len(films) == 1 else [f'{title}; {line}', ' ']  # above the titles of both
         figure.suptitle('\n'.join(filter(None, lines)), fontsize='medium')
 
