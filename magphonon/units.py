@@ -36,7 +36,7 @@ def hertz(omega: Any) -> Any:
     return omega / (2 * pi) / Hz
 
 
-PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
+PREFIXES = {-18: 'a', -15: 'f', -12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
 """Prefixes of a unit by the power of ten."""
 
 

@@ -26,10 +26,11 @@ LOWEST = 60  # number of the lowest modes of a larger patch
 FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is named after scene and command
 
 
-def add_scene(parser: ArgumentParser, needs: str = '') -> None:
-    """Add the argument SCENE; `needs` says what must be in it."""
-    parser.add_argument('scene', metavar='SCENE', help=f'scene file{needs}, or the name of a ready scene such as prototype, or - '
+def add_scene(parser: ArgumentParser, needs: str = '', example: str = 'prototype') -> None:
+    """Add the argument SCENE; `needs` says what must be in it, as it is in the ready scene `example`."""
+    parser.add_argument('scene', metavar='SCENE', help=f'scene file{needs}, or the name of a ready scene such as {example}, or - '
                                                        'for standard input')
+    parser.set_defaults(example=example)
 
 
 def length(text: str) -> float:
@@ -53,7 +54,7 @@ def _quantity(text, units):
     except (TypeError, ValueError, KeyError):
         from argparse import ArgumentTypeError
 
-        raise ArgumentTypeError(f'{text!r} is no number with one of the units {", ".join(units)}') from None
+        raise ArgumentTypeError(f'{text!r} is not a number with one of the units {", ".join(units)}') from None
 
 
 def ready_table(name: str) -> str:
@@ -68,7 +69,7 @@ def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
     """Add the option -o DIR; without a `default` the command itself handles its absence."""
     parser.add_argument('-o', '--output', metavar='DIR', default=default,
                         help='directory for the results, created if it does not exist (default: SCENE-COMMAND, such as '
-                             f'prototype-{parser.prog.split()[-1]})')
+                             f'{parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
 
 
 def find_inputs(options: Namespace) -> None:

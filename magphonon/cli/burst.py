@@ -169,6 +169,7 @@ def _conclusion(records):
                 near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
                 lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges on its {name} branch, {near} bins away, '
                              f'and {far} bins from that of the {other} model')
+    lines += ['(a bin is the resolution in wavenumber, 2 pi over the number of places of the row)'] * bool(lines)
     if astray:
         lines.append(f'{astray} of the ridges lie on no branch of the row: --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']

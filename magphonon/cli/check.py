@@ -182,15 +182,16 @@ def commands(case: Case) -> str | None:
     """The commands that refuse the structure, by what their tools declare (`magphonon.traits`)."""
     from ..traits import TOOLS as DECLARED, refuse
 
-    refused = []
+    refused = {}
     for command, place in TOOLS.items():
         module, _, name = place.rpartition('.')
         import_module(f'magphonon.{module}')
         try:
             refuse(case.atoms, DECLARED[name])
         except ValueError as error:
-            refused.append(f'"magphonon {command}" ({str(error).partition(" (")[0].partition(";")[0]})')
-    return f'Not for this structure: {", ".join(refused)}.' if refused else None
+            why = str(error).partition(' does not take ')[2].partition(' (')[0].partition(';')[0]
+            refused.setdefault(why, []).append(f'"magphonon {command}"')
+    return '\n'.join(f'Commands that do not take {why}: {", ".join(named)}.' for why, named in refused.items()) or None
 
 
 @REPORT.check

@@ -17,7 +17,7 @@ the spacing, which moves a frequency by some percent."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    add_scene(parser, ' with [design]')
+    add_scene(parser, ' with [design]', 'design')
     parser.add_argument('--resume', action='store_true', help='with [[design.targets]]: go on from the design in the directory')
     add_output(parser)
     add_pictures(parser, frequencies=False)

@@ -193,7 +193,7 @@ def allowed(found):
     sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
     kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
     told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
-    lines = [f'They allow for a shift that all ridges of a branch share: {told}.']
+    lines = [f'They allow for a shift that all ridges of a branch share: {told} (bins of wavenumber).']
     strayed = found.fits['complete'].strayed
     if strayed:
         lines.append(f'{strayed} of the points from a point source lie on the branch beside that of their motion.')

@@ -62,8 +62,10 @@ def run(options: Namespace) -> None:
             raise ValueError(f'--{option} {given}: the scene has no patch whose modes it could take; add a table [patch]')
     with answering(options, scene) as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
-        if lattice is not None and case.drawable:
-            _draw_lattice(save, case)
+        if lattice is not None:
+            _write_lattice(folder, case)
+            if case.drawable:
+                _draw_lattice(save, case)
         if patch is not None:
             _write(folder, save, case)
         told += REPORT.told(case, options.verbose)
@@ -416,6 +418,13 @@ def _place(atoms, centre, defects):
         return f'centre at ({", ".join(f"{x / 1e3:.4g}" for x in np.where(small, 0.0, centre))}) m'
     away = find_mic(np.c_[centre[:2] - defects, np.zeros(len(defects))], atoms.cell, atoms.pbc)[1].min()
     return f'centre {away / 1e3:.2g} m from the defect' if len(defects) == 1 else f'centre {away / 1e3:.2g} m from a defect'
+
+
+def _write_lattice(folder, case):
+    rows = [(name, where, k) for name, where in case.at.items() for k in range(case.bands['complete'].omega.shape[1])]
+    found = {f'{model}_Hz': [bands.frequencies_Hz[where, k] for _, where, k in rows] for model, bands in case.bands.items()}
+    write_columns(folder / 'modes_lattice.csv', ['point', 'branch', *found],
+                  [[name for name, *_ in rows], [k + 1 for *_, k in rows], *found.values()])
 
 
 def _draw_lattice(save, case):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,8 @@ def run(options: Namespace, scene: Scene) -> None:
         np.save(folder / PARAMETERS, design.x)
         write_build_list(folder / 'design.csv', design, tolerances, parts)
         _draw(scene, design, patch, source, tolerances, folder, save)
-    print('\n'.join([scene.title, found.table('dB', goal=GOAL_dB), *(f'{words}' for words in design.words)]))
+    alone = replace(design, conventional=None)  # the table already says what D0 alone promises
+    print('\n'.join([scene.title, found.table('dB', goal=GOAL_dB), *alone.words]))
     if stopped:
         print(f'stopped early: this is the best so far, and "--resume -o {options.output}" goes on from it')
     print(f'build list and pictures are in {options.output}')
@@ -66,14 +68,10 @@ def _left(folder):
 
 
 def _like(first, design):
-    from dataclasses import replace
-
     return replace(design, conventional=first.conventional)
 
 
 def _many(robust):
-    from dataclasses import replace
-
     return replace(robust, draws=JUDGES)
 
 

@@ -27,7 +27,7 @@ LINEAR_RANGE = 0.3  # relative standard deviation of an amplitude above which th
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    add_scene(parser, ' with [uncertainty]')
+    add_scene(parser, ' with [uncertainty]', 'tolerances')
     add_output(parser)
     add_pictures(parser)
 

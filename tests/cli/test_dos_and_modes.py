@@ -68,8 +68,8 @@ def test_densities_of_the_prototype(prototype, tmp_path, capsys, monkeypatch):
 def test_modes_of_the_prototype(prototype, tmp_path, capsys):
     out = tmp_path / 'out'
     assert main(['modes', '--verbose', str(prototype), '-o', str(out), '--animate', '2']) == 0
-    assert {file.name for file in out.iterdir()} == {'modes.png', 'modes_lattice.png', 'modes.csv', 'modes.npz', 'mode_2.gif',
-                                                     'scene.toml', 'provenance.json'}
+    assert {file.name for file in out.iterdir()} == {'modes.png', 'modes_lattice.png', 'modes_lattice.csv', 'modes.csv',
+                                                     'modes.npz', 'mode_2.gif', 'scene.toml', 'provenance.json'}
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ['M,', 'branch', '1', '58.2327', '92.106', 'shear'] in lines
     assert lines[0][-10:] == ['0', 'of', 'them', 'lie', 'outside', 'the', 'bands', 'of', 'the', 'lattice']
@@ -82,7 +82,8 @@ def test_modes_of_the_prototype(prototype, tmp_path, capsys):
 def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     chain = tmp_path / 'chain.toml'
     chain.write_text(ready_scene('chain').read_text())
-    for command, files in (('dos', {'dos.png', 'dos.csv', 'dos_complete.npz', 'dos_conventional.npz'}), ('modes', set())):
+    for command, files in (('dos', {'dos.png', 'dos.csv', 'dos_complete.npz', 'dos_conventional.npz'}),
+                           ('modes', {'modes_lattice.csv'})):
         assert main([command, '--verbose', str(chain), '-o', str(tmp_path / command)]) == 0
         assert {file.name for file in (tmp_path / command).iterdir()} == files | {'scene.toml', 'provenance.json'}
     told = capsys.readouterr().out.splitlines()
