@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
@@ -26,7 +27,8 @@ from .read import KINDS, held
 
 HELP = 'the force between two particles, or the lattice, from everything that was measured'
 RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'
-OF_FORCES = 'spacing', 'contact', 'magnet', 'distance_sigma', 'zero_sigma', 'hysteresis_sigma', 'backlash_sigma', 'gain_sigma'
+OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
+             *(f'{one}_sigma' for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')))
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -57,8 +59,8 @@ def add_arguments(parser: ArgumentParser) -> None:
             ('gain', float, 'X', 'how well the gain of the load cell is known, as a fraction (default: 0.01)')):
         parser.add_argument(f'--{name}-sigma', metavar=metavar, type=reader, help=words)
     parser.add_argument('--pair-sigma', metavar='X', type=float,
-                        help='with records of several kinds: how far the force of one pair may be from the mean of the lattice, '
-                             'as a fraction (default: 0)')
+                        help='how far the force of one pair may be from the mean of the lattice, as a fraction (default: what '
+                             'several pairs in one table say, else 0)')
     parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: it narrows the '
                                                           'answer, and loses against the free curve where the data contradict it')
     parser.add_argument('--contact', metavar='R', type=length,
@@ -157,7 +159,7 @@ def _fit_forces(options):
     from .fit_report import force_report
 
     _check_options_of_forces(options)
-    shared = _shared_errors(options)
+    shared = replace(_shared_errors(options), pair=options.pair_sigma)
     shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
     forces = read_forces(options.file, not_negative('--contact', options.contact or contact, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')

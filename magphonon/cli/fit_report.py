@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..interactions.force_tables import Forces
 
 FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it
-ALIKE = 3.0  # correlation of rows that follow each other above which a load cell drifts, in one over the root of their number
+SURE = 0.8  # probability of a drift from which it is told
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
@@ -110,13 +110,21 @@ def saturation(case):
 @FORCES.check
 def drift(case):
     """Whether rows that follow each other err alike."""
-    z = case.fit.residuals / case.fit.noise
-    alike = z[1:] @ z[:-1] / (z @ z)
-    if len(z) >= FEW and alike > ALIKE / np.sqrt(len(z)):
-        return (f'The errors of successive rows are correlated ({alike:.2g}): the load cell drifts, perhaps as it warms up, and '
-                'the intervals, which assume independent rows, are too narrow. Return to one distance now and then to see the '
-                'drift.')
-    return None
+    return ('The errors of successive rows are correlated (with a probability of '
+            f'{100 * case.fit.drift:.0f} %): the load cell drifts, perhaps as it warms up, and the intervals allow for it. '
+            'Return to one distance now and then to see the drift.') if case.fit.drift > SURE else None
+
+
+@FORCES.check
+def pairs(case):
+    """How far one pair may be from the mean of the lattice."""
+    count, sigma = case.forces.pairs, case.fit.pair
+    if sigma:
+        told = 'as it was told' if case.shared.pair is not None else 'as their scatter says'
+        return (f'{count} pair{"s" * (count > 1)}: the force of one is {100 * sigma:.2g} % from the mean of all (one standard '
+                f'deviation, {told}), and the intervals are those of the mean.')
+    return ('The table is of one pair: magnets that differ by 2.5 % put it 3.5 % from the mean of a lattice. Measure several '
+            'pairs in one table, with a column pair, or say --pair-sigma 0.035.') if count == 1 else None
 
 
 @FORCES.check

@@ -104,6 +104,8 @@ def _of_forces(forces):
         own['sigma_N'] = forces.sigma / u.N
     if forces.direction.any():
         own['direction'] = [ways[way] for way in forces.direction.tolist()]
+    if forces.pairs > 1:
+        own['pair'] = forces.pair
     yield own
 
 

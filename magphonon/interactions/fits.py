@@ -2,7 +2,7 @@ r"""The law of repulsion from measured forces whose rows share errors: a zero of
 
 Each row of a table is
 
-    y = f(r + d + s b/2) + F0 + s h + noise        s = -1 on the approach, +1 on the return, 0 where it is not known
+    y = e^z f(r + d + s b/2) + F0 + s h + noise        s = -1 on the approach, +1 on the return, 0 where it is not known
 
 and the force is a free smooth curve or, beside it, the law g of a magnet whose shape the user names,
 
@@ -10,18 +10,20 @@ and the force is a free smooth curve or, beside it, the law g of a magnet whose 
 
 The free curve has g = r^-4, delta within 3 and tau = 1; a named law may depart by 3 % in both.  ln f(r0) and the exponent a(r0)
 are parameters themselves, so their covariance is the answer: -f'(r0) = a f/r0, and the bands of neighbours at r0 follow linearly.
-What a table cannot tell (F0 from the tail of the law, d from its exponent) is left to the priors of `SharedErrors`, and
-`Fit.shares` says what each of them costs.
+Each pair of magnets has its own z: what scatters from pair to pair is learned from several of them, or told.  A load cell
+drifts: slow waves over the rows, in the order in which they were measured, are part of the noise.  What a table cannot tell (F0
+from the tail of the law, d from its exponent) is left to the priors of `SharedErrors`, and `Fit.shares` says what each of them
+costs.
 
-There is one least-squares problem for each law and each of three kinds of noise; the answers are averaged by their evidence
-(Laplace's method).  There is no list of laws to choose from: over 8 to 16 mm a disc, a ring and an inverse power cannot be told
-apart, and an average over such a list is as narrow as it is wrong.
+There is one least-squares problem for each law, each of three kinds of noise and three sizes of drift; the answers are averaged
+by their evidence (Laplace's method).  There is no list of laws to choose from: over 8 to 16 mm a disc, a ring and
+an inverse power cannot be told apart, and an average over such a list is as narrow as it is wrong.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import factorial
 from typing import Any, NamedTuple
 
@@ -57,8 +59,12 @@ CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the
 WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached; `Fit.with_care` is told for it
 CURVE = slice(0, 2 + len(BENDS))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
+ZEROS = slice(FORCE_ZERO, BACKLASH + 1)  # and the z of each pair after them
 LARGEST = 100.0
 """Largest zero of the force, in largest forces."""
+DRIFTS, WAVES = (0.0, 1.0, 3.0), 8
+"""Sizes of a drift that are tried, in the noise of a row, and the number of slow waves over the table that it is made of."""
+ANY_PAIR = 0.3  # standard deviation of ln f from pair to pair before the table is read
 SHARED = 'zero of force', 'zero of distance', 'hysteresis', 'backlash'
 POINTS = 24  # of the table of a fitted law; a spline through them follows it to 1e-5
 
@@ -80,6 +86,9 @@ class SharedErrors:
         Of the drive in mm.
     gain : float
         Of the load cell, as a fraction of every force; no table shows it.
+    pair : float, optional
+        Of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By default it is
+        learned from several pairs, and nothing is added for one.
     """
 
     distance: float = 0.2
@@ -87,9 +96,10 @@ class SharedErrors:
     hysteresis: float | None = None
     backlash: float = 0.1
     gain: float = 0.01
+    pair: float | None = None
 
     def __post_init__(self) -> None:
-        for name, unit in (('distance', 'mm'), ('zero', 'N'), ('hysteresis', 'N'), ('backlash', 'mm'), ('gain', '')):
+        for name, unit in {'distance': 'mm', 'zero': 'N', 'hysteresis': 'N', 'backlash': 'mm', 'gain': '', 'pair': ''}.items():
             if getattr(self, name) is not None:
                 not_negative(name, getattr(self, name), unit)
 
@@ -129,6 +139,10 @@ class Fit:
     conflicts : ndarray, shape (4,)
         Distances of `zeros` from their priors, in the standard deviations that they have in tables; beyond CONFLICT one is
         not as small as was told.
+    pair : float
+        Standard deviation of ln f from pair to pair, as it was told or learned; 0 for one pair of which nothing is told.
+    drift : float
+        Probability that the load cell drifts, so that rows which follow each other err alike.
     scatter : float
         Factor by which a given uncertainty of the rows was widened, because they scatter more than it says; 1 if not.
     residuals, noise : ndarray, shape (rows,)
@@ -147,6 +161,8 @@ class Fit:
     zeros: NDArray[np.float64]
     weight: float
     conflicts: NDArray[np.float64]
+    pair: float
+    drift: float
     scatter: float
     residuals: NDArray[np.float64] = field(repr=False)
     noise: NDArray[np.float64] = field(repr=False)
@@ -208,11 +224,15 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
         raise ValueError('a shared error is stated to be larger than what was measured: the zero of the distances or '
                          'the backlash than the nearest distance, the zero of the force or the hysteresis than a hundred times '
                          'the largest force, or the gain than 1; say how well they are known')
+    shared = _with_pairs(forces, shared, spacing)
     laws = [_Model(forces, shared, LawFamily(spacing, one)) for one in ([None] if shape is None else [None, shape])]
     noises = NOISES if forces.sigma is None else (None,)
-    found = [_solved(model, forces, noise) for model in laws for noise in noises]
+    steady = [_solved(model, forces, noise) for model in laws for noise in noises]
+    found = [_solved(one.model, forces, noise, drift, one) if drift else one
+             for one, noise in zip(steady, len(laws) * noises, strict=True) for drift in DRIFTS]
     before = [1.0] if shape is None else [1 - SHAPE_WEIGHT, SHAPE_WEIGHT]
-    evidence = np.array([part.evidence for part in found]) + np.log(np.repeat(before, len(noises)))
+    own = len(found) // len(laws)  # the first of them are of the free curve
+    evidence = np.array([part.evidence for part in found]) + np.log(np.repeat(before, own))
     weights = np.exp(evidence - evidence.max())
     weights /= weights.sum()
 
@@ -231,8 +251,8 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     causes[0] += turn @ apart @ turn
     wide = NORMAL if forces.sigma is not None else float(t.ppf((1 + COVERED) / 2, weights @ [part.freedom for part in found]))
     best = found[int(weights.argmax())]
-    d, zeros, variances = best.p[DISTANCE_ZERO], best.p[FORCE_ZERO:], np.diag(best.C)[FORCE_ZERO:]
-    told = np.maximum(best.model.prior[FORCE_ZERO:] ** 2 - variances, 1e-6 * variances)  # of the estimates, from table to table
+    d, zeros, variances = best.p[DISTANCE_ZERO], best.p[ZEROS], np.diag(best.C)[ZEROS]
+    told = np.maximum(best.model.prior[ZEROS] ** 2 - variances, 1e-6 * variances)  # of the estimates, from table to table
     if forces.r.min() + d <= 0:
         raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
                          'check its unit, or take the point out')
@@ -240,9 +260,11 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     curve = weights @ [part.model.curve(part.p, r)[0] for part in found]
     return Fit(
         Tabulated(r, np.exp(curve)), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
-        dict(zip(('unknown law', *SHARED, 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
-        float(wide * np.sqrt(with_care)), wide * np.sqrt(again), zeros, float(weights[len(noises):].sum()),
-        abs(zeros) / np.sqrt(told), float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
+        dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
+        float(wide * np.sqrt(with_care)), wide * np.sqrt(again), zeros, float(weights[own:].sum()),
+        abs(zeros) / np.sqrt(told), shared.pair or 0.0,
+        float(weights @ [part.drift > 0 for part in found]),
+        float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
 
 
 class LawFamily:
@@ -283,7 +305,9 @@ class _Model:
         self.nearest = NEAREST * forces.r.min()
         near = abs(forces.r - family.r0)
         self.ln_size = np.log(max(forces.f[near == near.min()].mean(), 1e-3 * abs(forces.f).max()))  # from which ln f0 counts
-        self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max())])
+        self.of_pair = (forces.pair[:, None] == np.unique(forces.pair)) * 1.0 if shared.pair else np.zeros((len(forces.r), 0))
+        self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max()),
+                                     np.full(self.of_pair.shape[1], shared.pair)]).astype(float)
 
     def curve(self, p, r):
         """Logarithm of f at true distances, its derivatives by the parameters of the curve, and d ln f/d ln r."""
@@ -295,9 +319,10 @@ class _Model:
         away = self.r + p[DISTANCE_ZERO] + self.s * p[BACKLASH] / 2
         r = np.maximum(away, self.nearest)
         ln_f, by_p, falls = self.curve(p, r)
-        f = np.exp(np.minimum(ln_f, 600.0))  # too long a step of the solver would overflow
+        f = np.exp(np.minimum(ln_f + self.of_pair @ p[ZEROS.stop:], 600.0))  # too long a step of the solver would overflow
         slope = np.where(away > self.nearest, f * falls / r, 0.0)
-        derivatives = np.column_stack([by_p * f[:, None], np.ones_like(f), slope, self.s, self.s * slope / 2])
+        derivatives = np.column_stack([by_p * f[:, None], np.ones_like(f), slope, self.s, self.s * slope / 2,
+                                       self.of_pair * f[:, None]])
         return f + p[FORCE_ZERO] + self.s * p[HYSTERESIS], derivatives, f
 
 
@@ -313,6 +338,7 @@ class _Solution:
     residuals: np.ndarray
     evidence: float
     size: float
+    drift: float
 
     @property
     def answer(self):
@@ -325,7 +351,8 @@ class _Solution:
         The estimate moves by C p_j/prior_j^2 with the value of a prior; the parts add up to the variance.
         """
         by_prior = (turn @ self.C[:2] / self.model.prior) ** 2
-        return np.array([by_prior[CURVE].sum(), *by_prior[CURVE.stop:], turn @ self.C[:2, :2] @ turn - by_prior.sum()])
+        return np.array([by_prior[CURVE].sum(), *by_prior[ZEROS], by_prior[ZEROS.stop:].sum(),
+                         turn @ self.C[:2, :2] @ turn - by_prior.sum()])
 
     def knowing_distance(self, turn):
         """The variance of turn . (ln f, a) if the zero of the distances were known to WITH_CARE."""
@@ -339,33 +366,68 @@ class _Solution:
         return turn @ np.linalg.inv(twice)[:2, :2] @ turn
 
 
-def _solved(model, forces, noise):
-    """Least squares with one kind of noise, whose size is learned from the residuals unless the table has it."""
+def _with_pairs(forces, shared, spacing):
+    """The shared errors with the scatter from pair to pair, learned from several of them where it is not told."""
+    from scipy.stats import t
+
+    if shared.pair is not None or forces.pairs == 1:
+        return shared
+    loose = _solved(_Model(forces, replace(shared, pair=ANY_PAIR), LawFamily(spacing)), forces, None)
+    own, n = loose.p[ZEROS.stop:], forces.pairs
+    away = np.eye(n) - 1 / n  # from their mean, which the force at the spacing takes up
+    noise = np.trace(away @ loose.C[ZEROS.stop:, ZEROS.stop:] @ away)
+    seen = np.sqrt(max(own @ away @ own - noise, 0.1 * own @ away @ own) / (n - 1))
+    return replace(shared, pair=float(max(seen * t.ppf((1 + COVERED) / 2, n - 1) / NORMAL, FINEST)))
+
+
+def _slow(rows, sigma, size):
+    """Slow waves over the rows of a table, in the noise of each row, as C^(-1/2) takes them out: directions and their sizes."""
+    k = np.arange(1, min(WAVES, rows - 1) + 1)
+    waves = np.cos(np.pi * k * (np.arange(rows)[:, None] + 0.5) / rows) * np.sqrt(2 / k)  # of equal power in each octave: 1/f
+    U, S, _ = np.linalg.svd(size * waves / sigma[:, None], full_matrices=False)
+    return U, S
+
+
+def _solved(model, forces, noise, drift=0.0, near=None):
+    """Least squares with one kind of noise, whose size is learned from the residuals unless the table has it.
+
+    With a drift the noise has the covariance C of `_slow` too, and rows over their noise are multiplied by C^(-1/2).  A solution
+    that is near saves rounds.
+    """
     from scipy.optimize import least_squares
     from scipy.stats import chi2
 
     y, prior, known = forces.f, model.prior, forces.sigma is not None
     p = np.zeros(len(prior))
     shape, size = forces.sigma if known else np.ones_like(y), 1.0 if known else np.sqrt(np.mean((y - model.rows(p)[0]) ** 2))
-    for k in range(2 if known else ROUNDS + ROUNDS * (noise is not None)):
+    rounds = 2 if known else ROUNDS + ROUNDS * (noise is not None)
+    if near is not None:
+        p, size = near.p, near.size
+    for k in range(rounds - 2 if near is not None else 0, rounds):
         if noise is not None and k >= ROUNDS:  # when constant noise has shown about where the curve lies
             f = model.rows(p)[2]
             shape = np.sqrt(1 + (f / (max(f.min(), 1e-3 * f.max()) ** (1 - noise) * f.max() ** noise)) ** 2)
         sigma = np.hypot(size * shape, FINEST * abs(y) + FINEST**2 * abs(y).max())
-        found = least_squares(lambda p, sigma=sigma: np.concatenate([(y - model.rows(p)[0]) / sigma, p / prior]), p,
-                              lambda p, sigma=sigma: np.vstack([-model.rows(p)[1] / sigma[:, None],  # pyright: ignore[reportArgumentType]
-                                                                np.diag(1 / prior)]),
+        U, S = _slow(len(y), sigma, drift * size * np.median(shape))
+
+        def white(one, U=U, S=S, sigma=sigma) -> Any:
+            """Of forces, or their derivatives, in the noise."""
+            one = (one.T / sigma).T
+            return one - U @ (((1 - 1 / np.sqrt(1 + S**2)) * (U.T @ one).T).T) if drift else one
+
+        found = least_squares(lambda p, white=white: np.concatenate([white(y - model.rows(p)[0]), p / prior]), p,
+                              lambda p, white=white: np.vstack([-white(model.rows(p)[1]), np.diag(1 / prior)]),  # pyright: ignore[reportArgumentType]
                               x_scale=prior, ftol=1e-12, xtol=1e-12)
         p, J = found.x, found.jac[: len(y)]
         precision = found.jac.T @ found.jac
         C = np.linalg.inv(precision)
         freedom, e = max(len(y) - np.trace(C @ J.T @ J), 1.0), y - model.rows(p)[0]
-        scatter = np.sqrt(np.sum((e / sigma) ** 2) / freedom)
+        scatter = np.sqrt(np.sum(white(e) ** 2) / freedom)
         if not known or chi2.sf(freedom * scatter**2, freedom) < UNLIKELY:
             size *= scatter
-    evidence = -0.5 * (2 * np.log(sigma).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1] + 2 * np.log(prior).sum()
-                       + (0.0 if known else np.log(freedom)))
-    return _Solution(model, p, C, freedom, sigma, e, evidence, size)
+    evidence = -0.5 * (2 * np.log(sigma).sum() + np.log1p(S**2).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1]
+                       + 2 * np.log(prior).sum() + (0.0 if known else np.log(freedom)))
+    return _Solution(model, p, C, freedom, sigma, e, evidence, size, drift)
 
 
 class CurveRecord(NamedTuple):
@@ -388,6 +450,7 @@ def curve_record(forces: Forces, family: LawFamily, shared: SharedErrors,
 
     forces.check_reach(family.r0)
     forces, known, n = forces.thinned(MOST_ROWS), forces.sigma is not None, CURVE.stop
+    shared = _with_pairs(forces, shared, family.r0)
     model = _Model(forces, shared, family)
     best = max((_solved(model, forces, noise) for noise in ((None,) if known else NOISES)), key=lambda one: one.evidence)
     sigma = best.noise * (1.0 if known else t.ppf((1 + COVERED) / 2, best.freedom) / NORMAL)

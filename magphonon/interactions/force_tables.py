@@ -14,9 +14,9 @@ from ..errors import finite
 from ..tables import FORCE, LENGTH, TEXT, read_table
 from .pair_laws import PairLaw, repulsion
 
-COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT}
+COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT, 'pair': TEXT}
 LAYOUT = ('a table of forces has the columns r_m,f_N (or in mm, um, mN, uN; also as r [mm]; or gap_mm, with the size of magnets),'
-          ' and perhaps sigma_N and direction')
+          ' and perhaps sigma_N, direction and pair')
 ASKED = {'columns': COLUMNS, 'needed': [('r', 'gap'), 'f'], 'layout': LAYOUT}
 DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
 """Words of the column `direction`."""
@@ -42,12 +42,15 @@ class Forces:
         Standard uncertainties of the forces, N.
     direction : ndarray, shape (n,), optional
         -1 on the approach, +1 on the return, 0 (the default) where it is not known.
+    pair : ndarray of str, shape (n,), optional
+        Which two magnets; one pair by default.
     """
 
     r: np.ndarray
     f: np.ndarray
     sigma: np.ndarray | None = None
     direction: np.ndarray = None  # pyright: ignore[reportAssignmentType]  zeros, by __post_init__
+    pair: np.ndarray = None  # pyright: ignore[reportAssignmentType]  one name, by __post_init__
 
     def __post_init__(self) -> None:
         for name in ('r', 'f', 'sigma', 'direction'):
@@ -60,6 +63,15 @@ class Forces:
                 raise ValueError(f'{name} must be positive, and the least is {np.min(column):g}')
         if self.direction is None:
             object.__setattr__(self, 'direction', np.zeros(np.shape(self.r)))
+        object.__setattr__(self, 'pair', np.broadcast_to('' if self.pair is None else self.pair, np.shape(self.r)))
+
+    def __getitem__(self, kept: NDArray[np.int_]) -> Forces:
+        return Forces(*(None if column is None else column[kept] for column in vars(self).values()))
+
+    @property
+    def pairs(self) -> int:
+        """How many different pairs were measured."""
+        return len(np.unique(self.pair))
 
     @property
     def middle(self) -> float:
@@ -78,8 +90,7 @@ class Forces:
         """Every n-th row by distance, so that at most `most` are left; the forces themselves if they are no more."""
         if len(self.r) <= most:
             return self
-        kept = np.argsort(self.r, kind='stable')[:: -(-len(self.r) // most)]
-        return Forces(self.r[kept], self.f[kept], None if self.sigma is None else self.sigma[kept], self.direction[kept])
+        return self[np.sort(np.argsort(self.r, kind='stable')[:: -(-len(self.r) // most)])]  # in the order of time
 
     def check_reach(self, spacing: float) -> None:
         """Raise ValueError where the `spacing` (mm) lies more than a factor REACH beyond these distances."""
@@ -138,7 +149,8 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
         raise ValueError(f'{path}: {"; also: ".join(filter(None, faults))}')
     if not np.sum(table['f'] / table['r']) > 0:  # the near ones count most
         raise ValueError(f'{path}: the forces are negative, and repulsion is positive: turn their sign')
-    return Forces(table['r'], table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in told]))
+    return Forces(table['r'], table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in told]),
+                  np.asarray(table.get('pair', ''), str))
 
 
 def _with_distances(table, contact):

@@ -126,6 +126,7 @@ def test_errors_that_are_left_out_are_missed():
         assert not (abs(misses(left_out, LAWS['disc'])) < left_out.half_widths)[:2].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('true', 'named', 'least', 'most'), [('disc', 'disc', 0.3, 1.0), ('ring', 'disc', 0.0, 0.05)])
 def test_a_named_shape_can_win_and_lose(true, named, least, most):
     fits = [fit_forces(table(LAWS[true], (7, 20), seed), L0, ERRORS, LAWS[named]) for seed in range(4)]
@@ -148,8 +149,9 @@ def test_order_repeats_and_negative_forces_change_nothing(seed):
     order = np.random.default_rng(seed).permutation(30)
     fit = fit_forces(rows, L0, ERRORS)
     shuffled = fit_forces(Forces(rows.r[order], rows.f[order], None, rows.direction[order]), L0, ERRORS)
-    np.testing.assert_allclose([shuffled.force, shuffled.exponent], [fit.force, fit.exponent], rtol=1e-5)
-    np.testing.assert_allclose(shuffled.half_widths, fit.half_widths, rtol=1e-3)  # the solver stops where the cost does
+    apart = [np.log(shuffled.force / fit.force), np.log(shuffled.slope / fit.slope), shuffled.exponent - fit.exponent]
+    assert (abs(np.array(apart)) < 0.3 * fit.half_widths).all()  # what is left of the order is a drift
+    np.testing.assert_allclose(shuffled.half_widths, fit.half_widths, rtol=0.3)
 
 
 def test_known_noise_is_used_as_it_is():
@@ -199,7 +201,7 @@ def test_faults_of_the_load_cell_are_named():
     coarse = Forces(good.r, np.round(good.f, 1), None, good.direction)  # a balance of few digits is not at its end
     assert not coarse.saturated.any()
     warm = np.sin(np.arange(len(good.r)) / 2)
-    assert 'errors of successive rows are correlated' in report_of(replace(good, f=good.f + 0.02 * abs(good.f).max() * warm))
+    assert 'errors of successive rows are correlated' in report_of(replace(good, f=good.f + 0.05 * abs(good.f).max() * warm))
     assert 'rows are few' in report_of(Forces(good.r[:9], good.f[:9], None, good.direction[:9]))
 
 
@@ -273,3 +275,60 @@ def test_the_unit_of_the_force_does_not_matter():
 def test_prior_errors_larger_than_the_table_are_refused(absurd):
     with pytest.raises(ValueError, match='larger than what they hold'):
         fit_forces(table(LAWS['disc'], (7, 20), 1), L0, SharedErrors(**absurd))
+
+
+def pink(rows, rng):
+    """A drift of the power 1/f and the root mean square 1."""
+    parts = rng.normal(size=(rows // 2 + 1, 2)).view(complex)[:, 0]
+    found = np.fft.irfft(parts * np.append(0, np.arange(1, rows // 2 + 1) ** -0.5), rows)
+    return found / found.std()
+
+
+@pytest.mark.slow
+def test_a_load_cell_that_drifts_is_in_the_intervals(monkeypatch):
+    """Drifts of three times the noise; the control takes rows as independent."""
+    def shares():
+        held = []
+        for seed in range(24):
+            rows, law = table(list(LAWS.values())[seed % 8], (7, 20), seed), list(LAWS.values())[seed % 8]
+            rows = replace(rows, f=rows.f + 0.015 * pink(len(rows.f), np.random.default_rng(seed + 999)))
+            fit = fit_forces(rows, L0, ERRORS)
+            held.append(abs(misses(fit, law)) < fit.half_widths)
+        return np.mean(held)
+
+    assert shares() >= 0.88
+    monkeypatch.setattr('magphonon.interactions.fits.DRIFTS', (0.0,))
+    assert shares() < 0.93
+
+
+@pytest.mark.slow
+def test_several_pairs_tell_the_mean_of_the_lattice():
+    """Intervals of the mean force hold it; told of one pair (the control) they do not."""
+    known = replace(ERRORS, distance=0.02, zero=1e-3)
+    told, one = [], []
+    for seed in range(24):
+        law = list(LAWS.values())[seed % 8]
+        rng, once, count = np.random.default_rng(seed), np.linspace(8, 18, 8), 5
+        r, pair = np.tile(once, count), np.repeat(np.arange(count), len(once))
+        f = np.exp(0.05 * rng.normal(size=count))[pair] * repulsion(law, r + known.distance * rng.normal())
+        f = (1 + known.gain * rng.normal()) * f + known.zero * rng.normal()
+        f = f + np.hypot(2e-3, 5e-3 * f) * rng.normal(size=len(r))
+        rows = Forces(r, f, None, None, np.char.mod('pair %d', pair))
+        for found, forces in ((told, rows), (one, rows[pair == 0])):
+            fit = fit_forces(forces, L0, known)
+            found.append(abs(misses(fit, law))[:2] < fit.half_widths[:2])
+    print(np.mean(told), np.mean(one))
+    assert np.mean(told) >= 0.88
+    assert np.mean(one) < 0.8
+
+
+def test_what_a_pair_may_be_off_is_in_the_interval():
+    rows = table(LAWS['disc'], (7, 20), 3)
+    alone, off = (fit_forces(rows, L0, replace(ERRORS, pair=pair)) for pair in (None, 0.06))
+    wider = np.sqrt(off.half_widths**2 - alone.half_widths**2) / off.wide
+    assert wider[:2] == pytest.approx([0.06, 0.06], rel=0.15)
+    assert off.half_widths[2] == pytest.approx(alone.half_widths[2], rel=0.05)
+    assert off.shares['pairs'] > 0.1 > alone.shares['pairs']
+    assert 'the force of one is 6 % from the mean of all' in force_report(Namespace(file='f.csv', magnet=None), rows, off,
+                                                                         replace(ERRORS, pair=0.06))
+    assert 'The table is of one pair' in report_of(rows)
