@@ -82,8 +82,11 @@ def drawn(table):
     axes = axes.ravel()[:len(tables)]
     letter_panels(axes, list(tables))
     for ax, own in zip(axes, tables.values(), strict=True):
-        plot_work_precision(own, ax, looks_of(own))
+        floor = min(m.error for m in own if m.error) / 10  # where errors of zero are drawn
+        plot_work_precision([replace(m, error=m.error or floor) for m in own], ax, looks_of(own))
         ax.set(xlabel='CPU time (s)', ylabel='error')
+        if np.ptp(np.log10(ax.get_xlim())) > 1:
+            ax.tick_params(axis='x', which='minor', labelbottom=False)  # they would cover each other
         ax.legend(loc='upper center', bbox_to_anchor=(0.5, -0.18), ncols=1)
     return figure
 

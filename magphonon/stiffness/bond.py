@@ -172,14 +172,16 @@ def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], 
     return np.linalg.norm(acting.forces(vectors)[1], axis=1), abs(np.einsum('bxx->b', acting.stiffness(vectors)[0]))
 
 
-def stiffest(vectors: NDArray[np.float64], law: Law, model: Model = 'complete') -> NDArray[np.float64]:
-    """Largest modulus of the eigenvalues of the stiffness of each bond in N/mm: of a central law that of phi'' or phi'/r."""
+def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete') -> NDArray[np.float64]:
+    """Stiffness of each bond in N/mm without its negative eigenvalues, shape (bonds, dim, dim): no motion finds it less stiff."""
     acting = interaction_of(law, vectors.shape[1])
     if not isinstance(acting, Central):
-        return abs(np.linalg.eigvalsh(model_stiffness(vectors, acting, model))).max(axis=1)
+        values, n = np.linalg.eigh(model_stiffness(vectors, acting, model))
+        return n * np.maximum(values, 0)[:, None] @ n.swapaxes(1, 2)
     r = _lengths(vectors)
-    along = abs(acting.law.d2phi(r))
-    return along if model == 'conventional' else np.maximum(along, abs(acting.law.dphi(r)) / r)
+    along, n = np.maximum(acting.law.d2phi(r), 0), (vectors.T / r).T
+    across = 0 * r if model == 'conventional' else np.maximum(acting.law.dphi(r) / r, 0)
+    return np.einsum('b,bx,by->bxy', along - across, n, n) + across[:, None, None] * np.eye(n.shape[1])
 
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64],

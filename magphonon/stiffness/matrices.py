@@ -46,7 +46,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     if not np.any(np.mod(2 * np.asarray(q), 1)):  # all phase factors are +1 or -1
         phase = np.real(phase)
     to_itself = (i == j)[:, None, None]  # |1 - phase|^2 K: exactly nothing where all particles move alike
-    own = _own(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + np.array(site_blocks(foundation, n, dim))
+    own = own_stiffness(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + np.array(site_blocks(foundation, n, dim))
     K = np.where(to_itself, 0.0, K)
     blocks, each = np.concatenate([own, -K * phase, -K * np.conj(phase)]), np.arange(n, dtype=i.dtype)
     ends = np.concatenate([each, i, j]), np.concatenate([each, j, i])
@@ -91,7 +91,7 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
     """
     shifts, shift = bonds.distinct_shifts
     phase = np.exp(2j * np.pi * (shifts @ np.transpose(q)))
-    own, x = _own(bonds, K), np.arange(K.shape[1])
+    own, x = own_stiffness(bonds, K), np.arange(K.shape[1])
     if np.ndim(foundation) == 3:
         own += foundation
     else:
@@ -116,14 +116,15 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
     R, shape (bonds,), is the component along k of the lattice vector to the cell of j in mm.
     """
     powers = np.stack([np.ones_like(R), 1j * R, -(R**2) / 2], axis=1)  # e^{ikR} = 1 + ikR - (kR)^2/2
-    A, B, C = _bloch_sum(bonds, K, _own(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
+    A, B, C = _bloch_sum(bonds, K, own_stiffness(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
     return A, B, C
 
 
-def _own(bonds, K):
+def own_stiffness(bonds: Bonds, K: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
-    entry = np.concatenate([bonds.i, bonds.j]).astype(int)[:, None] * K[0].size + np.arange(K[0].size)
-    return np.bincount(entry.ravel(), np.concatenate([K, K]).ravel(), bonds.particles * K[0].size).reshape(-1, *K.shape[1:])
+    ends, each = np.concatenate([bonds.i, bonds.j]), K.reshape(len(K), -1).T
+    sums = [np.bincount(ends, np.append(x, x), bonds.particles) for x in each]
+    return np.stack(sums, axis=-1).reshape(-1, *K.shape[1:])
 
 
 def _bloch_sum(bonds, K, own, factors, which):

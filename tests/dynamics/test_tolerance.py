@@ -11,6 +11,7 @@ from magphonon import DrivenVerlet, Harmonic, InversePower, PairCalculator, Reco
 from magphonon.dynamics import engine, memory_layout
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
+from magphonon.stiffness import LinearSystem
 
 pytest.importorskip('numba')
 
@@ -142,3 +143,10 @@ def test_a_tolerance_is_a_positive_number_for_magnets():
     atoms.calc = EMT()
     with pytest.raises(ValueError, match='a tolerance needs PairCalculator'):
         DrivenVerlet(atoms, 0.1, tolerance=1e-3)
+
+
+def test_the_bound_of_the_highest_frequency_by_particles_holds_and_is_near():
+    for seed in range(10):
+        case = Case(seed)
+        over = engine._particle_bound(LinearSystem.nearest(case.atoms)) / case.omega
+        assert 1 <= over < np.sqrt(2), seed  # half of it in the square would be no bound
