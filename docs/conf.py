@@ -115,8 +115,7 @@ def describe(app, page, template, context, doctree):
     """What a link to a page shows elsewhere: a description and, where the address of the site is known, a picture."""
     title = strip_tags(context.get('title') or 'magphonon')
     told = {'og:type': 'website', 'og:site_name': 'magphonon', 'og:title': title, 'og:description': described(doctree)}
-    if html_baseurl:
-        address = html_baseurl.rstrip('/')
+    if address := app.config.html_baseurl.rstrip('/'):
         told |= {'og:image': f'{address}/waves.png', 'og:url': f'{address}/{page}.html'}
     tags = ''.join(f'<meta property="{name}" content="{escape(words)}">' for name, words in told.items())
     context['metatags'] = (f'{context.get("metatags") or ""}<meta name="description" content="{escape(told["og:description"])}">'
