@@ -32,7 +32,8 @@ SPACING = 10 * u.mm
 fit = fit_forces(forces, SPACING, SharedErrors(distance=0.05 * u.mm))
 for name, (low, high) in zip(('force (N)', '-slope (N/mm)', 'exponent'), fit.intervals, strict=True):
     print(f'{name:14} {low:.4g} to {high:.4g}')
-print({name: f'{share:.0%}' for name, share in fit.shares.items() if share > 0.005})
+for name, share in fit.shares.items():
+    print(f'{share:4.0%} of the variance comes from: {name}')
 figure = plot_fit(forces, fit)
 
 # %%
@@ -58,7 +59,7 @@ cells = {'triangular': lattices.triangular(SPACING, 0.707 * u.g), 'square': latt
 for name, cell in cells.items():
     cell.calc = MagneticRepulsion(cell, law)
     needed, softest = critical_foundation(cell)
-    print(f'{name:11} needs {needed / (u.N / u.m):.4g} N/m; softest at q = {softest.round(3)}')
+    print(f'{name:11} needs {needed / (u.N / u.m):.4g} N/m; softest at q = ({softest[0]:g}, {softest[1]:g})')
 
 # %%
 # The square lattice buckles: its rows slide past each other.  In closed form it needs 4 f/L0, here 147 N/m.  The triangular

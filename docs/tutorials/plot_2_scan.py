@@ -42,7 +42,7 @@ file = Path(tempfile.mkdtemp()) / 'scan.csv'
 write_scan(file, measured)
 print(''.join(file.open().readlines()[:4]))
 scan = read_scan(file)
-print(scan.names)
+print(f'{len(scan.names)} points, {scan.names[0]} to {scan.names[-1]}')
 
 # %%
 # The map
@@ -54,7 +54,8 @@ from magphonon.waves import waves
 
 found = waves(measured, cell, 'point')
 for wave in found:
-    print(f'{wave.motion:12} agrees with {wave.agrees_with}')
+    branches = ' and '.join(f'the {model} {name} branch' for model, name in wave.agrees_with)
+    print(f'{wave.motion:12} agrees with {branches or "no branch"}')
 wave = next(wave for wave in found if wave.motion == 'transverse')
 ax = plot_wave(wave)
 

@@ -23,7 +23,8 @@ from magphonon.design import optimise
 scene = read_scene('demultiplexer')
 patch, source, weakest, robust = scene.design.sites(scene)
 over = scene.design.over.bounds()
-print(over)
+for name, (low, high) in over.items():
+    print(f'each {name} within {low:g} to {high:g} of its value')
 
 # %%
 # The design
