@@ -24,10 +24,10 @@ from .readers import content
 
 GRAVITY = 9.80665 * u.m / u.s**2
 GRAM_FORCE = 1e-3 * u.kg * GRAVITY
-LENGTH = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm, 'nm': 1e-6 * u.mm, 'cm': 10 * u.mm}
+LENGTH = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm, 'nm': 1e-6 * u.mm, 'cm': 10 * u.mm, 'in': 25.4 * u.mm}
 TIME = {'s': u.s, 'ms': u.ms, 'us': 1e-3 * u.ms}
 FORCE = {'N': u.N, 'mN': 1e-3 * u.N, 'uN': 1e-6 * u.N, 'kN': 1e3 * u.N} | {
-    name: grams * GRAM_FORCE for name, grams in (('gf', 1.0), ('g', 1.0), ('kgf', 1e3), ('mgf', 1e-3))}
+    name: grams * GRAM_FORCE for name, grams in (('gf', 1.0), ('g', 1.0), ('kgf', 1e3), ('mgf', 1e-3), ('lbf', 453.59237))}
 """Units of forces, with those of balances, whose gram is the weight of a gram."""
 MASS = {'kg': u.kg, 'g': u.g, 'mg': 1e-3 * u.g}
 SPEED = {f'{length}_per_{time}': x / t for length, x in LENGTH.items() for time, t in TIME.items()}
@@ -46,6 +46,7 @@ PLAIN = re.compile(r'[-+0-9.eE\n]*')  # letters of numbers: what `float` reads b
 POINT = '*'  # begins the name of a column that is that of one point
 BLOCK = 2**16
 """Number of rows that are held as text at a time."""
+COMMENT = '#%'  # begins a line that is a comment
 PREAMBLE = 200
 """Number of lines among which the header is looked for: instruments write what they are above it."""
 SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # the line by which Excel is told the separator
@@ -65,7 +66,8 @@ WORDS = {
     'answer': ('displacement', 'velocity', 'acceleration', 'response', 'beschleunigung', 'auslenkung', 'schnelle')}
 """What instruments call a quantity: their words in small letters."""
 SPELT = {'hz': 'Hz', 'khz': 'kHz', 'sec': 's', 'sek': 's', 'msec': 'ms', 'newton': 'N', '°': 'deg', 'degrees': 'deg',
-         'grad': 'deg', 'degree': 'deg', 'radians': 'rad', 'micron': 'um', '-': '', '1': ''}
+         'grad': 'deg', 'degree': 'deg', 'radians': 'rad', 'micron': 'um', '-': '', '1': '', 'gf': 'gf',
+         'lb': 'lbf', 'lbs': 'lbf', 'inch': 'in', 'inches': 'in'}
 """Units as instruments spell them, in small letters."""
 ATOM = re.compile(r'([munk]?N|[munc]?m|[mu]?s)(2?)')
 
@@ -119,9 +121,9 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
                points: Mapping[str, float] | None = None, held: Any = None) -> Table:
     """Read a table of at most `most` bytes: a text, or columns of another format of `magphonon.readers`.
 
-    Its header names the columns; it is the first line that names those needed, or the comment (#) above the rows.  Columns of a
-    text are separated by commas, semicolons, tabs or spaces; beside another separator, or in quotation marks, numbers may have
-    decimal commas.  A unit ends the name (r_mm), stands in brackets (r [mm]) or in a line of units below the header.
+    Its header names the columns; it is the first line that names those needed, or a comment (# or %) above the rows.  Columns of
+    a text are separated by commas, semicolons, tabs or spaces; beside another separator, or in quotation marks, numbers may
+    have decimal commas.  A unit ends the name (r_mm), stands in brackets (r [mm]) or in a line of units below the header.
 
     `columns` are the quantities that such a table may hold, with their units: {'x': LENGTH} allows x_m and x [mm].  It must hold
     those that are `needed`, or one of several; in those that may be `blank` an empty cell or nan gives NaN; without `others`
@@ -250,9 +252,9 @@ def _divided(path, text, headings, is_header):
     lines = [(n, line.strip(' \r\n')) for n, line in enumerate(StringIO(text, newline=None), 1) if line.strip(' \t;,\r\n')]
     given = SEPARATOR.fullmatch(lines[0][1]) if lines else None
     given, lines = (given[1], lines[1:]) if given else (None, lines)
-    rows, notes = [(n, line) for n, line in lines if not line.startswith('#')], []
-    headers = [(n, headings(names), sign) for n, line in lines if line.startswith('#')
-               for names, sign in [_names(line.lstrip('# '), given)] if is_header(headings(names))]
+    rows, notes = [(n, line) for n, line in lines if line[0] not in COMMENT], []
+    headers = [(n, headings(names), sign) for n, line in lines if line[0] in COMMENT
+               for names, sign in [_names(line.lstrip(f'{COMMENT} '), given)] if is_header(headings(names))]
     for k in range(min(len(rows), 1 if headers else PREAMBLE)):
         if (found := _header_at(rows, k, given, headings, is_header)) is None:
             continue

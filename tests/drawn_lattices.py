@@ -20,9 +20,9 @@ WIDE = 1.959964
 
 
 def faces(points, areas, height):
-    """The lateral force, in any unit, of two equal upright magnets of charged faces, each face as points with areas."""
+    """The lateral force in N of two equal upright magnets of 1 T of charged faces, each face as points with areas (m and m^2)."""
     apart = (points[:, None] - points).reshape(-1, 2)
-    charge, knots = np.outer(areas, areas).ravel(), np.geomspace(0.64 * L, 0.4, 120)
+    charge, knots = np.outer(areas, areas).ravel() / (2 * np.pi * bench.MU0), np.geomspace(0.64 * L, 0.4, 120)
 
     def at(r):
         dx, dy2 = apart[:, 0] + r, apart[:, 1] ** 2
@@ -33,29 +33,53 @@ def faces(points, areas, height):
 
 
 def ring(outer, inner, height, rings=6, spokes=16):
+    """Of radii and a height in m."""
     x, weight = np.polynomial.legendre.leggauss(rings)
     rho, angle = inner + (outer - inner) * (x + 1) / 2, 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
     points = rho[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return faces(points.reshape(-1, 2), np.repeat(weight * rho, spokes), height)
+    return faces(points.reshape(-1, 2), np.repeat(weight * rho, spokes) * np.pi * (outer - inner) / spokes, height)
 
 
 def cube(side, count=8):
     x, weight = np.polynomial.legendre.leggauss(count)
     points = side / 2 * np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
-    return faces(points, np.outer(weight, weight).ravel(), side)
+    return faces(points, np.outer(weight, weight).ravel() * side**2 / 4, side)
+
+
+def drawn_force(kind, rng):
+    """A force of some size as a function of r (m), and the keys of [law] in a scene that say its shape, '' if it has no name."""
+    n = rng.uniform
+    if kind in ('two powers', 'screened'):
+        share, low, high = n(0.5, 0.8), n(3, 3.6), n(5.5, 7)
+        if kind == 'two powers':
+            return lambda r: share * (L / r) ** low + (1 - share) * (L / r) ** high, ''
+        return lambda r: (L / r) ** (low + 0.5) * np.exp(-(r / L - 1) * (high - 5) / 3), ''
+    if kind == 'cube':
+        side = n(3.5e-3, 5e-3)
+        return cube(side), f'[law.cuboid]\nlength_m = {side}\nwidth_m = {side}\nheight_m = {side}\n'
+    outer, inner, height = n(2.6e-3, 3.1e-3), n(0.5e-3, 1.6e-3), n(2e-3, 5e-3)
+    if kind == 'disc':
+        return ring(outer, 0, height), f'[law.disc]\ndiameter_m = {2 * outer}\nheight_m = {height}\n'
+    return ring(outer, inner, height), (f'[law.ring]\nouter_diameter_m = {2 * outer}\ninner_diameter_m = {2 * inner}\n'
+                                        f'height_m = {height}\n')
+
+
+def drawn_magnets(kind, rng):
+    """A law of 0.2 to 0.32 N at the spacing, and the table [law] of a scene that knows it exactly, but for its neighbours."""
+    force, shape = drawn_force(kind, rng)
+    size = rng.uniform(0.2, 0.32) / force(L)
+    law = bench.tabulated(lambda r: size * force(r), 6.5e-3, 0.3)
+    if shape:
+        return law, f'kind = "magnets"\nremanence_T = {np.sqrt(size)}\n', shape
+    r = np.geomspace(0.68 * L, 0.29, 80)
+    return law, f'kind = "table"\ndistances_m = {r.tolist()}\nforces_N = {law(r)[0].tolist()}\n', ''
 
 
 def drawn_law(kind, rng):
     """A law of 0.2 to 0.32 N at the spacing."""
-    n = rng.uniform
-    share, low, high = n(0.5, 0.8), n(3, 3.6), n(5.5, 7)
-    if kind == 'two powers':
-        def force(r):
-            return share * (L / r) ** low + (1 - share) * (L / r) ** high
-    else:
-        force = ring(n(2.6e-3, 3.1e-3), n(0.5e-3, 1.6e-3), n(2e-3, 5e-3)) if kind == 'ring' else cube(n(3.5e-3, 5e-3))
-    size = n(0.2, 0.32) / force(L)
-    return bench.tabulated(lambda r: size * force(r), 6.5e-3, 0.3)
+    if kind != 'two powers':  # as those of the coverage of waves were drawn
+        rng.uniform(size=3)
+    return drawn_magnets(kind, rng)[0]
 
 
 def bloch(law, lattice, k, springs, reach=REACH, stretch=1.0, static=True, mass=MASS):
@@ -76,6 +100,13 @@ def bloch(law, lattice, k, springs, reach=REACH, stretch=1.0, static=True, mass=
             D[:, i, :, j] -= np.einsum('qr,rxy->qxy', np.exp(1j * np.asarray(k) @ R.T), K)
     squares = np.linalg.eigvalsh(D.reshape(len(k), 2 * n, 2 * n) / mass)
     return np.sign(squares) * np.sqrt(abs(squares))
+
+
+def needed(law, lattice, stretch=1.0):
+    """The stiffness in N/m of the springs that hold a lattice, which its static forces alone would not; 0 if they do."""
+    q = np.stack(np.meshgrid(*2 * [np.arange(12) / 12]), axis=-1).reshape(-1, 2)
+    least = bloch(law, lattice, 2 * np.pi * q @ np.linalg.inv(stretch * VECTORS[lattice]).T, (0, 0), stretch=stretch).min()
+    return MASS * least**2 if least < 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -99,9 +130,7 @@ def specimen(seed, width, lattices=('triangular', 'square'), static=True):
     kind, lattice = ('ring', 'cube', 'two powers')[seed % 3], lattices[seed % len(lattices)]
     law = drawn_law(kind, rng)
     vectors, basis = VECTORS[lattice], BASIS[lattice]
-    q = np.stack(np.meshgrid(*2 * [np.arange(12) / 12]), axis=-1).reshape(-1, 2)
-    least = bloch(law, lattice, 2 * np.pi * q @ np.linalg.inv(vectors).T, (0, 0)).min()
-    soft = MASS * least**2 if least < 0 else 0.0  # N/m that hold it
+    soft = needed(law, lattice)
     springs = tuple((max(18, 1.25 * soft + 8) * rng.uniform([0.9, 1.0], [1.1, 1.3])).tolist())
     places = np.concatenate([bench.sites(vectors, width + 4 * L, width + 4 * L) + one for one in basis])
     places = places[(abs(places) <= width / 2 + 1e-9).all(axis=1)]

@@ -65,6 +65,16 @@ EXPORTS_OF_FORCES = {  # header, factors of r in mm and f in N, and how the text
     'balance in g': lambda r, f: text([['r_cm', 'f_g'], *zip(r / 10, f / GF, strict=True)]),
     'balance in gf': lambda r, f: text([['r_mm', 'f_gf'], *zip(r, f / GF, strict=True)]),
     'kgf': lambda r, f: text([['d [m]', 'load [kgf]'], *zip(r / 1e3, f / GF / 1e3, strict=True)]),
+    'inches and pounds': lambda r, f: text([['Distance (in)', 'Load (lbf)'], *zip(r / 25.4, f / 4.4482216152605, strict=True)]),
+    'Mark-10': lambda r, f: text([['Reading', 'Load [gF]', 'Distance [mm]'], *(
+        [k, b / GF, a] for k, (a, b) in enumerate(zip(r, f, strict=True)))], '\t'),
+    'Instron': lambda r, f: '"Specimen label","ring 3"\r\n"Rate","2.0","mm/min"\r\n\r\n"Time","Distance","Load"\r\n'
+    '"(s)","(mm)","(N)"\r\n\r\n' + ''.join(f'"0.1","{a:.12g}","{b:.12g}"\r\n' for a, b in zip(r, f, strict=True)),
+    'numpy.savetxt': lambda r, f: '# r_mm f_N\n' + ''.join(f'{a:.18e} {b:.18e}\n' for a, b in zip(r, f, strict=True)),
+    'MATLAB': lambda r, f: '% r_mm, f_N\n' + ''.join(f'  {a:.12g}, {b:.12g}\n' for a, b in zip(r, f, strict=True)),
+    'fixed width': lambda r, f: f'{"r[mm]":>14}{"F[N]":>16}\n' + ''.join(f'{a:14.8f}{b:16.10f}\n' for a, b in zip(
+        r, f, strict=True)),
+    'pandas': lambda r, f: text([['', 'r_mm', 'f_N'], *([k, *pair] for k, pair in enumerate(zip(r, f, strict=True)))]),
     'LabVIEW': lambda r, f: text([['X_Value', 'Distance [mm]', 'Force [N]', 'Comment'], *(
         [k, *pair, ''] for k, pair in enumerate(zip(r, f, strict=True)))], '\t', '.',
         'LabVIEW Measurement\t\r\nWriter_Version\t2\r\nSeparator\tTab\r\nDecimal_Separator\t.\r\nDate\t2026/11/23\r\n'
@@ -175,6 +185,12 @@ def test_gaps_need_the_size_of_the_magnets(tmp_path):
 
 
 @pytest.mark.parametrize(('written', 'mend'), [
+    ('r [mm],F [N]\n8,0.6\n9,NaN\n', r"line 3 of .*F .N. is 'NaN', not a finite number"),
+    ('r [mm],F [N]\n8,OL\n9,0.4\n', r"line 2 of .*F .N. is 'OL', not a finite number"),
+    ('r [mm],F [N]\n8,0.6\nMean,0.6\n', r"line 3 of .*r .mm. is 'Mean', not a finite number"),
+    ('r,F\n8 mm,0.6 N\n', "the column 'r' has no known unit; write r_m, r_mm"),
+    ('r [mm],F [dyn]\n8,6e4\n', r"'F \[dyn\]' has no known unit; write f_N"),
+    ('Extension [mm],Load [N]\n8,0.6\n', 'lacks the column r_m .its header is .Extension'),  # from where, only its owner knows
     ('r [ft],F [N]\n1,2\n', r"'r \[ft\]' has no known unit; write r_m, r_mm"),
     ('r,F\n1,2\n', "the column 'r' has no known unit; write r_m, r_mm"),
     ('Distance,Force\n1,2\n', 'lacks the column r_m.*r_m,f_N .*as r .mm.'),
@@ -311,6 +327,9 @@ EXPORTS_OF_RESPONSES = {
         f, 20 * np.log10(abs(1e3 * h)), np.degrees(np.angle(h)), strict=True)]),
     'parts': lambda f, h: text([['Frequency [Hz]', 'Real [m/N]', 'Imaginary [m/N]', 'Coherence'], *zip(
         f, h.real, h.imag, 0 * f + 1, strict=True)], '\t'),
+    'PULSE': lambda f, h: text([['Index', 'Frequency [Hz]', 'Real [m/N]', 'Imag [m/N]'], *(
+        [k, *one] for k, one in enumerate(zip(f, h.real, h.imag, strict=True)))], '\t'),
+    'OROS': lambda f, h: polar(f, rate(f, 2) * h, '(m/s2)/N', ';', '.', ('Frequency (Hz)', 'Amplitude', 'Phase (°)')),
     'Polytec': lambda f, h: text([['Frequency', 'Magnitude', 'Phase'], ['Hz', '(m/s)/N', '°'], *zip(
         f, abs(rate(f, 1) * h), np.degrees(np.angle(rate(f, 1) * h)), strict=True)], '\t', '.',
         'Source File:\tRing.svd\r\nPoint Index:\t3\r\nSignal:\tFRF Vib & Ref1 - H1 Velocity / Force\r\n\r\n'),
