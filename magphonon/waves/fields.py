@@ -202,6 +202,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
                 ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), spacing, across)
     _refuse_ghosts(own, cell)
     half = np.pi / own.dt
+    notes += [_half_seen(own).removeprefix('. ')] * (not all(own.measured))
     notes += [f'{len(sites)} points, {across:.1f} spacings across: wavenumbers to 2 pi/{across:.1f} per spacing; '
               f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s: frequencies '
               f'to {units.hertz(own.bin_omega):.3g} Hz']
@@ -363,7 +364,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     branch, at = np.nonzero(found.T)
     if not len(branch):
         raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct the '
-                         'scene: crests are sought beside its bands')
+                         f'scene: crests are sought beside its bands{_half_seen(field)}')
     own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))
 
     def centred(sums):
@@ -382,7 +383,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     bent = bent[at, branch]
     freedom = np.maximum(whole[0] ** 2 / (own[:, 0] ** 2).sum(axis=0), 1)  # so many segments share the power
     variance = (len(own) - 1) * centred(whole - own)[2].var(axis=0) * (stdtrit(freedom, 0.975) / NORMAL) ** 2  # the jackknife
-    variance += _scatter(off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
+    variance += _scatter(field, off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
     ridge = len(legs) * branch + leg[at]
     each = np.unique(ridge)
     motions = tuple(MOTIONS[k // len(legs)] for k in each)
@@ -426,7 +427,16 @@ def _bent(field, cell, q, omega):
     return (weight * bands[:, None]).sum(axis=(2, 3)) - np.einsum('kmm->km', at_centre)
 
 
-def _scatter(off, variance, branch, leg, at):
+def _half_seen(field):
+    """What one component alone hides, in words."""
+    if all(field.measured):
+        return ''
+    axis = 'xy'[field.measured.index(True)]
+    return (f'. The record has the motion along {axis} alone, which tells a branch only where that moves along {axis}, on some '
+            'lines of the path: measure the other component too, or turn the head by 90 degrees and give both records as one')
+
+
+def _scatter(field, off, variance, branch, leg, at):
     """What points scatter about a smooth curve beyond their variances, by the second differences of each three neighbours.
 
     The same pattern in all segments, as uniform noise of the base makes, shows only here.
@@ -435,7 +445,7 @@ def _scatter(off, variance, branch, leg, at):
     three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
     if not len(three):
         raise ValueError('no three neighbouring points of a branch rise above the background; record longer, drive harder, '
-                         'or measure more particles')
+                         f'or measure more particles{_half_seen(field)}')
     weights = np.array([1, -2, 1])
     squares, known = (off[three] @ weights) ** 2, variance[three] @ weights**2
     common = max(np.median(squares) / NORMAL_MEDIAN - np.median(known), 0) / 6 * (stdtrit(len(three), 0.975) / NORMAL) ** 2

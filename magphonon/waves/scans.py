@@ -30,6 +30,8 @@ FOLLOWED = 0.1
 HELD, ABRUPT = 3, 8.0
 """Samples in a row at the largest value by which a clipped signal is known, and the last step to it in the least steps: a smooth
 peak that is as flat ends in one of five at most."""
+MAINS_Hz, MAINS_TIME, MAINS_PARTS, MAINS_STEADY = (50, 60, 100, 120), 0.1 * units.s, 4, 0.9
+"""Frequencies of a hum, a time with whole periods of all, least number of such times, and least share of one phase in a line."""
 DEGREES = 3, 5, 7  # degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap
 NOISES = 32  # number of records of white noise by which it is seen how much of it a spline carries
 
@@ -95,12 +97,11 @@ def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> 
     notes = []
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}
     points = _alive(path, points, notes)
-    if clipped := [name for name, point in points.items() if any(map(_clipped, point.motions.values()))]:
-        notes.append(f'clipped: points {_listed(clipped)} stay at their largest value for some samples, again and again; what is '
-                     'read from their amplitudes is wrong: drive less, or set a wider range')
+    clipped = {name: at for name, point in points.items() if (at := _clipped(point)).any()}
     _refuse_absurd(path, [u for point in points.values() for u in point.motions.values()])  # before it overflows
     times = _equal_times(path, points.values())
-    points, motions = _at_equal_times(path, times, points, notes)
+    points, motions = _at_equal_times(path, times, _unclipped(path, times, points, clipped, notes), notes)
+    notes += _hum(motions, times[1] - times[0])
     if velocities:
         motions = {part: integrated(v, times[1] - times[0]) for part, v in motions.items()}
         notes.append('velocities were integrated over time, in the frequency domain')
@@ -136,14 +137,57 @@ def _without_blanks(path, name, point):
     return Samples(t, {part: values[order] for part, values in point.motions.items()}, point.place)
 
 
-def _clipped(u):
-    """Whether a signal stays at its largest or smallest value without coming to it in the small steps of a smooth one."""
-    found, step = 0, np.diff(np.unique(u)).min(initial=np.inf)  # the least step of an instrument of few digits
-    for top in (u.max(), u.min()):
-        edges = np.diff(np.concatenate([[0], u == top, [0]]))
-        starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        found += np.sum((ends - starts >= HELD) & (abs(u[np.maximum(starts - 1, 0)] - top) > ABRUPT * step))
-    return found > 1
+def _clipped(point):
+    """Which samples of a point stay at a largest or smallest value without coming to it in the small steps of a smooth one."""
+    held = np.zeros(len(point.times), bool)
+    for u in point.motions.values():
+        found, step, top = 0, np.diff(np.unique(u)).min(initial=np.inf), np.zeros(len(u), bool)  # of an instrument of few digits
+        for end in (u.max(initial=-np.inf), u.min(initial=np.inf)):
+            edges = np.diff(np.concatenate([[0], u == end, [0]]))
+            starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+            found += np.sum((ends - starts >= HELD) & (abs(u[np.maximum(starts - 1, 0)] - end) > ABRUPT * step))
+            top |= u == end
+        held |= top & (found > 1)
+    return held
+
+
+def _unclipped(path, times, points, clipped, notes):
+    """The points without their clipped samples, which are interpolated as missing ones are; as they are where that fails."""
+    if not clipped:
+        return points
+    within = {name: at & (np.arange(len(at)) % (len(at) - 1) > 0) for name, at in clipped.items()}  # first and last stay
+    kept = {name: point if name not in clipped else Samples(point.times[~within[name]], {
+        part: u[~within[name]] for part, u in point.motions.items()}, point.place) for name, point in points.items()}
+    told = f'clipped: points {_listed(list(clipped))} stay at their largest value for some samples, again and again; '
+    try:
+        _at_equal_times(path, times, kept, [])
+    except ValueError:
+        notes.append(f'{told}they are too many to be interpolated, and what is read from their amplitudes is wrong: drive less, '
+                     'or set a wider range')
+        return points
+    notes.append(f'{told}these are taken as missing: drive less, or set a wider range')
+    return kept
+
+
+def _hum(motions, dt):
+    """A line on each frequency of the mains at which most signals keep one phase while they are quiet.
+
+    All of these have whole periods in the time of a part; a wave that decays, and noise, keep no phase.
+    """
+    frames, u = round(MAINS_TIME / dt), np.concatenate([*motions.values()], axis=1)
+    count = len(u) // max(frames, 1)
+    if count < 2 * MAINS_PARTS or frames < 2 * MAINS_TIME * max(MAINS_Hz) * units.Hz:
+        return []
+    t = dt * np.arange(count * frames)
+    parts = u[: len(t)].reshape(count, frames, -1)
+    quiet = np.argsort(parts.var(axis=(1, 2)))[: count // 2]
+    for f in MAINS_Hz:
+        each = (parts * np.exp(-2j * np.pi * f * units.Hz * t).reshape(count, frames, 1)).mean(axis=1)[quiet]
+        steady = abs(each.mean(axis=0)) > MAINS_STEADY * np.sqrt(np.mean(abs(each) ** 2, axis=0))
+        if steady.mean() > 0.5:
+            return [f'hum: {100 * steady.mean():.0f} % of the signals hold a line at {f} Hz, with one phase from beginning to '
+                    'end: the mains. Points of a ridge near this frequency are suspect']
+    return []
 
 
 def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, Samples]:

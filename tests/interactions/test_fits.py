@@ -273,7 +273,7 @@ def test_the_unit_of_the_force_does_not_matter():
 
 @pytest.mark.parametrize('absurd', [{'gain': 1e300}, {'distance': 1e300}, {'backlash': 1e200}, {'zero': 1e9}])
 def test_prior_errors_larger_than_the_table_are_refused(absurd):
-    with pytest.raises(ValueError, match='larger than what they hold'):
+    with pytest.raises(ValueError, match='larger than what was measured'):
         fit_forces(table(LAWS['disc'], (7, 20), 1), L0, SharedErrors(**absurd))
 
 

@@ -130,8 +130,9 @@ def test_one_component_tells_the_branches_that_it_shows_purely(tmp_path):
     rng, scene = np.random.default_rng(3), scene_of(tmp_path)
     lab, modes, vectors = specimen(1, 0.2, 0.2)
     cell = scene.perfect_cell()
-    points = field_ridges(field_of(scan_of(lab, moved(lab, modes, 'thermal', 2.0, rng), rng, axes='x'), cell), cell,
-                          band_path(cell, 'GMKG'))
+    field = field_of(scan_of(lab, moved(lab, modes, 'thermal', 2.0, rng), rng, axes='x'), cell)
+    assert 'The record has the motion along x alone' in field.notes[1]
+    points = field_ridges(field, cell, band_path(cell, 'GMKG'))
     assert share(points, truth(lab, vectors, points)) >= 0.8
     legs = {name.removeprefix('field ') for name in points.names}
     assert legs <= {'G-M, transverse', 'M-K, transverse', 'M-K, longitudinal', 'K-G, longitudinal'}

@@ -452,3 +452,23 @@ def test_clipped_signals_are_named(seed):
             told = [note for note in assembled('f.csv', points, False).notes if 'clipped' in note]
             assert len(told) == len(wanted)
             assert all(words in told[0] for words in wanted)
+
+
+@pytest.mark.parametrize('mains', [0, 50, 60])
+@pytest.mark.parametrize('kind', ['burst', 'noise'])
+def test_hum_is_named(mains, kind):
+    """A line in each point; bursts of 50 Hz, and noise with a mode there, are none."""
+    rng, t = np.random.default_rng(mains + len(kind)), np.arange(1200.0)
+    points = {}
+    for k in range(12):
+        if kind == 'burst':
+            u = np.where(t > 60 + 5 * k, np.exp(-(t - 60 - 5 * k) / 80) * np.sin(0.1 * np.pi * (t - 5 * k)), 0.0)
+        else:
+            line = np.exp(-0.006 * t) * np.sin(2e-3 * np.pi * (35 if mains else 50) * t)
+            u = np.convolve(rng.normal(size=2400), line)[1200:2400]
+        u = u / u.std() + 0.02 * rng.normal(size=1200)
+        if mains:
+            u = u + (0.15 if kind == 'burst' else 1.0) * np.sin(2e-3 * np.pi * mains * t + rng.uniform(0, 6))
+        points[f'{k}'] = Samples(t, {'x': u}, (10.0 * k, 0.0))
+    told = [note for note in assembled('f.csv', points, False).notes if note.startswith('hum')]
+    assert [f'a line at {mains} Hz' in note for note in told] == [True] * bool(mains)

@@ -12,7 +12,8 @@ import pytest
 from magphonon import read_scene
 from magphonon.bands import band_path
 from magphonon.scenes import fit_bands
-from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
+from magphonon.waves import field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
+from magphonon.waves.scans import Samples, assembled
 from tests.drawn_lattices import FAULTS, MASS, VECTORS, Tally, bloch, plain_fit, specimen, spoilt
 from workflows import bench_lattice as bench
 
@@ -27,6 +28,12 @@ def scene_of(folder, one, rng):
         f'force_N = {off[0]}\na = {off[1]}\nshells = "auto"\n[foundation]\nstiffness_N_per_m = {off[2]}\n'
         f'stiffness_y_N_per_m = {off[3]}\n', encoding='utf-8')
     return read_scene(file)
+
+
+def read(times, names, places, u):
+    """A scan as it is read from a file: of the samples of each point."""
+    return assembled('scan', {str(name): Samples(times, {'x': u[:, k, 0], 'y': u[:, k, 1]}, tuple(places[k]))
+                              for k, name in enumerate(names)}, False)
 
 
 def scanned(one, source, side, carrier, seconds, fault, rng):
@@ -46,7 +53,7 @@ def scanned(one, source, side, carrier, seconds, fault, rng):
     drive = bench.pushed(lab, row, weights[:, None] * np.array(side)), bench.burst(carrier, 5)
     t, u = bench.small_motion(lab, [drive], seconds, points, one.modes)
     u = spoilt(bench.measured(u, 1 / t[1], rng, dead=1), fault, rng)
-    return Scan(1e3 * t, tuple(map(str, points)), 1e3 * places, {'x': u[..., 0], 'y': u[..., 1]})
+    return read(1e3 * t, points, 1e3 * places, u)
 
 
 def ridges_of(one, source, scene, folder, fault, rng):
@@ -77,8 +84,7 @@ def field_points(one, kind, scene, folder, fault, rng, seconds=2.0, path=None):
     u = np.einsum('nxm,mt->tnx', shapes[kept], modal, optimize=True)
     u = spoilt(bench.measured(u, 1000.0, rng, jitter=1e-4), fault, rng)
     places = 1e3 * lab.rest[kept] + [30, -40] + 0.05 * rng.normal(size=(len(kept), 2))
-    scan = Scan(np.arange(len(u)) * 1.0, tuple(map(str, kept)), places, {axis: 1e-3 / abs(u).max() * u[..., n]
-                                                                         for n, axis in enumerate('xy')})
+    scan = read(np.arange(len(u)) * 1.0, kept, places, 1e-3 / abs(u).max() * u)
     cell = scene.perfect_cell()
     write_points(folder / 'ridges.csv', field_ridges(field_of(scan, cell), cell, band_path(cell, path)))
     return read_ridges(folder / 'ridges.csv')
