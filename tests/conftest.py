@@ -19,22 +19,7 @@ hypothesis.settings.load_profile('everywhere')  # the same draws in every run, o
 if 'PYTEST_XDIST_WORKER' in os.environ:
     os.environ['NUMBA_CACHE_DIR'] = str(Path(tempfile.gettempdir(), f'magphonon-numba-{os.environ["PYTEST_XDIST_WORKER"]}'))
 
-COMPILING = {'dynamics', 'test_differential.py', 'test_gyration.py', 'test_stencil.py'}
-"""Folders and files of tests that compile: under xdist one process runs them all, so that each kernel is compiled once."""
-
 PAPER = tomllib.loads(files('magphonon.data').joinpath('reference.toml').read_text(encoding='utf-8'))
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_cmdline_main(config):
-    if getattr(config.option, 'numprocesses', None) and config.option.dist in ('no', 'load'):
-        config.option.dist = 'loadgroup'
-
-
-def pytest_collection_modifyitems(config, items):
-    for item in items if config.pluginmanager.hasplugin('xdist') else ():
-        if COMPILING.intersection(item.path.parts):
-            item.add_marker(pytest.mark.xdist_group('compiled'))
 
 
 @pytest.fixture(scope='session')
