@@ -136,7 +136,7 @@ def test_without_disorder_the_peaks_lie_on_the_branches(kind, n, ratio, held):
 
 def test_the_stated_width_is_that_of_a_peak():
     interval, top = Interval(0.0, 4.0), 2.0
-    grid = np.linspace(0, top, 10001)[1:-1]
+    grid = np.linspace(0, top, 40001)[1:-1]
     for at in (0.1, 0.7, 1.4, 1.9):
         for count in (64, 256):
             mu = np.cos(np.arange(count) * np.arccos((at**2 - 2) / 2))
