@@ -29,7 +29,7 @@ from .files import refuse_endless
 GROUP = 'magphonon.readers'
 BOMS = {b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf-16', b'\xef\xbb\xbf': 'utf-8-sig'}
 CONTROL = set(map(chr, {*range(32)} - {*b'\t\n\r\f'}))  # characters that no table of text holds
-UNITS = 'unit', 'units', 'unit_string', 'Unit'  # attributes of columns that tell their unit
+UNITS = 'unit', 'units', 'unit_string'  # attributes of columns that tell their unit, in small letters
 
 
 def content(path: str | PathLike[str], most: int) -> Any:
@@ -95,7 +95,14 @@ def _arrays(path):
             return dict(found)
     if found.dtype.names is None:
         raise Refused(f'{path} holds an array without names; save columns by np.savez({shown(str(path))}, r_mm=..., f_N=...)')
-    return {name: found[name] for name in found.dtype.names}
+    return _named({'': found})
+
+
+def _named(columns):
+    """The same columns, with the fields of records and of structures as columns of their own."""
+    fields = {name: np.asarray(values).dtype.names or () for name, values in columns.items()}
+    return {name: np.asarray(values) for name, values in columns.items() if not fields[name]} | {
+        field: np.asarray(columns[name][field].tolist()) for name, several in fields.items() for field in several}
 
 
 def _matlab(path):
@@ -103,20 +110,20 @@ def _matlab(path):
         found = import_module('scipy.io').loadmat(path, squeeze_me=True)
     except NotImplementedError:  # version 7.3, which is HDF5
         return _hdf5(path)
-    return {name: values for name, values in found.items() if not name.startswith('__')}
+    return _named({name: np.asarray(values) for name, values in found.items() if not name.startswith('__')})
 
 
 def _hdf5(path):
     columns = {}
 
     def visit(name, node):
-        if hasattr(node, 'shape') and np.dtype(node.dtype).kind in 'iufSUO':
+        if hasattr(node, 'shape') and np.dtype(node.dtype).kind in 'iufSUOV':
             values = node.asstr()[()] if np.dtype(node.dtype).kind in 'SO' else node[()]
             columns[_with_unit(name.rpartition('/')[2], node.attrs)] = values
 
     with _library(path, 'h5py').File(path, 'r') as file:
         file.visititems(visit)
-    return columns
+    return _named(columns)
 
 
 def _tdms(path):
@@ -143,7 +150,7 @@ def _workbook(path):
 
 def _with_unit(name, attributes):
     """The name of a column, with the unit that its attributes tell, unless it has one itself."""
-    unit = next((attributes[key] for key in UNITS if key in attributes), '')
+    unit = next((unit for key, unit in attributes.items() if key.lower() in UNITS), '')
     unit = unit.decode() if isinstance(unit, bytes) else str(unit)
     return f'{name} [{unit}]' if unit and '[' not in name else name
 

@@ -122,6 +122,32 @@ def as_hdf5(path, r, f):
         group.create_dataset('temperature', data=25.0)
 
 
+def as_nested_hdf5(path, r, f):
+    import h5py
+
+    with h5py.File(path, 'w') as file:
+        group = file.create_group('run 1/raw')
+        group.create_dataset('Distance', data=r).attrs['Units'] = 'mm'
+        group.create_dataset('Force', data=f).attrs['Units'] = 'N'
+
+
+def as_rows_of_hdf5(path, r, f):
+    import h5py
+
+    with h5py.File(path, 'w') as file:
+        file.create_dataset('table', data=np.array(list(zip(r, f, strict=True)), [('r_mm', float), ('f_N', float)]))
+
+
+def as_hdf5_of_matlab(path, r, f):
+    """Of its version 7.3: a user block, and arrays of one row."""
+    import h5py
+
+    with h5py.File(path, 'w', userblock_size=512) as file:
+        for name, values in columns(r, f).items():
+            file.create_dataset(name, data=values[None]).attrs['MATLAB_class'] = np.bytes_('double')
+    path.write_bytes(b'MATLAB 7.3 MAT-file, Platform: GLNXA64'.ljust(116) + bytes(8) + b'\x00\x02IM' + path.read_bytes()[128:])
+
+
 def as_tdms(path, r, f):
     nptdms = pytest.importorskip('nptdms')
     with nptdms.TdmsWriter(str(path)) as writer:
@@ -145,7 +171,9 @@ def as_records(path, r, f):
 
 
 FORMATS = {'f.npz': lambda path, r, f: np.savez(path, **columns(r, f)), 'f.npy': as_records,
-           'f.mat': lambda path, r, f: savemat(path, columns(r, f)), 'f.h5': as_hdf5, 'f.hdf5': as_hdf5, 'f.tdms': as_tdms,
+           'f.mat': lambda path, r, f: savemat(path, columns(r, f)), '73.mat': as_hdf5_of_matlab,
+           'structure.mat': lambda path, r, f: savemat(path, {'data': columns(r, f)}), 'rows.h5': as_rows_of_hdf5,
+           'nested.h5': as_nested_hdf5, 'f.h5': as_hdf5, 'f.hdf5': as_hdf5, 'f.tdms': as_tdms,
            'f.xlsx': as_workbook}
 
 
@@ -287,6 +315,7 @@ def test_a_tdms_file_of_channels_is_a_scan(tmp_path):
 @pytest.mark.parametrize(('written', 'mend'), [
     ('time_s,P1,P2\n0,1,2\n1,2,3\n', r'lacks the column particle or x_m,y_m; .*a column for each point with its unit'),
     ('time_s,P1 [m/s],P2 [mm]\n0,1,2\n1,2,3\n', 'columns of displacements and of velocities'),
+    ('time_s,point,v_y [m/s]\n0,1,1\n0.1,1,2\n0.3,1,1\n', 'its samples are too far apart for motion at'),
     ('time_s,v_x 1 [m/s],v_y 2 [m/s]\n0,1,2\n1,2,3\n', 'node 2 was measured along y and others along x'),
 ])
 def test_scans_that_cannot_be_known_are_refused_with_the_mend(written, mend, tmp_path):
@@ -373,7 +402,8 @@ def drawn_ridges(seed):
 
 EXPORTS = {  # in every way of writing above: what writes a file of this suffix
     **{f'forces, {name}': ('forces', '.csv', as_text(make(*forces(5)))) for name, make in EXPORTS_OF_FORCES.items()},
-    **{f'forces, {name}': ('forces', name[1:], lambda path, make=make: make(path, *forces(5))) for name, make in FORMATS.items()},
+    **{f'forces, {name}': ('forces', name[name.index('.') :], lambda path, make=make: make(path, *forces(5)))
+       for name, make in FORMATS.items()},
     **{f'scan, {name}': ('a scan', '.csv', as_text(make(*waves(5)))) for name, make in EXPORTS_OF_SCANS.items()},
     **{f'response, {name}': ('transfer functions', '.csv', as_text(make(*response(5)), 'utf-16'))
        for name, make in EXPORTS_OF_RESPONSES.items()},

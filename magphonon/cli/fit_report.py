@@ -103,7 +103,8 @@ def which_law(case):
 def saturation(case):
     if (top := case.forces.saturated).any():
         r = case.forces.r[top] / u.mm
-        return (f'{top.sum()} rows from {r.min():g} to {r.max():g} mm have the same largest force, {case.forces.f.max() / u.N:g} '
+        where = f'from {r.min():g} to {r.max():g}' if np.ptp(r) else f'at {r[0]:g}'
+        return (f'{top.sum()} rows {where} mm have the same largest force, {case.forces.f.max() / u.N:g} '
                 'N: the load cell was saturated there. Leave these rows out, or the exponent comes out too small.')
     return None
 

@@ -292,6 +292,8 @@ def _interpolated(times, wanted, point, measured, fastest):
             u[wanted] = values[:, k]
         beyond = [np.asarray(dct(u, norm='ortho'))[3 * len(times) // 4 :] for u in motions.values()]  # where only noise is
         found.append((motions, off, carried, np.sqrt(max(np.mean(one**2) for one in beyond)) / largest))
+    if not found:  # too few samples
+        return measured, np.inf, 0.0
     noise = min(one for *_, one in found)  # what a spline gets wrong can only add to it
     error, best = min((float(np.hypot(off, noise * carried).max()) if off.max() < FOLLOWED else np.inf, k)
                       for k, (_, off, carried, _) in enumerate(found))

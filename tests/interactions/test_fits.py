@@ -198,6 +198,9 @@ def test_faults_of_the_load_cell_are_named():
     worst = np.sort(good.f)[-4]
     said = report_of(Forces(good.r, np.minimum(good.f, worst), None, good.direction))
     assert f'have the same largest force, {worst:g} N: the load cell was saturated' in said
+    nearest = good.r == good.r.min()
+    both = replace(good, f=np.minimum(good.f, good.f[nearest].min()))  # the noise of others shows that these were cut
+    assert f'2 rows at {good.r.min():g} mm have the same largest force' in report_of(both)
     coarse = Forces(good.r, np.round(good.f, 1), None, good.direction)  # a balance of few digits is not at its end
     assert not coarse.saturated.any()
     warm = np.sin(np.arange(len(good.r)) / 2)
