@@ -1,7 +1,7 @@
 """Static forces in repulsive lattices: stiffness D0 + D*, bands, waves; on ASE and phonopy (arXiv:1911.10410).
 
 A lattice is an `ase.Atoms` with the calculator `MagneticRepulsion`; lengths are in mm, masses in g, times in ms,
-so forces are in N, and frequencies are told in Hz:
+so forces are in N, and frequencies are printed in Hz:
 
 >>> from magphonon import MagneticRepulsion, InversePower, analytic_bands, lattices, units as u
 >>> cell = lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g)

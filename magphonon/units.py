@@ -49,4 +49,5 @@ def prefix_power(value: float) -> int:
 def in_words(unit: str, *values: float, digits: int = 4) -> str:
     """One value, or a range, with the prefix of the unit that suits the largest: `in_words('m', 2e-5)` is '20 µm'."""
     power = prefix_power(max(map(abs, values)))
-    return ' to '.join(f'{value / 10.0**power:.{digits}g}' for value in values) + f' {PREFIXES[power]}{unit}'
+    rounded = [float(f'{value / 10.0**power:.{digits}g}') for value in values]  # 310 and not 3.1e+02
+    return ' to '.join(f'{value:.{max(digits, 4)}g}' for value in rounded) + f' {PREFIXES[power]}{unit}'

@@ -16,7 +16,7 @@ On the command line::
 # A table of your own
 # -------------------
 # Any analysis will do: a row for each point, its phase per step with its uncertainty, its frequency, and the wavevector
-# in fractions of the reciprocal vectors.  `record` and `motion` tell ridges apart; `source` tells what sent the waves,
+# in fractions of the reciprocal vectors.  `record` and `motion` tell ridges apart; `source` says what sent the waves,
 # and a table without it is treated as that of a point source.  Here the table that comes with the package is cut in
 # two, one for each motion.
 

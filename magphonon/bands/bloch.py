@@ -54,7 +54,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.  Those at -q are others where forces depend on the velocity (`LinearSystem.B`).
+        In rad/ms, unstable modes negative.  They differ at -q where forces depend on the velocity (`LinearSystem.B`).
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
         Normalised to one and weighted with the square root of the mass; zero on held particles.  They are
         orthogonal where B = 0.

@@ -1,6 +1,6 @@
 """What phonopy and related programs take: files of bands and force constants; and thermal properties.
 
-Files hold mm and N, and masses such that phonopy, with the factor that it supposes, finds Hz where it prints THz: 1 g counts
+Files hold mm and N, and masses such that phonopy, with the factor that it assumes, finds Hz where it prints THz: 1 g counts
 as `GRAM` of `stiffness.other_tools`.  Where phonopy multiplies a frequency by Planck's constant it takes it for THz: heat
 capacities, free energies and mean square displacements are then wrong by twelve powers of ten in the frequency, without a word.
 For these the frequencies are converted.
@@ -39,8 +39,8 @@ DECIMALS = re.compile(r'-?\d+\.\d{6,}')  # a number as phonopy writes it, with d
 def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[int]) -> Any:
     """Heat capacity, entropy and free energy of the lattice's harmonic modes, by phonopy.
 
-    Modes of zero frequency do not count, such as those along z of a planar lattice: round-off would make some of them
-    oscillators as soft as one likes, of the heat capacity k each.
+    Modes of zero frequency do not count, such as those along z of a planar lattice: round-off would turn some of them into very
+    soft oscillators, each with the heat capacity k.
 
     Parameters
     ----------

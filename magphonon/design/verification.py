@@ -114,7 +114,7 @@ def verify(design: SiteDesign, robust: Robust | None = None, seed: int = 1, step
     robust : Robust, optional
         Scatter to judge by, drawn from `seed`, which must not be that of the design.
     steps : bool
-        Whether time steps are taken, which is the dearest part.
+        Whether time steps are taken, which costs most.
     """
     v, calc = design.variables, design.variables.calc
 

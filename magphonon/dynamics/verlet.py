@@ -89,7 +89,7 @@ class DrivenVerlet(VelocityVerlet):
         Error of the displacements at the end of a run that is allowed, as a fraction of the largest one of the run.  Blocks then
         count the forces of bonds by as few coefficients as that needs, and compiled ones in single precision where that serves,
         which takes a half to a quarter of the time.  Without an `order` that is given the error of the time steps is within the
-        tolerance too, or ValueError tells how long they may be.
+        tolerance too, or ValueError says how long they may be.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional

@@ -191,7 +191,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     Parameters
     ----------
     forces : Forces
-        In any order, with repeats, with the negative ones far out, whose mean tells the zero of the force.
+        In any order, with repeats, with the negative ones far out, whose mean fixes the zero of the force.
     spacing : float
         r0 in mm.
     shared : SharedErrors, optional

@@ -73,7 +73,7 @@ class PairLaw(Protocol):
     - The law is immutable: make it a frozen dataclass, so that calculators can be copied, compared and pickled.
 
     What else is known of a law stands on its `card` (`magphonon.interactions.law_cards`).  A law without one is that of a force
-    along the line between two particles, as between charges; that of magnets is told by `UprightMagnets(law)`.
+    along the line between two particles, as between charges; that of magnets is `UprightMagnets(law)`.
 
     A law that is also a `GaussianMixture` can be summed over all neighbours of an infinite lattice.
     """

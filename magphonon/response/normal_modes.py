@@ -59,7 +59,8 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     atoms : ase.Atoms or LinearSystem
         With PairCalculator.
     count : int, optional
-        The lowest ones only, which a large structure finds without being diagonalised, and counts lest one be missed; all of them
+        The lowest ones only, found in a large structure without diagonalising it, and counted so that none is missed; all of
+        them
         if not given.
 
     Examples

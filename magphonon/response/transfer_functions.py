@@ -85,7 +85,7 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
     Parameters
     ----------
     path : path-like
-        The columns of a table are told by its error messages and on the page "Files".  A universal file holds functions of the
+        The columns of a table are listed in its error messages and on the page "Files".  A universal file holds functions of the
         type 4 in dataset 58, the places of its nodes in dataset 15 or 2411.
     estimator : {'H1', 'H2'}
         Of raw records, see `estimated`.

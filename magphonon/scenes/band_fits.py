@@ -191,8 +191,9 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
               priors: Mapping[str, tuple[float, float]] | None = None, without: Sequence[str] = ()) -> BandFits:
     """Force, exponent and foundation of a lattice from measured points of its bands, with D* and without.
 
-    Mass and spacing are those of the scene, whose other parameters are where the fit starts.  Which parameters the points
-    determine, the uncertainties tell: those of one branch, for example, never tell the exponent from the force.  The shape of a
+    Mass and spacing are those of the scene, whose other parameters are where the fit starts.  The uncertainties show which
+    parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  The shape
+    of a
     law of magnets or of a table of forces stays, and its strength is fitted; intervals allow for an `exponent` in [uncertainty].
 
     Parameters

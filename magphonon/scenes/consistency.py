@@ -223,7 +223,7 @@ def _file(scene: Scene) -> None:
             raise ValueError(f'{name} and law.kind = "saved" say two things: law, bonds, masses and foundation are in '
                              f'{lattice.file}; take {name} out')
     if lattice.cell().has('stiffness') and scene.foundation is not None:
-        raise ValueError(f'foundation: {lattice.file} tells the stiffness of each particle; take one of them out')
+        raise ValueError(f'foundation: {lattice.file} gives the stiffness of each particle; take one of them out')
     if lattice.cell().has('relative_damping'):
         _refuse(scene, ('burst', 'plan', 'uncertainty'), f'it knows one damping for all particles, and {lattice.file} has the '
                 'column relative_damping; take one of them out')

@@ -189,7 +189,7 @@ class ClosedForm(Neighbours):
 
 
 class InversePowerLaw(ClosedForm):
-    """Force `b r^-a`, told by b or by the force between nearest neighbours."""
+    """Force `b r^-a`, given by b or by the force between nearest neighbours."""
 
     kind: Literal['inverse_power']
     b_N_m_a: Positive | None = Field(None, description='b of the force b r^-a in N m^a')
@@ -318,7 +318,7 @@ def _read_columns(file):
 
 
 class SavedLaw(Table):
-    """The law, bonds and foundation of the calculator that stands in the file of the lattice, as `write_scene` saves it."""
+    """The law, bonds and foundation of the calculator stored in the file of the lattice, as `write_scene` saves it."""
 
     shells: ClassVar = 'saved'
 

@@ -233,8 +233,8 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell, or a finite structure, with its PairCalculator or AllNeighbours, whose own foundation
-        is not included, as far as it is common to all particles.  Constraints remain in force, and the springs are taken as
+        One cell, or a finite structure, with its PairCalculator or AllNeighbours.  Only the differences within its own foundation
+        count.  Constraints remain in force, and the springs are taken as
         slack at the present positions.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; that of the calculator if not given.

@@ -70,7 +70,7 @@ REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict:
-    """What the checks find about a structure; `str(verdict)` tells all of it in words and SI units.
+    """What the checks find about a structure; `str(verdict)` says all of it in words and SI units.
 
     Each check is an attribute that holds what it found, and runs when this is first read: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,

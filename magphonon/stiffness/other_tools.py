@@ -60,7 +60,7 @@ class _Rescaled(Calculator):
        constraints='the supercells of other tools do not keep constraints; take analytic_bands, finite_displacements or modes, '
                    'or remove them with atoms.set_constraint()')
 def for_ase_tools(atoms: Atoms) -> Atoms:
-    """The same atoms for tools that suppose eV, Angstrom and amu: what they call Angstrom is mm, what they call THz is Hz.
+    """The same atoms for tools that expect eV, Angstrom and amu: what they call Angstrom is mm, what they call THz is Hz.
 
     For whatever takes ASE's atoms with a calculator and computes vibrations, bands or a relaxation from its forces: ASE itself,
     janus-core, matcalc, phonopy and what is built on it.  Any supercell of a tool's own will do.

@@ -88,7 +88,7 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
     Returns
     -------
     ase.Atoms
-        A copy in mm, g and ms with a PairCalculator, so that its frequencies are told in Hz.  Each element is a kind.
+        A copy in mm, g and ms with a PairCalculator, so that its frequencies are given in Hz.  Each element is a kind.
 
     Raises
     ------

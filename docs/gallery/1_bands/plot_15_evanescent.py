@@ -2,7 +2,8 @@
 Waves that die away
 ===================
 
-Below the cut-off of a lattice on a foundation no wave travels: how much each of them loses from one row to the next.
+Below the cut-off of a lattice on a foundation no wave travels. The picture shows how much each wave loses from one row to the
+next.
 """
 
 import numpy as np

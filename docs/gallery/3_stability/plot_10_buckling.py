@@ -2,7 +2,8 @@
 When a lattice buckles
 ======================
 
-The foundation that the triangular, the square and the kagome lattice need, over the exponent of the force between the magnets.
+The foundation that the triangular, the square and the kagome lattice need, as a function of the exponent of the force between
+the magnets.
 """
 
 import numpy as np
