@@ -117,7 +117,8 @@ class Fit:
     Attributes
     ----------
     law : Tabulated
-        The fitted curve over the distances of the table and r0: true ones, with the zero of the distances taken out.
+        The fitted curve over the distances of the table and r0: true ones, with the zero of the distances taken out; it ends
+        where it no longer falls as fast as 1/r.
     spacing : float
         r0 in mm.
     force, exponent : float
@@ -257,9 +258,10 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
         raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
                          'check its unit, or take the point out')
     r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
-    curve = weights @ [part.model.curve(part.p, r)[0] for part in found]
+    curve, falls = np.einsum('i,ikr->kr', weights, [part.model.curve(part.p, r)[::2] for part in found])
+    falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise far out is no law of neighbours
     return Fit(
-        Tabulated(r, np.exp(curve)), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
+        Tabulated(r[falling], np.exp(curve[falling])), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
         float(wide * np.sqrt(with_care)), wide * np.sqrt(again), zeros, float(weights[own:].sum()),
         abs(zeros) / np.sqrt(told), shared.pair or 0.0,

@@ -335,3 +335,14 @@ def test_what_a_pair_may_be_off_is_in_the_interval():
     assert 'the force of one is 6 % from the mean of all' in force_report(Namespace(file='f.csv', magnet=None), rows, off,
                                                                          replace(ERRORS, pair=0.06))
     assert 'The table is of one pair' in report_of(rows)
+
+
+def test_a_law_ends_where_noise_would_bend_it():
+    """Neighbours beyond a table go on as it ends, so its end must fall; measured to 60 mm, where noise is all there is."""
+    laws = []
+    for seed in (5, 6):
+        rows = table(LAWS['cuboid'], (8, 60), seed)
+        laws.append(fit_forces(replace(rows, f=rows.f + 0.01 * np.random.default_rng(seed).normal(size=30)), L0, ERRORS).law)
+    assert min(float(local_exponent(law, law.r[-1])) for law in laws) > 0.5
+    assert laws[0].r[-1] > 55
+    assert 20 < laws[1].r[-1] < 50  # drawn: 35
