@@ -82,6 +82,7 @@ if tags.has('lite'):  # noqa: F821
     sphinx_gallery_conf['jupyterlite'] = {'notebook_modification_function': 'generate.lite.prepare'}
     jupyterlite_build_command_options = {'piplite-wheels': lite.wheel(Path(__file__).parent / 'generated/wheels')}
     jupyterlite_silence = True
+    sphinx_gallery_conf['run_stale_examples'] = True   # pages of an earlier build have no button
 
 plot_formats = ['svg']
 plot_html_show_formats = plot_html_show_source_link = False
@@ -127,4 +128,6 @@ def setup(app):
     app.add_html_math_renderer('mathml', (mathml.inline, None), (mathml.displayed, None))
     app.connect('html-page-context', describe)
     app.connect('autodoc-process-docstring', generate.api.escape_docstring)
+    if app.tags.has('lite'):
+        app.connect('build-finished', lite.forget)
     app.connect('config-inited', lambda app, config: generate.write_all(Path(app.srcdir) / 'generated', app.tags.has('all')))

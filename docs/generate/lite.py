@@ -21,6 +21,12 @@ def wheel(folder):
     return next(folder.glob('magphonon-*.whl'))
 
 
+def forget(app, exception):
+    """Let the next build write the pages of examples anew: without `-t lite` their buttons would lead nowhere."""
+    for known in (Path(app.srcdir) / 'generated').glob('**/*.md5'):
+        known.unlink()
+
+
 def prepare(notebook, name):
     """Let a notebook of sphinx-gallery begin with the packages that it needs."""
     notebook['cells'].insert(0, {'cell_type': 'code', 'execution_count': None, 'metadata': {}, 'outputs': [], 'source': FIRST})
