@@ -106,9 +106,10 @@ DESCRIPTION = 'Bands, waves, responses and stability of lattices of particles th
 
 
 def described(doctree):
-    """What a page says first, notes aside; or what the package is."""
+    """What a page says first, notes and formulas aside; or what the package is."""
     of_text = nodes.section, addnodes.desc_content
-    said = (one.astext() for one in doctree.findall(nodes.paragraph) if isinstance(one.parent, of_text)) if doctree else ()
+    said = (one.astext() for one in doctree.findall(nodes.paragraph)
+            if isinstance(one.parent, of_text) and not one.next_node(nodes.math)) if doctree else ()
     return shorten(next(iter(said), DESCRIPTION), 200, placeholder=' ...')
 
 
