@@ -94,6 +94,7 @@ default_role = 'code'         # single backticks in docstrings
 
 html_theme = 'furo'
 html_math_renderer = 'mathml'
+html_theme_options = {'top_of_page_buttons': []}   # the source of a page has no address yet
 html_title = f'magphonon {release}'
 html_static_path = ['_static']
 html_css_files = ['gallery.css']
