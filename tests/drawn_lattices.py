@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
+from magphonon.waves.fields import branch_names
 from workflows import bench_lattice as bench
 
 L, MASS, REACH = 10e-3, 8e-4, 45e-3  # m, kg, m
@@ -98,7 +99,8 @@ def bloch(law, lattice, k, springs, reach=REACH, stretch=1.0, static=True, mass=
             K = -slope[:, None, None] * nn - (f / r * static)[:, None, None] * (np.eye(2) - nn)
             D[:, i, :, i] += K.sum(axis=0)
             D[:, i, :, j] -= np.einsum('qr,rxy->qxy', np.exp(1j * np.asarray(k) @ R.T), K)
-    squares = np.linalg.eigvalsh(D.reshape(len(k), 2 * n, 2 * n) / mass)
+    root = np.repeat(np.sqrt(np.broadcast_to(mass, n)), 2)
+    squares = np.linalg.eigvalsh(D.reshape(len(k), 2 * n, 2 * n) / np.outer(root, root))
     return np.sign(squares) * np.sqrt(abs(squares))
 
 
@@ -124,8 +126,11 @@ class Specimen:
     static: bool
 
 
-def specimen(seed, width, lattices=('triangular', 'square'), static=True):
-    """A patch drawn by its seed: magnets, lattice, springs that hold it, damping, and the scatter of all sites."""
+def specimen(seed, width, lattices=('triangular', 'square'), static=True, relative=(1.0, 1.0)):
+    """A patch drawn by its seed: magnets, lattice, springs that hold it, damping, and the scatter of all sites.
+
+    The particles of a cell have the masses MASS times `relative`.
+    """
     rng = np.random.default_rng([seed, 36])
     kind, lattice = ('ring', 'cube', 'two powers')[seed % 3], lattices[seed % len(lattices)]
     law = drawn_law(kind, rng)
@@ -133,8 +138,10 @@ def specimen(seed, width, lattices=('triangular', 'square'), static=True):
     soft = needed(law, lattice)
     springs = tuple((max(18, 1.25 * soft + 8) * rng.uniform([0.9, 1.0], [1.1, 1.3])).tolist())
     places = np.concatenate([bench.sites(vectors, width + 4 * L, width + 4 * L) + one for one in basis])
-    places = places[(abs(places) <= width / 2 + 1e-9).all(axis=1)]
-    lab = bench.built(places, law, REACH, rng, mass=MASS, springs=springs, damping=rng.uniform(3, 12), static=static)
+    mass = MASS * np.repeat(np.array(relative)[: len(basis)], len(places) // len(basis))
+    inside = (abs(places) <= width / 2 + 1e-9).all(axis=1)
+    places, mass = places[inside], mass[inside]
+    lab = bench.built(places, law, REACH, rng, mass=mass, springs=springs, damping=rng.uniform(3, 12), static=static)
     inner = (abs(lab.anchors) < width / 2 - 3 * L).all(axis=1)
     before, after = (one[inner] - one[inner].mean(axis=0) for one in (lab.anchors, lab.rest))
     moved = np.linalg.lstsq(before, after)[0]
@@ -164,7 +171,8 @@ def spoilt(u, fault, rng, rate=1000.0):
 
 def plain_fit(one, points):
     """Force and springs by least squares of the true shape of the law alone: {name: (value, half width)}, no common shift."""
-    branch = np.array([('transverse', 'longitudinal').index(motion) for motion in points.motions])[points.ridge]
+    names = branch_names(len(BASIS[one.lattice]))
+    branch = np.array([names.index(motion) for motion in points.motions])[points.ridge]
     vectors = VECTORS[one.lattice]
     k = 2 * np.pi * points.q[:, :2] @ np.linalg.inv(vectors).T / one.stretch
 

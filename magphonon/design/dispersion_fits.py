@@ -24,6 +24,7 @@ from ase import Atoms
 
 from ..bands.bloch import bloch_modes
 from ..stiffness.bond import Model
+from ..waves.fields import branch_names
 from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit
@@ -45,8 +46,6 @@ uncertainties is a point from its own branch at least, and so many times nearer 
 STEP = 1e-4  # of xi in rad, over which the slope of a branch is taken
 ROUNDS, FARTHEST = 6, 3
 """How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
-MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
-"""Branch, counted from the lowest, of a motion in a lattice of one particle that moves in the plane."""
 
 
 @dataclass(frozen=True)
@@ -274,7 +273,7 @@ def _neighbouring(fit, points, count, told):
 
 
 def _told(points, count):
-    return [count == len(MOTION_BRANCH) and motion in MOTION_BRANCH for motion in points.motions]
+    return [motion in branch_names(count // 2) for motion in points.motions]
 
 
 def _off_branches(atoms, points, model, unit):
@@ -282,7 +281,7 @@ def _off_branches(atoms, points, model, unit):
     off = ((bloch_modes(atoms, points.q, model)[0] - points.omega[:, None]) / unit[:, None]) ** 2
     found = np.array([off[points.ridge == k].sum(axis=0) for k in range(len(points.motions))])
     for k in np.flatnonzero(_told(points, off.shape[1])):
-        found[k, 1 - MOTION_BRANCH[points.motions[k]]] = np.inf
+        found[k, np.arange(off.shape[1]) != branch_names(off.shape[1] // 2).index(points.motions[k])] = np.inf
     return found
 
 

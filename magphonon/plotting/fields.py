@@ -9,6 +9,7 @@ import numpy as np
 from .. import units
 from ..bands.bloch import bloch_modes
 from ..bands.zone import first_zone
+from ..waves.fields import branch_names
 from .axes import COLOURS, PREFIXES, label_frequencies, legend_of_set, letter_panels, panels, prefix_power
 from .bands import label_path
 from .waves import LINES, POWER, FLOOR_dB
@@ -30,10 +31,10 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
     """Power of each branch along a path, over the bands of both models, with the ridge points and their uncertainties."""
     x = path.get_linear_kpoint_axis()[0]
     bands = {model: units.hertz(bloch_modes(cell, path.kpts, model)[0]) for model in LINES}
-    names = 'transverse', 'longitudinal'
-    figure, axes = panels(1, len(names), height=2.9)
-    letter_panels(axes, [f'{name} motion' for name in names])
-    for branch, (ax, name) in enumerate(zip(axes[0], names, strict=True)):
+    names = branch_names(len(cell))
+    figure, axes = panels(len(cell), 2, height=2.9 * len(cell))
+    letter_panels(axes, [f'{name} motion' if len(cell) == 1 else name for name in names])
+    for branch, (ax, name) in enumerate(zip(axes.flat, names, strict=True)):
         with np.errstate(divide='ignore'):
             dB = 10 * np.log10(found.power[branch] / found.power[branch].max(axis=1, keepdims=True))
         image = ax.pcolormesh(x, units.hertz(found.omega), dB.T.clip(FLOOR_dB), cmap='Greys', vmin=FLOOR_dB, vmax=0,
@@ -48,7 +49,7 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
                         color=COLOURS[3], markerfacecolor='white', linewidth=0.9, label='ridge, 95 %')
         label_path(ax, path)
         ax.set(xlabel='wavevector', ylim=(0, min(HIGHEST * max(map(np.max, bands.values())), units.hertz(found.omega[-1]))))
-        if not branch:
+        if not branch % 2:
             label_frequencies(ax.yaxis)
     figure.colorbar(image, ax=axes, label=f'{POWER}, of each wavevector', pad=0.02, aspect=30)
     legend_of_set(figure, ncols=3)

@@ -4,9 +4,10 @@ With windows h over the points and g over time, the motion u_j of the point on t
 
     G(k, omega) = sum_j h_j e^{i k.R_j} sum_t g_t u_j(t) e^{-i omega t}
 
-of which each branch takes its part, e.G with its polarisation e(k): across or along on lines of symmetry, whatever the law.
-The points need no grid: a direct sum over a thousand of them takes a second.  The record is cut into segments whose powers are
-added (Welch 1967), so that noise alone, of the base or thermal, shows bands too.  Both directions of a wave count, k and -k.
+of which each branch takes its part, e.G with its polarisation e(k): across or along on lines of symmetry, whatever the law.  Of
+several particles to the cell each kind has its own sum, and e is that of all of them.  The points need no grid: a direct sum over
+a thousand of them takes a second.  The record is cut into segments whose powers are added (Welch 1967), so that noise alone, of
+the base or thermal, shows bands too.  Both directions of a wave count, k and -k.
 
 A cell of the map collects what is near it, so that it knows the centre of gravity of its power (Auger and Flandrin 1995):
 
@@ -60,13 +61,18 @@ OTHER = 1.25  # factor between a frequency and the bands of both models of the s
 LASTS = 0.6  # share of the segments with power from which it is noise, not a burst
 FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
 LOBE_bins, GRID = 2.5, 9  # how far the lobe of the windows reaches, and samples across it
-MOTIONS = 'transverse', 'longitudinal'  # of the lower and the higher branch, see BRANCHES
+MOTIONS = 'transverse', 'longitudinal'  # of the lower and the higher branch of one particle to the cell
 NORMAL_MEDIAN = 0.455  # median of the square of a normal variable
+
+
+def branch_names(particles: int) -> tuple[str, ...]:
+    """What the branches of a lattice with so many particles to the cell are called in tables of ridges, the lowest first."""
+    return MOTIONS if particles == 1 else tuple(f'branch {k + 1}' for k in range(2 * particles))
 
 
 @dataclass(frozen=True)
 class Field:
-    """Motion of points of a lattice, one particle to the cell, over the plane.
+    """Motion of points of a lattice over the plane.
 
     Attributes
     ----------
@@ -80,6 +86,8 @@ class Field:
         In ms.
     frames : int
         Of one segment.
+    member : ndarray of int, shape (points,)
+        Which particle of its cell each point is.
     spacing : float
         In mm.
     across : float
@@ -93,6 +101,7 @@ class Field:
     measured: tuple[bool, bool]
     dt: float
     frames: int
+    member: np.ndarray
     spacing: float
     across: float
     notes: tuple[str, ...] = ()
@@ -169,7 +178,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     scan : Scan
         With places, in the frame of the cell, from any origin.
     cell : ase.Atoms
-        One particle with its PairCalculator.
+        With its PairCalculator.
 
     Examples
     --------
@@ -183,11 +192,11 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     >>> round(field.across, 1), field.frames < 200
     (10.5, True)
     """
-    if len(cell) > 1:
-        raise ValueError(f'a map of the plane needs a lattice with one particle per cell, not {len(cell)}; scan a row of it')
     if not {'x', 'y'} & scan.motions.keys():
         raise ValueError('the record holds no motion along x or y, in the plane; name its columns u_x_m and u_y_m')
-    sites, notes = _sites(np.asarray(scan.places), cell)
+    sites, member, notes = _sites(np.asarray(scan.places), cell)
+    if len(lacking := np.setdiff1d(np.arange(len(cell)), member)):
+        raise ValueError(f'no point is particle {lacking[0] + 1} of a cell of {len(cell)}; measure all kinds of sites')
     faces, spacing = ConvexHull(sites).equations[:, :2], _spacing(cell)
     across = float(np.ptp(sites @ faces.T, axis=0).min() / spacing + 1)
     if across < FEWEST:
@@ -199,7 +208,8 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
         raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; to resolve as much in frequency as its points do '
                          f'in wavenumber takes {scan.dt * max(wanted, FEWEST) / units.s:.3g} s')
     own = Field(sites, np.stack([scan.motions.get(axis, np.zeros((frames, len(sites)))) for axis in 'xy'], axis=2),
-                ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), spacing, across)
+                ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), member,
+                spacing, across)
     _refuse_ghosts(own, cell)
     half = np.pi / own.dt
     notes += [_half_seen(own).removeprefix('. ')] * (not all(own.measured))
@@ -213,36 +223,51 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
 
 
 def _sites(places, cell):
-    """The lattice sites of measured points, shape (points, 2) in mm, and what the points say about the lattice."""
-    vectors, spacing = cell.cell.array[:2, :2], _spacing(cell)
-    apart = np.median(cKDTree(places).query(places, 2)[0][:, 1]) / spacing
+    """Lattice sites of points, shape (points, 2) in mm, which particle of its cell each is, and what they say of the lattice."""
+    vectors, basis, near = cell.cell.array[:2, :2], _basis(cell), _nearest(cell)
+    apart = np.median(cKDTree(places).query(places, 2)[0][:, 1]) / near
     if not 1 / MOST_APART < apart < MOST_APART:
         raise ValueError(f'the points are {apart:.2g} spacings of the lattice apart; check the unit of the positions, and the '
                          'spacing of the scene')
-    from_middle = np.linalg.norm(places - places.mean(axis=0), axis=1)
-    order, own = np.argsort(from_middle), vectors.copy()
-    origin = places[order[0]]
-    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # so that no small turn adds up
-        near = order[:count]
-        n = np.rint((places[near] - origin) @ np.linalg.inv(own))
-        if np.linalg.matrix_rank(n - n.mean(axis=0)) == 2:
-            (*own, origin), *_ = np.linalg.lstsq(np.c_[n, np.ones(count)], places[near])
-            own = np.array(own)
-    n = np.rint((places - origin) @ np.linalg.inv(own))
-    off = np.linalg.norm(places - n @ own - origin, axis=1)
+    n, member, own, off = min((_indexed(places, vectors, basis, first) for first in range(len(basis))),
+                              key=lambda found: np.median(found[-1]))
     k = int(off.argmax())
-    if off[k] > ASTRAY * spacing:
+    if off[k] > ASTRAY * near:
         raise ValueError(f'the point at ({places[k, 0]:.4g}, {places[k, 1]:.4g}) mm is {off[k]:.3g} mm off the nearest site of '
                          'the lattice; leave out what is no particle, and check spacing and frame of the scene (R1 lies along x)')
-    if len(np.unique(n, axis=0)) < len(n):
+    if len(np.unique(np.column_stack([n, member]), axis=0)) < len(n):
         raise ValueError('two points stand on one site of the lattice; keep one record of each particle')
     A = np.linalg.solve(vectors, own)  # places in rows
     turn, stretch = np.arctan2(A[0, 1] - A[1, 0], A[0, 0] + A[1, 1]), np.sqrt(abs(np.linalg.det(A)))
     if abs(turn) > TURNED or abs(stretch - 1) > STRETCHED:
         raise ValueError(f'the points stand on a lattice turned by {np.degrees(turn):.3g} degrees against that of the scene, '
                          f'with {stretch:.4g} times its spacing; give positions in its frame (R1 lies along x), and its spacing')
-    return n @ vectors, [f'the points say that the spacing is {stretch * spacing:.4g} mm (scene: {spacing:.4g} mm); they are '
-                         f'{np.sqrt(np.mean(off**2)):.2g} mm off their sites (root mean square)']
+    return n @ vectors + basis[member], member, [
+        f'the points say that the spacing is {stretch * near:.4g} mm (scene: {near:.4g} mm); they are '
+        f'{np.sqrt(np.mean(off**2)):.2g} mm off their sites (root mean square)']
+
+
+def _indexed(places, vectors, basis, first):
+    """Cell and particle of each point, the measured lattice vectors, and distances from sites, if the middle one is `first`."""
+    order, own = np.argsort(np.linalg.norm(places - places.mean(axis=0), axis=1)), vectors.copy()
+    within = basis @ np.linalg.inv(vectors)  # in fractions of the lattice vectors
+    origin = places[order[0]] - basis[first]
+
+    def nearest(points):
+        apart = points[:, None] - origin - within @ own
+        cells = np.rint(apart @ np.linalg.inv(own))
+        off = np.linalg.norm(apart - cells @ own, axis=2)
+        which = off.argmin(axis=1)
+        return cells[np.arange(len(points)), which], which, off.min(axis=1)
+
+    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # so that no small turn adds up
+        near = order[:count]
+        n, which, _ = nearest(places[near])
+        if np.linalg.matrix_rank(n - n.mean(axis=0)) == 2:
+            (*own, origin), *_ = np.linalg.lstsq(np.c_[n + within[which], np.ones(count)], places[near])
+            own = np.array(own)
+    n, member, off = nearest(places)
+    return n, member, own, off
 
 
 def _refuse_ghosts(field, cell):
@@ -268,13 +293,25 @@ def _zone(steps):
 
 
 def _polarisations(cell, q):
-    """Real, as D(k) of one particle is; shape (..., branches, 2)."""
+    """Of waves e^{i k.x} at the places x of the particles, whose masses are weights; shape (..., branches, 2 particles)."""
     shapes: Any = bloch_modes(cell, q.reshape(-1, 3), 'complete', vectors=True)[1]
-    return shapes.real[:, :, 0, :2].reshape(*q.shape[:-1], -1, 2)
+    phases = np.exp(-1j * _k(q, cell).reshape(-1, 2) @ _basis(cell).T)
+    shapes = shapes[..., :2] * phases[:, None, :, None]
+    return shapes.reshape(*q.shape[:-1], shapes.shape[1], -1)
 
 
 def _k(q, cell):
     return 2 * np.pi * (q @ cell.cell.reciprocal().array)[..., :2]
+
+
+def _basis(cell):
+    """Places of the particles of a cell from the first one, shape (particles, 2)."""
+    return (cell.positions - cell.positions[0])[:, :2]
+
+
+def _nearest(cell):
+    """Distance of nearest neighbours."""
+    return _spacing(cell) if len(cell) == 1 else cell.calc.bonds.lengths.min()
 
 
 def _spacing(cell):
@@ -283,13 +320,16 @@ def _spacing(cell):
 
 def _collected(field, cell, q, centres=False):
     """Of each segment the power of each branch, and its moments: shape (1 or 4, wavevectors, branches, frequencies)."""
-    shapes = _polarisations(cell, q)
+    shapes, roots = _polarisations(cell, q), np.sqrt(cell.get_masses() / cell.get_masses().mean())
     h, slope = field.window()
-    waves = np.exp(1j * field.sites @ _k(q, cell).T) / h.sum()
+    kinds = [np.flatnonzero(field.member == one) for one in range(len(cell))]
+    waves = np.exp(1j * field.sites @ _k(q, cell).T)
 
     def over(motions, weight, sign):
-        G = np.tensordot((waves if sign > 0 else waves.conj()) * weight[:, None], motions, (0, 1))
-        return np.einsum('kfx,kmx->kmf', G, shapes)
+        W = (waves if sign > 0 else waves.conj()) * weight[:, None]
+        G = np.concatenate([np.tensordot(W[own] * root / h[own].sum(), motions[:, own], (0, 1))
+                            for own, root in zip(kinds, roots, strict=True)], axis=2)
+        return np.einsum('kfx,kmx->kmf', G, shapes if sign > 0 else shapes.conj())
 
     for omega, (u, u_slope) in field.transforms(MARGIN * bloch_modes(cell, _zone(12), 'complete')[0].max()):
         sums = 0.0
@@ -353,7 +393,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     if all(field.measured):
         seen &= power == power.max(axis=1, keepdims=True)
     else:
-        seen &= (abs(shapes[:, :, int(field.measured[1])]) > PURE)[..., None]
+        seen &= (np.linalg.norm(shapes[:, :, int(field.measured[1]) :: 2], axis=2) > PURE)[..., None]
     models = np.stack([expected, bloch_modes(cell, q, 'conventional')[0]])
     low, high = models.min(axis=0) / OTHER, models.max(axis=0) * OTHER
     seen &= (omega > low[..., None]) & (omega < np.minimum(high, FOLDED * np.pi / field.dt)[..., None])
@@ -386,7 +426,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     variance += _scatter(field, off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
     ridge = len(legs) * branch + leg[at]
     each = np.unique(ridge)
-    motions = tuple(MOTIONS[k // len(legs)] for k in each)
+    motions = tuple(branch_names(len(cell))[k // len(legs)] for k in each)
     k = np.linalg.norm(_k(q, cell), axis=1) * field.spacing
     return RidgePoints(tuple(f'{name} {legs[k % len(legs)]}, {motion}' for k, motion in zip(each, motions, strict=True)), motions,
                        np.searchsorted(each, ridge), q, k, 0 * k, centre - bent, np.sqrt(variance), whole[0] / len(own), 0 * k,
@@ -419,7 +459,7 @@ def _bent(field, cell, q, omega):
     away = (bands[:, None] - omega[:, :, None, None]) / field.bin_omega  # wavevectors, branches, offsets, branches there
     with np.errstate(divide='ignore', invalid='ignore'):
         line = np.where(abs(away) < 2, np.sinc(away) / (1 - away**2), 0) ** 2  # of a Hann window
-        share = np.einsum('kmx,konx->kmon', _polarisations(cell, q), shapes) ** 2
+        share = abs(np.einsum('kmx,konx->kmon', _polarisations(cell, q).conj(), shapes)) ** 2
         weight = share * lobe[:, None] * np.nan_to_num(line, posinf=0.25)
         weight /= weight.sum(axis=(2, 3), keepdims=True)
     centre = q[:, None] + np.pad(weight.sum(axis=3) @ in_fractions, ((0, 0), (0, 0), (0, 1)))

@@ -10,7 +10,7 @@ from ase import Atoms
 from .. import units
 from ..bands.bloch import bloch_modes
 from ..tables import in_columns
-from .fields import MOTIONS
+from .fields import branch_names
 from .ridge_tables import FIELD, RidgePoints
 from .wave_analysis import BRANCHES, MODELS, Wave
 
@@ -99,7 +99,7 @@ def _doubts(records):
 
 def field_report(points: RidgePoints, cell: Atoms) -> str:
     """Distances of the ridge points of a field from the bands of both models, as a table in words."""
-    branch = np.array([MOTIONS.index(motion) for motion in points.motions])
+    branch = np.array([branch_names(len(cell)).index(motion) for motion in points.motions])
     off = {model: units.hertz(points.omega - bloch_modes(cell, points.q, model)[0][np.arange(len(points)), branch[points.ridge]])
            for model in ('complete', 'conventional')}
     sigma = units.hertz(points.sigma_omega)

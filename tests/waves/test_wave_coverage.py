@@ -20,12 +20,12 @@ from workflows import bench_lattice as bench
 SPECIMENS, WITHOUT = 24, 40
 
 
-def scene_of(folder, one, rng):
+def scene_of(folder, one, rng, more=''):
     """The lattice as its owner knows it: force, exponent and springs some ten percent off, as an inverse power."""
     off = np.exp(0.1 * rng.uniform(-1, 1, 4)) * [one.truth['force'], 4.2, *one.springs]
     (file := folder / 'scene.toml').write_text(
-        f'title = "drawn"\n[lattice]\nkind = "{one.lattice}"\nspacing_m = 0.01\nmass_kg = {MASS}\n[law]\nkind = "inverse_power"\n'
-        f'force_N = {off[0]}\na = {off[1]}\nshells = "auto"\n[foundation]\nstiffness_N_per_m = {off[2]}\n'
+        f'title = "drawn"\n[lattice]\nkind = "{one.lattice}"\nspacing_m = 0.01\nmass_kg = {MASS}\n{more}[law]\n'
+        f'kind = "inverse_power"\nforce_N = {off[0]}\na = {off[1]}\nshells = "auto"\n[foundation]\nstiffness_N_per_m = {off[2]}\n'
         f'stiffness_y_N_per_m = {off[3]}\n', encoding='utf-8')
     return read_scene(file)
 
@@ -86,7 +86,7 @@ def field_points(one, kind, scene, folder, fault, rng, seconds=2.0, path=None):
     places = 1e3 * lab.rest[kept] + [30, -40] + 0.05 * rng.normal(size=(len(kept), 2))
     scan = read(np.arange(len(u)) * 1.0, kept, places, 1e-3 / abs(u).max() * u)
     cell = scene.perfect_cell()
-    write_points(folder / 'ridges.csv', field_ridges(field_of(scan, cell), cell, band_path(cell, path)))
+    write_points(folder / 'ridges.csv', field_ridges(field_of(scan, cell), cell, band_path(cell, path)))  # as the commands do
     return read_ridges(folder / 'ridges.csv')
 
 
@@ -95,30 +95,32 @@ def priors_of(one, rng, names=('a', 'foundation_x', 'foundation_y')):
     return {name: (value, 0.1 * value) for name in names for value in [one.truth[name] * (1 + 0.1 * rng.standard_normal())]}
 
 
-def tally(path, seeds, folder, static=True, width=None, lattices=('triangular', 'square')):
+def tally(path, seeds, folder, static=True):
     """Specimens of a path, one after the other."""
     found = Tally(path if static else f'{path} without D*')
+    kind = 'thermal' if path == 'honeycomb' else path
     for seed in seeds:
         rng, fault = np.random.default_rng([seed, 7]), FAULTS[(seed + seed // 6) % len(FAULTS)] if static else 'none'
-        one = specimen(seed, width or (0.24 if path in ('row', 'point') else 0.2), lattices, static)
+        size = {'row': 0.24, 'point': 0.24, 'honeycomb': 0.28}.get(path, 0.2)
+        one = specimen(seed, size, ('honeycomb',) if path == 'honeycomb' else ('triangular', 'square'), static)
         scene, words = scene_of(folder, one, rng), f'seed {seed}, {fault}'
         try:
             if path in ('row', 'point'):
                 points = ridges_of(one, path, scene, folder, fault, rng)
             else:
-                points = field_points(one, path, scene, folder, fault, rng)
+                points = field_points(one, kind, scene, folder, fault, rng)
             fits = fit_bands(scene, points, priors=priors_of(one, rng) if path == 'point' else {})
         except ValueError as error:
             found.refusal(one, words, error)
             continue
-        plain = plain_fit(one, fits.points) if len(fits.points) > 3 and one.lattice != 'honeycomb' else {}
+        plain = plain_fit(one, fits.points) if len(fits.points) > 3 else {}
         found.add(one, f'{words}, {len(fits.points)} points', fits.values(), plain, fits.evidence)
     print(found.summary(), flush=True)
     return found
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('path', ['row', 'point', 'thermal', 'base'])
+@pytest.mark.parametrize('path', ['row', 'point', 'thermal', 'base', 'honeycomb'])
 def test_intervals_hold_the_truth_of_drawn_lattices(path, tmp_path):
     found = tally(path, range(100, 100 + SPECIMENS), tmp_path)
     assert found.share >= 0.9
@@ -129,3 +131,29 @@ def test_intervals_hold_the_truth_of_drawn_lattices(path, tmp_path):
 def test_no_false_claim_about_static_forces(tmp_path):
     found = tally('row', range(500, 500 + WITHOUT), tmp_path, static=False)
     assert max(found.evidence) < 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('relative', [(1.0, 1.0), (1.0, 1.6)])
+def test_two_magnets_to_the_cell(relative, tmp_path):
+    """Points of all four branches of a honeycomb; the controls: exchanged masses or springs, and no static forces."""
+    one, rng = specimen(600, 0.28, ('honeycomb',), relative=relative), np.random.default_rng(4)
+    scene = scene_of(tmp_path, one, rng, f'relative_masses = {list(relative)}\n')
+    points = field_points(one, 'thermal', scene, tmp_path, 'none', rng)
+    assert set(points.motions) == {f'branch {k}' for k in (1, 2, 3, 4)}
+    k = 2 * np.pi * points.q[:, :2] @ np.linalg.inv(VECTORS['honeycomb']).T / one.stretch
+    branch = np.array([int(motion.split()[1]) - 1 for motion in points.motions])[points.ridge]
+
+    def share(springs=one.springs, masses=relative, static=True):
+        true = bloch(one.law, 'honeycomb', k, springs, stretch=one.stretch, static=static, mass=MASS * np.array(masses))
+        off = points.frequencies_Hz - true[np.arange(len(k)), branch] / (2 * np.pi)
+        return np.mean(abs(off) < 1.96e3 / (2 * np.pi) * points.sigma_omega)
+
+    assert share() >= 0.9
+    assert share(static=False) < 0.5
+    assert share(springs=one.springs[::-1]) < 0.5
+    if relative[0] != relative[1]:
+        assert share(masses=(1.3, 1.3)) < 0.5
+        return
+    values = fit_bands(scene, points).values()
+    assert np.mean([abs(np.log(values[name][0] / true)) <= 1.96 * values[name][1] for name, true in one.truth.items()]) >= 0.8
