@@ -30,9 +30,8 @@ def figures(block, block_vars, gallery_conf):
 def thumbnail(picture, out, width, height):
     """The first panel of a picture, as large as its frame; sphinx-gallery itself would set all of it into white."""
     drawn = Image.open(picture).convert('RGB')
-    left, top, right, bottom = ImageOps.invert(drawn.convert('L')).getbbox()  # what is not white
-    margin = drawn.width // 100
-    inked = drawn.crop((max(left - margin, 0), max(top - margin, 0), right + margin, bottom + margin))
+    inked = drawn.crop(ImageOps.invert(drawn.convert('L')).getbbox())   # what is not white
+    inked = ImageOps.expand(inked, drawn.width // 60, 'white')
     ImageOps.fit(inked, (width, height), centering=(0, 0)).save(out)
 
 
