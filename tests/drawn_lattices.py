@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from magphonon.waves.fields import branch_names
+from magphonon.bands.bloch import branch_names
 from workflows import bench_lattice as bench
 
 L, MASS, REACH = 10e-3, 8e-4, 45e-3  # m, kg, m

@@ -24,6 +24,7 @@ BATCH_BYTES = 2**22
 and arrays that fit in the processor's cache take two thirds of the time (measured with a mesh of the honeycomb)."""
 ROUND_OFF = 1e-7  # fraction of the fastest rate below which one is zero: poles that nearly meet are known to its root
 EPS = np.finfo(float).eps
+MOTIONS = 'transverse', 'longitudinal'  # of the lower and the higher branch of one particle to the cell
 DIVIDE = 400
 """Largest size of complex matrices for which NumPy's algorithm for eigenvectors (divide and conquer) is as fast as SciPy's
 (relatively robust representations); at 800 it takes 1.3 times as long, at 1200 2.5 times."""
@@ -86,6 +87,11 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
         return omega, None
     modes = np.concatenate([part[..., :count].swapaxes(1, 2) for part in columns])
     return omega, modes.reshape(*omega.shape, len(system), system.dim)
+
+
+def branch_names(particles: int) -> tuple[str, ...]:
+    """Names of the branches of a planar lattice with so many particles to the cell in tables of ridges, the lowest first."""
+    return MOTIONS if particles == 1 else tuple(f'branch {k + 1}' for k in range(2 * particles))
 
 
 @takes(*LINEAR, 'all neighbours')

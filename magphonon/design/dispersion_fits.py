@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 from ase import Atoms
 
-from ..bands.bloch import bloch_modes
+from ..bands.bloch import bloch_modes, branch_names
 from ..stiffness.bond import Model
-from ..waves.fields import branch_names
 from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..bands.bloch import bloch_modes
+from ..bands.bloch import bloch_modes, branch_names
 from ..bands.zone import first_zone
-from ..waves.fields import branch_names
 from .axes import COLOURS, PREFIXES, label_frequencies, legend_of_set, letter_panels, panels, prefix_power
 from .bands import label_path
 from .waves import LINES, POWER, FLOOR_dB

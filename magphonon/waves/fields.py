@@ -32,7 +32,7 @@ from scipy.spatial import ConvexHull, cKDTree  # pyright: ignore[reportAttribute
 from scipy.special import stdtrit
 
 from .. import units
-from ..bands.bloch import bloch_modes
+from ..bands.bloch import bloch_modes, branch_names
 from ..bands.zone import first_zone
 from ..files import Saved
 from ..results import InHertz
@@ -61,13 +61,7 @@ OTHER = 1.25  # factor between a frequency and the bands of both models of the s
 LASTS = 0.6  # share of the segments with power from which it is noise, not a burst
 FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
 LOBE_bins, GRID = 2.5, 9  # how far the lobe of the windows reaches, and samples across it
-MOTIONS = 'transverse', 'longitudinal'  # of the lower and the higher branch of one particle to the cell
 NORMAL_MEDIAN = 0.455  # median of the square of a normal variable
-
-
-def branch_names(particles: int) -> tuple[str, ...]:
-    """What the branches of a lattice with so many particles to the cell are called in tables of ridges, the lowest first."""
-    return MOTIONS if particles == 1 else tuple(f'branch {k + 1}' for k in range(2 * particles))
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ import numpy as np
 from ase import Atoms
 
 from .. import units
-from ..bands.bloch import bloch_modes
+from ..bands.bloch import bloch_modes, branch_names
 from ..tables import in_columns
-from .fields import branch_names
 from .ridge_tables import FIELD, RidgePoints
 from .wave_analysis import BRANCHES, MODELS, Wave
 
