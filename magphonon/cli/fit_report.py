@@ -122,11 +122,11 @@ def pairs(case):
     """How far one pair may be from the mean of the lattice."""
     count, sigma = case.forces.pairs, case.fit.pair
     if sigma:
-        told = 'as it was told' if case.shared.pair is not None else 'as their scatter says'
+        told = 'as stated' if case.shared.pair is not None else 'as their scatter says'
         return (f'{count} pair{"s" * (count > 1)}: the force of one is {100 * sigma:.2g} % from the mean of all (one standard '
                 f'deviation, {told}), and the intervals are those of the mean.')
-    return ('The table is of one pair: magnets that differ by 2.5 % put it 3.5 % from the mean of a lattice. Measure several '
-            'pairs in one table, with a column pair, or say --pair-sigma 0.035.') if count == 1 else None
+    return ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is some 3.5 % off the mean of '
+            'the lattice. Measure several pairs, with a column pair, or give --pair-sigma 0.035.') if count == 1 else None
 
 
 @FORCES.check

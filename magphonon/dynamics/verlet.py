@@ -56,8 +56,8 @@ SHOWN = 8 * BLOCK  # largest number of steps after which the atoms follow blocks
 class DrivenVerlet(VelocityVerlet):
     """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs as in any ASE dynamics.
 
-    The engines give observers the same states, equal to round-off (in blocks, where observers look decides how a sum is
-    rounded, so only runs with the same observers have the same bits).  'ase' is ASE's own loop, for any calculator;
+    The engines give observers the same states, equal to round-off (in blocks, the times at which observers look decide how sums
+    are rounded, so that only runs with the same observers agree bit by bit).  'ase' is ASE's own loop, for any calculator;
     'numpy' and 'compiled' move planar structures with PairCalculator by blocks of steps between two observer
     calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
     With PairCalculator a run that diverges stops with Diverged; with other calculators this is not noticed.
@@ -65,8 +65,9 @@ class DrivenVerlet(VelocityVerlet):
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
     parameters, the damping and the drives may be changed: every engine goes on with what it finds.
 
-    A run that was killed goes on from its `trajectory`: make another one of `magphonon.restored` of the last frame, and set its
-    `nsteps` to the step of that frame, by which drives know the time.  Frames hold absolute positions: displacements come back
+    A run that was killed goes on from its `trajectory`: make a new DrivenVerlet with `magphonon.restored` of the last frame, and
+    set its `nsteps` to the step of that frame, so that drives continue at the right time.  Frames hold absolute positions:
+    displacements come back
     to 1e-16 of the size of the structure.
 
     Parameters
@@ -83,7 +84,8 @@ class DrivenVerlet(VelocityVerlet):
         'auto' takes blocks where it can, and compiles when a run is long enough to earn that back.
     order : {2, 4, 6}, optional
         Of the error in the time step.  A step of order 4 or 6 takes 6 or 11 evaluations of the forces, and fewer in all where the
-        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number, and nothing gyrate.  By
+        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number, and no particle may gyrate.
+        By
         default 2, or with a `tolerance` the lowest that meets it.
     tolerance : float, optional
         Error of the displacements at the end of a run that is allowed, as a fraction of the largest one of the run.  Blocks then

@@ -513,11 +513,11 @@ def timestep_limit(case: Case) -> Finding:
         return Finding(np.inf)
     losses = SPLITTINGS[2].damped / max(float(np.max(case.damping)), np.finfo(float).tiny)
     if losses < 2 / highest:
-        return Finding(losses, f'Time steps up to {losses / u.s:.4g} s are accepted with this damping, and a third of that is '
-                       f'accurate to 0.3 %; {2 / highest / u.s:.4g} s would be stable.')
-    of = f'{u.hertz(highest):.4g} Hz' + ' without gyration' * (gyrates and case.held)
-    return Finding(2 / highest, f'Time steps up to {2 / highest / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
-                   f'of {of}); a tenth of that is accurate.')
+        return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
+                       f'that is accurate to 0.3 %; {u.in_words("s", 2 / highest / u.s)} would be stable.')
+    of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.held)
+    return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the highest '
+                   f'frequency of {of}); a tenth of that is accurate.')
 
 
 @check
@@ -617,8 +617,8 @@ def gyration(case: Case) -> Finding:
     if case.gyrating is None:
         return Finding(0.0)
     largest = case.gyrating.turning
-    return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s: forces alone do not show it, and phonopy, '
-                   'LAMMPS and other tools leave it out or are refused.')
+    return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s: forces alone do not show it, so phonopy, '
+                   'LAMMPS and other tools would miss it, and are refused where possible.')
 
 
 @remark
@@ -646,4 +646,5 @@ def _times(ratio):
 
 
 def _stiffness(k):
-    return f'{k / (u.N / u.m):.4g} N/m'
+    value = k / (u.N / u.m)
+    return f'{value:.4g} N/m' if 1e-3 <= value < 1e5 or not value else u.in_words('N/m', value)

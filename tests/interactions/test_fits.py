@@ -334,7 +334,7 @@ def test_what_a_pair_may_be_off_is_in_the_interval():
     assert off.shares['pairs'] > 0.1 > alone.shares['pairs']
     assert 'the force of one is 6 % from the mean of all' in force_report(Namespace(file='f.csv', magnet=None), rows, off,
                                                                          replace(ERRORS, pair=0.06))
-    assert 'The table is of one pair' in report_of(rows)
+    assert 'The table holds one pair' in report_of(rows)
 
 
 def test_a_law_ends_where_noise_would_bend_it():

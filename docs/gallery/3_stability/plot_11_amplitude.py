@@ -2,7 +2,7 @@
 How far a lattice is linear
 ===========================
 
-The amplitude up to which frequencies stay within 1 % of the linear ones, over the exponent of the force.
+The amplitude up to which frequencies stay within 1 % of the linear ones, as a function of the exponent of the force.
 """
 
 import numpy as np
