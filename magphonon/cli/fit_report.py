@@ -125,8 +125,8 @@ def pairs(case):
         told = 'as stated' if case.shared.pair is not None else 'as their scatter says'
         return (f'{count} pair{"s" * (count > 1)}: the force of one is {100 * sigma:.2g} % from the mean of all (one standard '
                 f'deviation, {told}), and the intervals are those of the mean.')
-    return ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is some 3.5 % off the mean of '
-            'the lattice. Measure several pairs, with a column pair, or give --pair-sigma 0.035.') if count == 1 else None
+    return ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is some 3.5 % off the mean '
+            'of the lattice. Measure several pairs, with a column pair, or give --pair-sigma 0.035.') if count == 1 else None
 
 
 @FORCES.check

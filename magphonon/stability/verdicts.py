@@ -516,8 +516,8 @@ def timestep_limit(case: Case) -> Finding:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
                        f'that is accurate to 0.3 %; {u.in_words("s", 2 / highest / u.s)} would be stable.')
     of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.held)
-    return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the highest '
-                   f'frequency of {of}); a tenth of that is accurate.')
+    return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
+                   f'highest frequency of {of}); a tenth of that is accurate.')
 
 
 @check

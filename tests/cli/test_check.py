@@ -49,7 +49,7 @@ SCENES = {
         'A constant force of -27320.5 N', 'only because a constraint', 'it would need a foundation of 5000 N/m.']),
     'dust, nearest neighbours only': ('dust', {'shells = "all"': 'shells = 1'}, BAD, [
         'buckles in the plane', 'has 0 N/m', 'A spacing above 0.001294 m would also make',  # kappa L0 at the golden ratio
-        'an out-of-plane stiffness of at least 4.268e-10 N/m.']),  # 9 f/L0 at K of a central force, f = 2 c/(e L0^2)
+        'an out-of-plane stiffness of at least 426.8 pN/m.']),  # 9 f/L0 at K of a central force, f = 2 c/(e L0^2)
     'steel balls': ('steel', {}, FINE, [
         # 9 f/L0 at K, f = A (D - r)^1.5 = 55.45 N; no word of other spacings, at which balls are not in contact
         'Stable in the plane; no foundation needed.\n', 'an out-of-plane stiffness of at least 2.496e+04 N/m.']),
