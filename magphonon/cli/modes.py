@@ -29,6 +29,7 @@ HELP = 'what moves in each mode, and which modes stay at a defect'
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_TURNING = 1500  # the same where forces turn velocities: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
+FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
 MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are drawn at each special point
 OUTSIDE = 1e-4
@@ -347,14 +348,18 @@ def _spread(scene, system, found):
 
 
 def _with_others(scene, system, found, shown):
-    """What the neighbours that a patch leaves out would change of the modes that are shown."""
-    from scipy.spatial import KDTree
-
-    from ..response.normal_modes import modes
+    """What the neighbours that a patch or a structure leaves out would change of the modes that are shown."""
     from ..scenes.scene import LONG_RANGE, PAIRS
     from ..stiffness.rest import LinearSystem
 
-    if scene.finite or system.turning or not isinstance(getattr(scene.law, 'asked', None), int):
+    if system.turning:
+        return []
+    cutoff = getattr(scene.lattice, 'cutoff_m', None)
+    if scene.finite and cutoff and system.directions <= MOST_REPEATED and system.atoms.calc.pairwise:
+        farther = scene.lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
+        every = LinearSystem.of(scene.model_copy(update={'lattice': farther}).atoms()).moving()
+        return _shifted(system, every, found, shown, f'cutoff_m = {FARTHER * cutoff:.3g}')
+    if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
         return []
     enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
@@ -363,6 +368,15 @@ def _with_others(scene, system, found, shown):
         return []
     law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))
     every = LinearSystem.of(scene.model_copy(update={'law': law}).patch_atoms()).moving()
+    return _shifted(system, every, found, shown, f'{enough.shells} shells of neighbours, beyond which none matters')
+
+
+def _shifted(system, every, found, shown, how):
+    """Where modes of a system are found in the same with more neighbours, in words; modes are those that are most alike."""
+    from scipy.spatial import KDTree
+
+    from ..response.normal_modes import modes
+
     there = modes(every)
     own = np.flatnonzero(system.mobile)
     same = np.flatnonzero(every.mobile)[KDTree(every.atoms.positions[every.mobile]).query(system.atoms.positions[own])[1]]
@@ -373,7 +387,7 @@ def _with_others(scene, system, found, shown):
         f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
         told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
                     f'no mode is like mode {k + 1}')
-    return [f'  with {enough.shells} shells of neighbours, beyond which none matters: {"; ".join(told)}']
+    return [f'  with {how}: {"; ".join(told)}']
 
 
 def matches(comparison, found) -> list[str]:
