@@ -3,8 +3,8 @@
 All rows of a table share errors: a zero of the distance and of the force, hysteresis, backlash, the gain of the load cell.  The
 intervals contain them; say how well you know each.  A length or force without a unit is in m or N: `--spacing 10mm` or 0.01.
 With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any other analysis: force,
-exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The source of the
-waves stands in the table; the intervals allow for the shift that it gives all ridges of a branch.
+exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The table
+says what sent the waves; the intervals allow for the shift that a source gives to all ridges of a branch.
 Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised by what it
 holds.  Forces, ridges and transfer functions are fitted together: one law, one foundation, one mass; then the report says which
 record contradicts the others, and what to measure next.

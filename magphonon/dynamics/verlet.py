@@ -89,9 +89,9 @@ class DrivenVerlet(VelocityVerlet):
         default 2, or with a `tolerance` the lowest that meets it.
     tolerance : float, optional
         Error of the displacements at the end of a run that is allowed, as a fraction of the largest one of the run.  Blocks then
-        count the forces of bonds by as few coefficients as that needs, and compiled ones in single precision where that serves,
-        which takes a half to a quarter of the time.  Without an `order` that is given the error of the time steps is within the
-        tolerance too, or ValueError says how long they may be.
+        compute the bond forces with as few coefficients as this error allows, and compiled blocks use single precision where
+        that is enough, which takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is
+        within the tolerance too; otherwise a ValueError says how long steps may be.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional

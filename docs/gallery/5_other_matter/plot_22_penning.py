@@ -3,7 +3,7 @@ Ions in a Penning trap
 ======================
 
 Nineteen ions in a trap (one anchor for all) and a magnetic field (gyration).  Two drumhead modes are known for any number of ions
-(Wang et al., arXiv:1211.2842), the trap's own and the tilt, omega^2 = kz - k: the dashed lines.
+(Wang et al., arXiv:1211.2842), the trap's own and the tilt, omega^2 = kz - k; the dashed lines show them.
 """
 
 from itertools import combinations
