@@ -105,7 +105,7 @@ print('velocities:', suspect_units(scene, velocities))
 # The fit
 # -------
 # The residual is larger than the noise, as no perfect lattice follows one whose sites scatter.  The fit therefore draws lattices
-# that scatter as much, and its intervals hold what that does.
+# that scatter as much, and its intervals contain the effect of this scatter.
 
 from magphonon.scenes import fit_frf
 

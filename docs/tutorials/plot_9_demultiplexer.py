@@ -29,11 +29,12 @@ for name, (low, high) in over.items():
 # %%
 # The design
 # ----------
-# The objective is the weaker of the two contrasts in dB.  Its slope by every magnet and every pillar, through the rest that
-# follows them, costs about as much as the responses themselves.  ``compare`` designs with D0 alone, too.
+# The objective is the weaker of the two contrasts in dB.  Its derivatives by every magnet and every
+# pillar include the shift of the rest positions, and cost about as much as the responses themselves.  ``compare`` designs with
+# D0 alone, too.
 
 design = optimise(patch, weakest, over, steps=30, compare=True)
-print(f'before: {design.before:.1f} dB; by D0 + D*: {design.value:.1f} dB')
+print(f'before: {design.before:.1f} dB; with D0 + D*: {design.value:.1f} dB')
 other = design.conventional
 print(f'with D0 alone: {other.value:.1f} dB promised, {other.given:.1f} dB in truth')
 
