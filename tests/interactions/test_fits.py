@@ -1,6 +1,6 @@
 """Intervals of fitted forces hold the truth of laws that the fit does not know, from tables whose rows share drawn errors.
 
-The full table, 100 tables a cell (ten minutes of one core; in docs/coverage.md):
+The full table, 100 tables a cell (half an hour of one core; in docs/coverage.md):
 
     python -m pytest -m long -n 0 -s tests/interactions/test_fits.py
 """
