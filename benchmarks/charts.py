@@ -2,9 +2,9 @@
 
 The panels of bands, bursts, responses and large motion are those of `python -m workflows speed_accuracy`; six more are measured
 here: coming to rest, densities of states, frequencies at an amplitude, fits of a law, the lowest modes of large cells by the
-accuracy of their factors, and how much arithmetic an error needs.  Under each panel stands which method is the quickest to some
-errors; it is printed, and in charts.csv.  The cost is CPU time, which other load on the machine stretches less than the time on
-the wall; on two machines the order of the methods is the same, the times are not.
+accuracy of their factors, and how much arithmetic an error needs.  Which method is the quickest to some errors is printed for
+each panel, and stands at the foot of charts.csv.  The cost is CPU time, which other load on the machine stretches less than the
+time on the wall; on two machines the order of the methods is the same, the times are not.
 """
 
 import argparse

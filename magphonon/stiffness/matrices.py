@@ -60,12 +60,6 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     return H
 
 
-def condense(H: sparse.csr_array, free: NDArray[np.bool_]) -> sparse.csr_array:
-    """Hessian of the `free` particles, with the others held at rest."""
-    keep = np.flatnonzero(np.repeat(free, H.shape[0] // len(free)))
-    return H[keep][:, keep]
-
-
 def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
                  foundation: Foundation = 0.0) -> NDArray[np.complex128]:
     """Bloch matrix `C(q)^+ K C(q) + k`, Eq. 18 of the paper for any number of particles per cell.

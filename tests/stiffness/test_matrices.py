@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from oracles import LATTICES, LAWS, Energy, displaced, in_plane, lattice, second_derivatives
+from oracles import LATTICES, LAWS, Energy, displaced, in_plane, second_derivatives
 
 from magphonon import MagneticRepulsion
 from magphonon.lattices import Bonds
-from magphonon.stiffness.matrices import bloch_gradient, bloch_matrix, bloch_series, condense
+from magphonon.stiffness.matrices import bloch_gradient, bloch_matrix, bloch_series
 
 # Of the largest entry: round-off of the energy over its curvature, see second_derivatives.
 TOLERANCE = 1e-12
@@ -76,11 +76,3 @@ def test_matrices_of_bonds_drawn_either_way_round(seed):
             assert abs(gradient[axis, k] - summed(1j * R[:, axis] * factor)).max() < tolerance * abs(R).max()
     for term, factor, own in zip(bloch_series(bonds, K, along), (along**0, 1j * along, -(along**2) / 2), (1, 0, 0), strict=True):
         assert abs(term - summed(factor, own)).max() < tolerance * (1 + abs(along).max() ** 2)
-
-
-def test_condensed_is_the_block_of_the_free_particles():
-    calc = MagneticRepulsion(lattice('honeycomb').repeat((2, 2, 1)), LAWS['magnets'], foundation=0.1)
-    H = calc.get_hessian(calc.reference)
-    free = np.array([True, False, False, True, True, False, True, False])
-    rows = np.repeat(free, 3)
-    np.testing.assert_array_equal(condense(H, free).toarray(), H.toarray()[np.ix_(rows, rows)])
