@@ -113,7 +113,7 @@ fits = fit_frf(scene, functions)
 for name, (value, sigma) in fits.values().items():
     known = f', truth {truth[name]:g}' if name in truth else ''
     print(f'{name:15} {value:8.4g}, {value * np.exp(-1.96 * sigma):.4g} to {value * np.exp(1.96 * sigma):.4g}{known}')
-print(f'scatter of the strengths: {100 * fits.better.site_scatter:.2g} %')
+print(f'scatter of the strengths: {100 * fits.better.site_scatter[0]:.2g} %')
 
 # %%
 # Which model?

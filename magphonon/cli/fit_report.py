@@ -397,27 +397,27 @@ def frf_report(found, fixed: list[str]) -> str:
 def not_this_lattice(found):
     better = found.better
     return None if better.follows else (
-        f'The lattice does not follow this model: only a scatter of {100 * better.site_scatter:.0f} % from site to site would '
-        'explain the data, so no intervals are given. Check mass, spacing, shells, units, and the positions and directions of '
-        'the points.')
+        'The lattice does not follow this model: only strengths that scatter by '
+        f'{100 * better.site_scatter[0]:.0f} % from site to site would explain the data, so no intervals are given. Check mass, '
+        'spacing, shells, units, and the positions and directions of the points.')
 
 
 @RESPONSES.check
 def residual(found):
     better = found.better
-    if not (better.follows and better.site_scatter):
+    if not (better.follows and better.site_scatter.any()):
         return
-    share = f'{100 * better.site_scatter:.2g} %'
+    strengths, springs, anchors = 100 * better.site_scatter
     if any(one.sigma is not None for one in found.functions):
-        yield (f'The residual of the {better.model} model is {better.misfit:.3g} times the noise: the lattice does not quite '
-               f'follow this model. Scatter from site to site would explain it: {share} of the strengths, twice that of the '
-               'springs, half that of the positions. The intervals are widened accordingly.')
+        yield f'The residual of a lattice without scatter is {better.misfit:.3g} times the noise.'
     else:
-        yield ('No uncertainties are stated (a column sigma_...), so the whole residual counts as noise, and once more as a '
-               f'scatter of {share} from magnet to magnet.')
-    if 'damping' in better.names:
-        bias = 100 * better.bias[better.names.index('damping')]
-        yield f'Scatter broadens peaks: the damping is lowered by {bias:.2g} % for it, and its interval allows for half of this.'
+        yield f'No uncertainties are stated (a column sigma_...); the noise is found: {100 * better.noise:.2g} % of the peak.'
+    yield ('Each site therefore has a strength, springs and an anchor of its own in the fit. Strengths scatter by '
+           f'{strengths:.2g} %, springs by {springs:.2g} %, anchors by {anchors:.2g} % of the spacing. The values above are the '
+           'means of the sites of this patch.')
+    if better.scatter > 1:
+        yield (f'Even so the residual is {better.scatter:.3g} times the noise: the lattice does not quite follow this model, and '
+               'the intervals are widened by this factor.')
 
 
 @RESPONSES.check

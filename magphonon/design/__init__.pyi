@@ -37,11 +37,11 @@ from .site_designs import (
     orbits as orbits,
     write_build_list as write_build_list,
 )
+from .site_unknowns import with_site_unknowns as with_site_unknowns
 from .transfer_fits import (
     ParametricLattice as ParametricLattice,
     TransferFit as TransferFit,
     fit_transfer as fit_transfer,
-    with_site_scatter as with_site_scatter,
 )
 from .uncertainty import (
     ResponseSpread as ResponseSpread,

@@ -6,32 +6,27 @@ With the displacements x = G e under a unit force where the response is seen, an
 
 so that one solution for each place serves all parameters.  A shaken bench is the drive F = w^2 M d (`magphonon.response.frf`).
 
-Real magnets and their places scatter, and the mean lattice cannot follow that.  Where the residuals exceed the noise, lattices
-are drawn whose sites scatter by as much as makes such residuals, and each is fitted in turn: what comes out, less the mean of its
-own sites, is the covariance, and the bias, that the scatter gives to the parameters.
+Real magnets and their places scatter, and the mean lattice cannot follow that: `site_unknowns` gives every site its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from tqdm import tqdm
 
 from ..response.frf import Dof, base_force, frequency_response, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import Model
-from ..stiffness.defects import Scatter, scattered
-from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem
 from ..traits import STIFF, takes
-from .least_squares import BLIND, FITS, MOST_FACTOR, Before, ParameterFit
+from .least_squares import MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
 
 WIDEST = 9.0
@@ -43,14 +38,8 @@ ROUGH, FINE = 1e-2, 1e-5
 before the last step."""
 HOPELESS = 0.1  # share of the data that is left, in squares, from which on a fit stays rough
 FAR = 2.0  # mean squared residual, in the noise, above which a fit from afar is tried
-FIRST, MOST_SCATTER = 0.02, 0.1
-"""Scatter of the sites with which the draws begin, and the largest: a lattice that needs more is not this model."""
-PLACES, SPRINGS = 0.5, 2.0
-"""Scatter of places, in spacings, and of springs, in shares of that of strengths: the stiffness of a pillar goes with the fourth
-power of its radius and the third of its height."""
-SIZED, ROUNDS, DRAWS = 8, 2, 20
-"""Lattices that are drawn to find the scatter, how often with a better one, and how many are fitted with the last one."""
-REFITTED, MOST_TRIES = 1e-3, 200  # share of chi2 below which a gain ends the fit of a drawn lattice, and steps of any fit
+MOST_SCATTER = 0.1  # largest scatter of strengths: a lattice that needs more is not this model
+MOST_TRIES = 200  # steps of any fit
 DENSE = 1500  # free directions up to which all modes cost less than factors at each of some hundred frequencies
 ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a thousand times as large
 
@@ -63,9 +52,18 @@ class ParametricLattice(NamedTuple):
     changes: Mapping[str, StiffnessDerivative]
 
 
+class Batch(NamedTuple):
+    """Logarithms of the factors of parameters, and their information."""
+
+    x: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class TransferFit(ParameterFit):
     """Parameters of a lattice in one model, fitted to transfer functions; its residuals are real parts, then imaginary ones.
+
+    Where the sites have unknowns of their own, the parameters are the means of the sites of this patch.
 
     Attributes
     ----------
@@ -73,34 +71,44 @@ class TransferFit(ParameterFit):
         Standard deviation of the noise: 1 in the stated uncertainties; where these are not stated, the residual in shares of
         the peaks.
     misfit : float
-        Root mean square residual over the stated uncertainties; 1 where these are not stated.
-    site_scatter : float
-        Scatter of the strengths from site to site (relative) that the residuals ask for, with that of springs (twice) and places
-        (half, in spacings); zero where the lattice follows the data to within the noise.
-    bias : ndarray, shape (parameters,)
-        What this scatter adds to the logarithms of the parameters; it is taken out of the `factors`, and it is as uncertain as
-        the scatter that one lattice shows.
+        Root mean square residual of a lattice without scatter over the noise.
+    square : float
+        Sum of the squared residuals of a lattice without scatter, in the stated uncertainties or in shares of the peaks.
+    site_scatter : ndarray, shape (3,)
+        Scatter from site to site of strengths and of springs, both relative, and of anchors, in shortest bonds; zero where a
+        lattice without scatter follows the data to within the noise.
+    sites : ndarray, shape (unknowns,)
+        What each site has of its own, in standard deviations of the scatter: as `site_unknowns.Sites` orders them.
+    batch : Batch, optional
+        The parameters of the lattice of which this patch is a sample; those of the patch, where no sites scatter.
     """
 
     noise: float
     misfit: float
-    site_scatter: float
-    bias: np.ndarray
-
-    @property
-    def square(self) -> float:
-        """Sum of the squared residuals before the scatter of sites and unstated noise are taken out."""
-        return self.chi2 * self.noise**2
+    square: float
+    site_scatter: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    sites: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    batch: Batch | None = None
 
     @property
     def follows(self) -> bool:
-        """Whether the lattice, with sites that scatter by up to 10 %, follows the data; else its parameters mean little."""
-        return self.site_scatter <= MOST_SCATTER
+        """Whether the lattice, with strengths that scatter by up to 10 %, follows the data; else its parameters mean little."""
+        return bool(self.site_scatter[0] <= MOST_SCATTER)
 
     @property
-    def scatter(self) -> float:
-        """1: what the residuals have above the noise is in the information."""
-        return 1.0
+    def refused(self) -> TransferFit:
+        """The same, of a lattice that does not follow the data by any scatter."""
+        return replace(self, site_scatter=np.full(3, np.inf))
+
+    @property
+    def of_batch(self) -> Batch:
+        """The parameters of the lattice of which this patch is a sample."""
+        return self.batch or Batch(np.log(self.factors), self.information)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of chi2; each unknown of a site comes with its prior."""
+        return super().freedom - len(self.sites)
 
 
 def responses(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
@@ -124,36 +132,60 @@ def responses(built: ParametricLattice, functions: Sequence[TransferFunction], w
     return np.concatenate(found)
 
 
-@takes(*STIFF)
-def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
-                    widened: float = 0.0) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """The same, shape (points,), with their slopes by the logarithms of parameters, shape (parameters, points).
+class Solved(NamedTuple):
+    """One function on a lattice: frequencies, h without gain, and displacements in a basis, shape (frequencies, basis).
 
-    The `names` are 'damping', 'mass', 'gain' (of all responses) or among the `built.changes`.
+    These are x under a unit force where the response is seen, and y under the drive.
     """
+
+    function: TransferFunction
+    omega: NDArray[np.float64]
+    h: NDArray[np.complex128]
+    x: NDArray[np.complex128]
+    y: NDArray[np.complex128]
+
+
+@takes(*STIFF)
+def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
+    """The basis, shape (particles * dim, basis), and each function in it; `widened` is as of `responses`."""
     system, dim = built.system, built.system.dim
     omega, where = _frequencies(functions)
-    damping, mass = built.damping + widened, sparse.diags_array(np.repeat(system.masses, dim))
-    bent = [name for name in names if name in built.changes]
     ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
     forces = {force.tobytes(): force for both in ends for force in both}
-    basis, found = _fields(system, [*forces.values()], omega, damping)
-    fields, M = dict(zip(forces, found, strict=True)), basis.T @ (mass @ basis)
+    basis, found = _fields(system, [*forces.values()], omega, built.damping + widened)
+    fields, own = dict(zip(forces, found, strict=True)), []
+    for one, k, (back, push) in zip(functions, where, ends, strict=True):
+        y = fields[push.tobytes()][k]
+        own.append(Solved(one, omega[k], _relative_to_drive(one, y @ (basis.T @ back[:, :dim].ravel())),
+                          fields[back.tobytes()][k], y))
+    return basis, own
+
+
+def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
+                    widened: float = 0.0, fields: tuple[Any, list[Solved]] | None = None,
+                    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """The same, shape (points,), with their slopes by the logarithms of parameters, shape (parameters, points).
+
+    The `names` are 'damping', 'mass', 'gain' (of all responses) or among the `built.changes`; `fields` are those of `solved`, if
+    they are known.
+    """
+    system = built.system
+    damping, mass = built.damping + widened, sparse.diags_array(np.repeat(system.masses, system.dim))
+    bent = [name for name in names if name in built.changes]
+    basis, own = solved(built, functions, widened) if fields is None else fields
+    M = basis.T @ (mass @ basis)
     stiff = {name: basis.T @ (dH @ basis) for name, dH in zip(
         bent, hessian_changes(system, [built.changes[name] for name in bent]), strict=True)}
-    h, slopes = [], []
-    for one, k, (back, push) in zip(functions, where, ends, strict=True):
-        w, x, y = omega[k], fields[back.tobytes()][k], fields[push.tobytes()][k]
-        seen = y @ (basis.T @ back[:, :dim].ravel())
-        h.append(_relative_to_drive(one, seen))
+    slopes = []
+    for one, w, h, x, y in own:
         inertia, weight = -(w**2) + 1j * w * damping, (x * (M @ y.T).T).sum(axis=1)
         of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
         of |= {'damping': -1j * w * built.damping * weight, 'mass': -inertia * weight}
         if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
-            of['mass'] = of['mass'] + seen
+            of['mass'] = of['mass'] + (h - one.answer.direction @ one.drive) / w**2
             of = {name: w**2 * slope for name, slope in of.items()}
-        slopes.append(np.reshape([h[-1] if name == 'gain' else of[name] for name in names], (len(names), len(w))))
-    return np.concatenate(h), np.concatenate(slopes, axis=1)
+        slopes.append(np.reshape([h if name == 'gain' else of[name] for name in names], (len(names), len(w))))
+    return np.concatenate([one.h for one in own]), np.concatenate(slopes, axis=1)
 
 
 def _frequencies(functions):
@@ -237,147 +269,52 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     free = 2 * points - len(names)
     if free <= 0:
         raise ValueError(f'{2 * points} measured numbers are too few for {len(names)} parameters ({", ".join(names)})')
-    solved = partial(_solved, build, names, before=Before.of(names, priors))
+    fitted = partial(_solved, build, names, before=Before.of(names, priors))
     few = [_every(len(one.omega) // FIRST_FEW, one) for one in functions]
     begin = np.zeros(len(names)) if start is None else np.log(start)
-    found = solved(few, begin, ROUGH)
+    found = fitted(few, begin, ROUGH)
     if not known or 2 * found.cost > FAR * len(found.fun):
         for rate in _rates(functions, build(dict(zip(names, np.exp(begin).tolist(), strict=True))).damping):
-            begin = solved([with_wide_peaks(one, rate) for one in few], begin, ROUGH, widened=2 * rate).x
-        found = min(found, solved(few, begin, ROUGH), key=lambda one: one.cost)
-    hopeless = 2 * found.cost > HOPELESS * np.sum(abs(_weights(few) * np.concatenate([one.response for one in few])) ** 2)
-    found = solved(functions, found.x, ROUGH if hopeless else FINE)
+            begin = fitted([with_wide_peaks(one, rate) for one in few], begin, ROUGH, widened=2 * rate).x
+        found = min(found, fitted(few, begin, ROUGH), key=lambda one: one.cost)
+    hopeless = 2 * found.cost > HOPELESS * np.sum(abs(weights(few) * np.concatenate([one.response for one in few])) ** 2)
+    found = fitted(functions, found.x, ROUGH if hopeless else FINE)
     r, J = found.fun, found.jac
-    misfit = float(np.sqrt(r[: 2 * points] @ r[: 2 * points] / free))
-    noise = 1.0 if known else misfit
+    square = float(r[: 2 * points] @ r[: 2 * points])
+    noise = 1.0 if known else float(np.sqrt(square / free))
     J[: 2 * points], r[: 2 * points] = J[: 2 * points] / noise, r[: 2 * points] / noise
-    return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, misfit / noise, 0.0, np.zeros(len(names)))
+    return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, float(np.sqrt(square / free)) / noise, square)
 
 
-def _solved(build, names, functions, start, tolerance, *, before, noise=1.0, widened=0.0, at_start=None):
-    """Least squares from the logarithms `start` on; rows of what is known `before` come after those of the data.
-
-    `at_start` are `response_slopes` there, if they are known.
-    """
+def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
+    """Least squares from the logarithms `start` on; rows of what is known `before` come after those of the data."""
     from scipy.optimize import least_squares
 
-    weight, measured = _weights(functions) / noise, np.concatenate([one.response for one in functions])
+    weight, measured = weights(functions), np.concatenate([one.response for one in functions])
 
     @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
     def at(x):
         factors = dict(zip(names, np.exp(x).tolist(), strict=True))
-        if at_start is not None and np.array_equal(x, start):
-            h, slopes = at_start
-        else:
-            h, slopes = response_slopes(build(factors), functions, names, widened)
+        h, slopes = response_slopes(build(factors), functions, names, widened)
         return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
 
     def residuals(x):
-        return np.append(_split(weight * (measured - at(tuple(x))[0])), before.root @ (before.centre - x))
+        return np.append(split(weight * (measured - at(tuple(x))[0])), before.root @ (before.centre - x))
 
     def jacobian(x):
-        return np.vstack([-_split(weight * at(tuple(x))[1]).T, -before.root])
+        return np.vstack([-split(weight * at(tuple(x))[1]).T, -before.root])
 
     bound = np.log(MOST_FACTOR)
     return least_squares(residuals, start, jac=jacobian, bounds=(-bound, bound), x_scale='jac', ftol=tolerance, xtol=tolerance,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
                          gtol=None, max_nfev=MOST_TRIES)  # pyright: ignore[reportArgumentType]
 
 
-class SiteMoves(NamedTuple):
-    """What the scatter of sites does to a fit: the scatter that the residuals ask for, how uncertain it is, and the moves.
-
-    The moves of the logarithms of the parameters have the shape (DRAWS, parameters); there are none of a lattice that needs no
-    scatter, or too much.
-    """
-
-    scatter: float
-    unsure: float = 0.0
-    moves: NDArray[np.float64] | None = None
-
-
-def site_moves(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice], functions: Sequence[TransferFunction],
-               priors: Mapping[str, tuple[float, float]] | Before | None = None) -> SiteMoves:
-    """Lattices drawn as the residuals of a fit ask for, and how far the fit of each is from the mean of its own sites.
-
-    The arguments are those of `with_site_scatter`.
-    """
-    known = all(one.sigma is not None for one in functions)
-    if known and fit.chance >= FITS:
-        return SiteMoves(0.0)
-    built, gain, x = build(fit.by_name), fit.by_name.get('gain', 1.0), np.log(fit.factors)
-    h, slopes = response_slopes(built, functions, fit.names)
-    weight, rows = gain * _weights(functions) / fit.noise, 2 * len(h)
-    J = -_split(weight * slopes).T
-    values, told = seen_directions(fit.information)  # D0 alone tells no force
-    above, tau = fit.residuals[:rows] @ fit.residuals[:rows] - known * (rows - len(values)), FIRST
-    for _ in range(ROUNDS):  # the residuals grow as the scatter
-        off = _split(weight * (np.array([responses(drawn, functions) for drawn in _drawn(built, tau, SIZED)]) - h))
-        left = np.sum((off - off @ J @ told / values @ told.T @ J.T) ** 2, axis=1)
-        tau *= float(np.sqrt(above / left.mean()))
-        if tau > MOST_SCATTER:
-            return SiteMoves(tau)
-    before, ends, moved = Before(x, Before.of(fit.names, priors).root), np.cumsum([len(one.omega) for one in functions])[:-1], []
-    for drawn in _drawn(built, tau, DRAWS):
-        theirs = np.split(gain * responses(drawn, functions), ends)
-        seen = [replace(one, response=response) for one, response in zip(functions, theirs, strict=True)]
-        again = _solved(build, fit.names, seen, x, REFITTED, before=before, noise=fit.noise, at_start=(h, slopes))
-        moved.append(again.x - x - _own_means(built, drawn, fit.names))
-    return SiteMoves(tau, float(np.std(left) / left.mean()), np.array(moved))  # pyright: ignore[reportPossiblyUnbound]  ROUNDS is not zero
-
-
-def seen_directions(information: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eigenvalues of an information matrix and eigenvectors in columns, of what the data determine."""
-    values, told = np.linalg.eigh(information)
-    return values[values > BLIND * values[-1]], told[:, values > BLIND * values[-1]]
-
-
-def own_information(fit: TransferFit, moved: SiteMoves, before: Before) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gradient at the fit, and information, that the functions alone give, without what was known `before` it.
-
-    With F of the noise, and g of drawn lattices whose sites scatter, the estimate of the functions alone has the covariance
-    F^-1 + F^-1 cov(g) F^-1, and the bias F^-1 mean(g).
-    """
-    known = before.information
-    gradient = known @ (before.centre - np.log(fit.factors))  # that of what was known, which the functions balance
-    if moved.moves is None:
-        return gradient, (fit.information - known) * (moved.scatter <= MOST_SCATTER)
-    F, told = seen_directions(fit.information - known)
-    g = moved.moves @ fit.information @ told
-    mean, S = g.mean(axis=0), (1 + 1 / len(g)) * np.cov(g.T)
-    share = F[:, None] * np.linalg.inv(np.diag(F) + S + moved.unsure**2 * np.outer(mean, mean))
-    return told @ share @ (told.T @ gradient + mean), told @ (share * F) @ told.T
-
-
-def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
-                      functions: Sequence[TransferFunction],
-                      priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
-    """The fit, with the scatter of sites that its residuals ask for where they exceed the noise, or where that is not stated.
-
-    Peaks are narrower than the shifts that such scatter gives them, so that no derivative tells what it does to a fit: lattices
-    are drawn, each is fitted as the measurement was, and what comes out is compared with the mean of its own sites.
-
-    Parameters
-    ----------
-    fit, build, functions, priors
-        What `fit_transfer` returned, and took.
-    """
-    found = site_moves(fit, build, functions, priors)
-    if found.moves is None:
-        return replace(fit, information=(found.scatter == 0) * fit.information, site_scatter=found.scatter)
-    values, told = seen_directions(fit.information)
-    moved = found.moves @ told
-    bias = np.mean(moved, axis=0)
-    covariance = np.diag(1 / values) + (1 + 1 / DRAWS) * np.cov(moved.T).reshape(2 * (len(values),))
-    covariance += found.unsure**2 * np.outer(bias, bias)
-    return replace(fit, factors=fit.factors * np.exp(-told @ bias), information=told @ np.linalg.inv(covariance) @ told.T,
-                   site_scatter=found.scatter, bias=told @ bias)
-
-
-def _split(z):
+def split(z: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Real parts, then imaginary ones, along the last axis."""
     return np.concatenate([z.real, z.imag], axis=-1)
 
 
-def _weights(functions):
+def weights(functions: Sequence[TransferFunction]) -> NDArray[np.float64]:
     """One over the uncertainty of each point; where that is not stated for all, over the peak of what was measured."""
     if all(one.sigma is not None for one in functions):
         return 1 / np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in functions])
@@ -404,30 +341,3 @@ def with_wide_peaks(one: TransferFunction, rate: float) -> TransferFunction:
     kernel = rate / ((one.omega[:, None] - one.omega) ** 2 + rate**2) * np.gradient(one.omega)
     step = min(rate / np.median(np.diff(one.omega)), len(one.omega) / FEWEST)
     return _every(step, replace(one, response=kernel @ one.response / kernel.sum(axis=1)))
-
-
-def _drawn(built, tau, count):
-    """Lattices whose sites scatter."""
-    scatter = Scatter(PLACES * tau * built.system.calc.bonds.lengths.min(), tau, 0.0, SPRINGS * tau)
-    for seed in tqdm(range(count), desc='lattices drawn', delay=2, disable=None, leave=False):
-        atoms = scattered(built.system.atoms, scatter, seed)
-        if not built.system.atoms.calc.load.any():
-            atoms = relaxed(atoms).atoms
-        else:
-            atoms.calc = atoms.calc.balanced(np.flatnonzero(built.system.atoms.calc.load.any(axis=1)))
-        yield built._replace(system=LinearSystem.of(atoms))
-
-
-def _own_means(built, drawn, names):
-    """By what the logarithms of the parameters of a drawn lattice differ, in the mean of its sites that move."""
-    calc, moving, own = drawn.system.calc, drawn.system.mobile, np.zeros(len(names))
-    strength = 2 * np.log(calc.strengths / built.system.calc.strengths)[moving].mean()
-    for k, name in enumerate(names):
-        change = built.changes.get(name)
-        if name == 'force':
-            own[k] = strength
-        elif change is not None and np.any(change.foundation):
-            of = np.broadcast_to(np.asarray(change.foundation) != 0, (len(moving), calc.dim)) & moving[:, None]
-            springs, before = (np.broadcast_to(one.foundation, of.shape)[of] for one in (calc.sites, built.system.calc.sites))
-            own[k] = np.log(springs / before).mean()
-    return own

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from .. import units as u
 from ..design.least_squares import MOST_FACTOR
 from ..design.misreadings import misreading
-from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses, with_site_scatter
+from ..design.site_unknowns import with_site_unknowns
+from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses
 from ..errors import not_negative, one_of
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
@@ -78,7 +79,7 @@ class FrfFits:
         better, (complete, conventional) = self.better, (self.fits[model].square for model in MODELS)
         if not better.follows:
             return None
-        sure = all(one.sigma is not None for one in self.functions) and not better.site_scatter
+        sure = all(one.sigma is not None for one in self.functions) and not better.site_scatter.any()
         if max(self.ratio, 1 / self.ratio) > CLEARLY or (sure and abs(conventional - complete) > EVIDENCE**2):
             return better.model
         return 'conventional' if self.endless and self.ratio < 1 else None
@@ -166,7 +167,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     best = min(fit.square for fit in fits.values())
     for model, fit in fits.items():  # what is clearly worse needs no interval
         worse = fit.square > CLEARLY**2 * best
-        fits[model] = replace(fit, site_scatter=np.inf) if worse else with_site_scatter(fit, build[model], own, relative)
+        fits[model] = fit.refused if worse else with_site_unknowns(fit, build[model], own, relative)
     return FrfFits(scene, own, fits, priors)
 
 

@@ -19,15 +19,8 @@ from ..design.dispersion_fits import DispersionFit, fit_dispersion
 from ..design.joint_fits import BEFORE, RESPONSES, RIDGES, Joint, Record, told
 from ..design.least_squares import Before
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, frequency_sensitivities
-from ..design.transfer_fits import (
-    SPRINGS as SPRINGS_SCATTER,
-    ParametricLattice,
-    SiteMoves,
-    TransferFit,
-    fit_transfer,
-    own_information,
-    site_moves,
-)
+from ..design.site_unknowns import with_site_unknowns
+from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer
 from ..errors import one_of
 from ..interactions.fits import ANY_SIZE, BENDS, LawFamily, SharedErrors, curve_record
 from ..interactions.force_tables import Forces
@@ -331,19 +324,15 @@ def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
     build, names = partial(_patch, specimen, model), (*specimen.names, 'damping', 'gain')
     fit = fit_transfer(build, names, functions, model, before, np.exp(before.centre) if better is None else better.factors)
     worse = better is not None and fit.square > frf_fits.CLEARLY**2 * better.square
-    moved = SiteMoves(np.inf) if worse else site_moves(fit, build, functions, before)
-    g, F = own_information(fit, moved, before)
-    x = np.log(fit.factors)
+    fit = fit.refused if worse else with_site_unknowns(fit, build, functions, before)
+    x, F = fit.of_batch
     record = Record(RESPONSES, x[:n], np.zeros(n), np.zeros((n, n)), {'the clock': specimen.late})
-    if not F.any():
+    if not fit.follows:
         return record, fit
+    g, F = before.information @ (before.centre - x), F / fit.scatter**2 - before.information  # what was known before is balanced
     g[-1], F[-1, -1] = g[-1] + x[-1] / gain_sigma**2, F[-1, -1] + gain_sigma**-2  # the gain is its own
     away = F[:n, n:] @ np.linalg.inv(F[n:, n:])
-    g, F = g[:n] - away @ g[n:], F[:n, :n] - away @ F[n:, :n]
-    sizes = {'force': 2.0} | dict.fromkeys(specimen.springs, SPRINGS_SCATTER)  # by which the mean of so many sites is that of all
-    V = [(sizes.get(name, 0.0) * moved.scatter) ** 2 / build(fit.by_name).system.mobile.sum() for name in specimen.names]
-    turn = np.linalg.inv(np.eye(n) + F * np.array(V))  # F^-1 + V has the information (1 + F V)^-1 F
-    return replace(record, gradient=turn @ g, information=turn @ F), fit
+    return replace(record, gradient=g[:n] - away @ g[n:], information=F[:n, :n] - away @ F[n:, :n]), fit
 
 
 def _patch(specimen, model, factors):

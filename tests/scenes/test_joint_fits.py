@@ -8,8 +8,6 @@ import pytest
 from magphonon import read_scene
 from magphonon.cli.main import main
 from magphonon.design.joint_fits import Joint, Record, told
-from magphonon.design.least_squares import Before
-from magphonon.design.transfer_fits import SiteMoves, TransferFit, own_information
 from magphonon.interactions import Forces, SharedErrors
 from magphonon.response import Dof, TransferFunction
 from magphonon.scenes import fit_records
@@ -130,26 +128,6 @@ def test_transfer_functions_join(tmp_path):
     wrong = replace(table, estimate=table.estimate + 0.3 * np.eye(len(joint.x))[0])
     first, *_ = Joint(joint.names, told([wrong, *others])[1], (wrong, *others)).pulls()
     assert (first.record, first.fault) == ('table', 'the gain, or a pair unlike the mean')
-
-
-def test_information_of_transfer_functions_alone():
-    """F^-1 + F^-1 S F^-1 and a bias F^-1 m, in closed form, of moves that have exactly the covariance S and the mean m."""
-    rng = np.random.default_rng(0)
-    F, K, S, m, x, centre = (rng.normal(size=shape) for shape in ((3, 3), (3, 3), (3, 3), 3, 3, 3))
-    F, K, S = (10 * F @ F.T, K, 20 * S @ S.T)
-    draws = rng.normal(size=(20, 3))
-    draws = (draws - draws.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(draws.T))).T @ np.linalg.cholesky(S).T + m
-    fit = TransferFit('complete', ('a', 'b', 'c'), np.exp(x), F + K.T @ K, np.zeros(0), 1.0, 1.0, 0.0, np.zeros(3))
-    moved = SiteMoves(0.02, 0.5, draws @ np.linalg.inv(fit.information))
-    gradient, information = own_information(fit, moved, Before(centre, K))
-    inverse = np.linalg.inv(F)
-    spread = inverse + inverse @ (1.05 * S + 0.25 * np.outer(m, m)) @ inverse  # 1/20 for the mean of 20
-    np.testing.assert_allclose(information, np.linalg.inv(spread), rtol=1e-8)
-    alone = x + inverse @ K.T @ K @ (x - centre)  # where the functions by themselves are best, which what was known drew to x
-    np.testing.assert_allclose(x - np.linalg.solve(information, gradient), alone - inverse @ m, rtol=1e-8)
-    nothing = own_information(fit, SiteMoves(0.0), Before(centre, K))[1]
-    np.testing.assert_allclose(nothing, F, rtol=1e-8)
-    assert not own_information(fit, SiteMoves(0.3), Before(centre, K))[1].any()
 
 
 @pytest.mark.long

@@ -1,0 +1,363 @@
+"""Transfer functions of a patch whose sites differ: a strength, springs and an anchor of its own for each site, in one fit.
+
+The mean lattice cannot follow such data: peaks are narrower than what the sites shift them by.  So every site has unknowns z with
+a normal prior, whose standard deviation is the scatter, and all are fitted with the parameters x of the lattice,
+
+    |h - h(x, z)|^2/noise^2 + |z|^2 + what is known of x        dh/dz = -x.(dK/dz) y by bonds, as `transfer_fits`
+
+The sites are eliminated: with residuals r, J of the parameters, A of the sites and C = 1 + A A^T,
+
+    information of x = J^T C^-1 J        z = A^T C^-1 (r - J dx)
+
+which tells of the lattice of which the patch is a sample.  The mean of the sites of this patch, x + M z, is known better: with it
+in the place of x, J stays and A becomes A - J M.  The evidence, with z and x integrated out, tells the scatter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+
+from ..errors import Unstable
+from ..interactions.law_cards import LawDerivative
+from ..response.frf import Dof
+from ..response.transfer_functions import TransferFunction
+from ..stiffness.bond import model_stiffness, stiffest, stiffness_change
+from ..stiffness.calculator import PairCalculator
+from ..stiffness.rest import LinearSystem
+from ..stiffness.site_laws import Foundation
+from .least_squares import BLIND, FITS, MOST_FACTOR, Before
+from .transfer_fits import (
+    MOST_SCATTER,
+    Batch,
+    ParametricLattice,
+    Solved,
+    TransferFit,
+    response_slopes,
+    solved,
+    split,
+    weights,
+)
+
+FIRST = np.array([0.02, 0.04, 0.012])
+"""Scatter of strengths and springs, relative, and of anchors, in shortest bonds, before anything is known: the stiffness of a
+pillar goes with the fourth power of its radius and the third of its height."""
+FAINT = 0.01  # stiffness of a bond, in the stiffest, below which it shows nothing of a held particle
+SURE = 0.7  # standard deviation of the logarithm of each of these
+START, LOWER = 1.5, 2.5
+"""The noise is taken larger at first, so that peaks overlap: residuals are so many times as large; then by this factor lower."""
+FEW, MOST = 4, 40  # steps of a stage, and of the last one
+ROUGH, FINE = 1e-3, 1e-4  # share of the sum of squares below which a gain ends a stage, and the last one
+SETTLED, ROUNDS = 0.05, 8  # relative change of the scatter that ends its search, and most rounds
+DAMPED, LESS, MORE, TRIES = 1e-3, 0.1, 8.0, 10
+"""Damping of Levenberg and Marquardt: at first, its change after a success and after a failure, how often it is raised."""
+BOUND = np.log(MOST_FACTOR)
+
+
+@dataclass(frozen=True)
+class Sites:
+    """The unknowns of the sites of a structure, in standard deviations of their scatter.
+
+    They are the strengths of the particles that act on those that move, then the springs of the latter, then the anchors of the
+    former.  Neighbours hold particles back: where they rest follows to first order, so that long waves of the places are larger
+    than short ones.
+
+    Attributes
+    ----------
+    acting : ndarray of bool, shape (particles,)
+        Which particles have unknowns: those that move, and those with a bond of FAINT of the stiffest to one of them.
+    tied : ndarray of bool, shape (particles, dim)
+        Which springs have an unknown.
+    spacing : float
+        Shortest bond in mm.
+    rest : ndarray, shape (particles * dim, unknowns)
+        How the rest moves with strengths and springs, in mm, and with anchors.
+    """
+
+    acting: np.ndarray
+    tied: np.ndarray
+    spacing: float
+    rest: np.ndarray
+
+    @classmethod
+    def of(cls, system: LinearSystem) -> Sites:
+        calc, n = system.calc, len(system) * system.dim
+        springs = np.broadcast_to(_springs(calc), (len(system), system.dim))
+        tied = (springs > 0) & system.mobile[:, None]
+        acting, stiff = system.mobile.copy(), stiffest(calc.bond_vectors, calc.interaction)
+        for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
+            acting[one[system.mobile[other] & (stiff > FAINT * stiff.max())]] = True
+        before = len(system) + tied.sum()
+        rest = np.eye(n, before + n, before) if calc.load.any() else _rest(system, springs, tied)
+        kept = np.concatenate([acting, np.ones(tied.sum(), bool), np.repeat(acting, system.dim)])
+        return cls(acting, tied, float(calc.bonds.lengths.min()), rest[:, kept])
+
+    @property
+    def ends(self) -> list[int]:
+        """Where the springs begin, the places, and the end."""
+        n, dim = self.acting.sum(), self.tied.shape[1]
+        return np.cumsum([n, self.tied.sum(), n * dim]).tolist()
+
+    @property
+    def kinds(self) -> NDArray[np.intp]:
+        """Of each unknown: 0 for a strength, 1 for a spring, 2 for an anchor."""
+        return np.repeat([0, 1, 2], np.diff([0, *self.ends]))
+
+    def size(self, scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Standard deviation of each unknown: relative, of anchors in mm."""
+        return (scatter * [1.0, 1.0, self.spacing])[self.kinds]
+
+    def parts(self, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Logarithms of strengths, shape (particles,), and of springs, and moves in mm, shape (particles, dim)."""
+        strengths, springs, _ = np.split(self.size(scatter) * z, self.ends[:2])
+        of_particles, each = np.zeros(len(self.tied)), np.zeros(self.tied.shape)
+        of_particles[self.acting], each[self.tied] = strengths, springs
+        return of_particles, each, (self.rest @ (self.size(scatter) * z)).reshape(self.tied.shape)
+
+    def means(self, built: ParametricLattice, names: Sequence[str], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+        """By what the logarithm of each parameter of this patch is off, the mean of its sites: M, shape (names, unknowns)."""
+        M, moving = np.zeros((len(names), self.ends[2])), built.system.mobile
+        for row, name in zip(M, names, strict=True):
+            change = built.changes.get(name)
+            if name == 'force':
+                row[: self.ends[0]] = 2 * moving[self.acting] / moving.sum()
+            elif change is not None and np.any(change.foundation):
+                of = (np.broadcast_to(change.foundation, self.tied.shape) != 0)[self.tied]
+                row[self.ends[0] : self.ends[1]] = of / of.sum()
+        return M * self.size(scatter)
+
+
+def _rest(system, springs, tied):
+    """What `Sites.rest` says of particles at rest among their neighbours and springs."""
+    calc, free = system.calc, np.repeat(system.mobile, system.dim)
+    C, R, H = calc.bonds.incidence, calc.bond_vectors, calc.rest_hessian('complete').toarray()
+    force = -(calc.law.dphi(calc.bonds.lengths) / calc.bonds.lengths)[:, None] * R
+    by_strengths = np.stack([(C.T @ sparse.diags_array(f) @ abs(C)).toarray() for f in force.T], axis=1).reshape(len(H), -1)
+    by_springs = np.diag(-calc.slack[:, : system.dim].ravel())[:, tied.ravel()]
+    by_anchors = np.where(free, np.diag(springs.ravel()), -H)
+    push = np.hstack([by_strengths, by_springs * springs[tied], by_anchors])
+    moved = np.zeros_like(push)
+    moved[free] = np.linalg.solve(H[free][:, free], push[free])
+    moved[~free, -len(H) :] = np.eye(len(H))[~free]
+    return moved
+
+
+def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> ParametricLattice:
+    """The lattice with sites of their own, where they were found: what holds them there is not asked."""
+    calc = built.system.calc
+    strengths, springs, moves = sites.parts(z, scatter)
+    strengths, springs, moved = np.exp(strengths), np.exp(springs), np.zeros((len(moves), 3))
+    moved[:, : moves.shape[1]] = moves
+    reference = calc.reference.copy()
+    reference.positions += moved
+    own = replace(calc.sites, strengths=calc.strengths * strengths, anchors=calc.anchors + moved,
+                  foundation=_springs(calc) * springs)
+    system = LinearSystem.about(calc.changed(reference, sites=own), built.system.atoms)
+    pairs, changes = strengths[calc.bonds.i] * strengths[calc.bonds.j], {}
+    for name, change in built.changes.items():
+        law = change.law and _times(change.law, pairs)
+        changes[name] = replace(change, law=law, foundation=change.foundation * springs if np.any(change.foundation) else 0.0)
+    return built._replace(system=system, changes=changes)
+
+
+def _times(law, pairs):
+    return LawDerivative(lambda r: pairs * law.dphi(r), lambda r: pairs * law.d2phi(r))
+
+
+def _springs(calc: PairCalculator) -> Foundation:
+    return calc.tie.springs()
+
+
+def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sites: Sites,
+                scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Slopes of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
+    calc, (n, dim) = built.system.calc, sites.tied.shape
+    bonds, R = calc.bonds, calc.bond_vectors
+    C = bonds.incidence
+    changes = [_by_site(model_stiffness(R, calc.interaction, calc.model), abs(C))]
+    changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
+    by_bonds = sparse.hstack(changes, format='csc')  # of each entry of each bond, by strengths, moves along x, along y
+    order = np.arange(n * dim).reshape(dim, n).T.ravel()
+    springs = np.broadcast_to(_springs(calc), sites.tied.shape)[sites.tied]
+    found = []
+    for one in own:
+        x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))
+        X, Y = (field[:, bonds.j] - field[:, bonds.i] for field in (x, y))
+        bent = (X[:, :, :, None] * Y[:, :, None, :]).reshape(len(X), -1) @ by_bonds
+        slopes = -bent[:, n:][:, order] @ sites.rest
+        slopes[:, : sites.ends[1]] -= np.hstack([bent[:, :n][:, sites.acting], (x * y)[:, sites.tied] * springs])
+        found.append(slopes if isinstance(one.function.drive, Dof) else one.omega[:, None] ** 2 * slopes)
+    return np.concatenate(found) * sites.size(scatter)
+
+
+def _by_site(blocks, ends):
+    """Change of each entry of the blocks of bonds by each site that ends them, a sparse matrix (bonds * dim * dim, sites)."""
+    spread = sparse.kron(ends, np.ones((blocks[0].size, 1)), format='csr')
+    return sparse.diags_array(blocks.ravel()) @ spread
+
+
+class Linear(NamedTuple):
+    """Residuals over the noise at some parameters x and sites z, and their slopes, with the signs of the responses."""
+
+    r: NDArray[np.float64]
+    J: NDArray[np.float64]
+    A: NDArray[np.float64]
+
+
+class Eliminated:
+    """C^-1 = (damping + A A^T)^-1, by the smaller of its two forms."""
+
+    def __init__(self, A: NDArray[np.float64], damping: float = 1.0) -> None:
+        self.A, self.damping, self.wide = A, damping, A.shape[1] > A.shape[0]
+        inner = A @ A.T if self.wide else A.T @ A
+        inner[np.diag_indices_from(inner)] += damping
+        self.factor: Any = linalg.cho_factor(inner, overwrite_a=True, check_finite=False)
+
+    def __call__(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self.wide:
+            return linalg.cho_solve(self.factor, v)
+        return (v - self.A @ linalg.cho_solve(self.factor, self.A.T @ v)) / self.damping
+
+
+def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp], off: NDArray[np.float64],
+                    ) -> tuple[NDArray[np.float64], float, float]:
+    """Factors of the scatter of each kind of unknowns at which the evidence is largest, and two numbers.
+
+    They are how many unknowns the data then determine, and how much larger the logarithm of the evidence is than without scatter.
+
+    What is known before, in `off`, is that the logarithm of the scatter is to be larger by that, with the uncertainty SURE.
+    """
+    from scipy.optimize import minimize
+
+    Q = np.linalg.qr(at.J)[0]
+    A = at.A - Q @ (Q.T @ at.A)
+    G, u, each = A.T @ A, A.T @ (at.r + at.A @ z), np.eye(len(off))[kinds]
+
+    def of(ln):
+        t = np.exp(ln)[kinds]
+        H = t[:, None] * G * t
+        H[np.diag_indices_from(H)] += 1
+        L = linalg.cho_factor(H, lower=True, check_finite=False)
+        best, width = linalg.cho_solve(L, t * u), np.diag(linalg.cho_solve(L, np.eye(len(t))))
+        less = np.log(np.diag(L[0])).sum() - t * u @ best / 2
+        return (less + np.sum((ln - off) ** 2) / (2 * SURE**2), (1 - width - best**2) @ each + (ln - off) / SURE**2,
+                np.sum(1 - width), -less)
+
+    best = minimize(lambda ln: of(ln)[:2], 0 * off, jac=True, bounds=len(off) * [(-2.0, 2.0)], tol=1e-7).x
+    return np.exp(best), *map(float, of(best)[2:])
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What is fitted: lattice, parameters, functions, and what is known before."""
+
+    build: Callable[[dict[str, float]], ParametricLattice]
+    names: tuple[str, ...]
+    functions: Sequence[TransferFunction]
+    before: Before
+    sites: Sites
+    noise: float
+
+    def lattice(self, x, z, scatter):
+        return at_sites(self.build(dict(zip(self.names, np.exp(x).tolist(), strict=True))), self.sites, z, scatter)
+
+    def gain(self, x):
+        return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
+
+    def off(self, h, x, noise):
+        """Residuals over the noise of responses without gain."""
+        measured = np.concatenate([one.response for one in self.functions])
+        return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
+
+    def linear(self, x, z, scatter, noise) -> Linear:
+        built = self.lattice(x, z, scatter)
+        fields = solved(built, self.functions)
+        h, slopes = response_slopes(built, self.functions, self.names, fields=fields)
+        weight = (weights(self.functions) * self.gain(x) / noise)
+        of_sites = weight[:, None] * site_slopes(built, *fields, self.sites, scatter)
+        return Linear(self.off(h, x, noise), split(weight * slopes).T, np.concatenate([of_sites.real, of_sites.imag]))
+
+    def cost(self, x, z, scatter, noise) -> float:
+        try:
+            h = np.concatenate([one.h for one in solved(self.lattice(x, z, scatter), self.functions)[1]])
+        except Unstable:
+            return np.inf
+        return self.sum_of(self.off(h, x, noise), x, z)
+
+    def sum_of(self, r, x, z) -> float:
+        known = self.before.root @ (x - self.before.centre)
+        return float(r @ r + z @ z + known @ known)
+
+    def descended(self, x, z, scatter, noise, steps, tolerance):
+        """Steps of Levenberg and Marquardt from x and z on; at the end both, and what is linear there."""
+        damping, known = DAMPED, self.before.information
+        for _ in range(steps):
+            at = self.linear(x, z, scatter, noise)
+            now = self.sum_of(at.r, x, z)
+            for _ in range(TRIES):
+                C = Eliminated(at.A, 1 + damping)
+                r = at.r + at.A @ z / (1 + damping)
+                CJ = C(at.J)
+                F = at.J.T @ CJ + known
+                dx = np.linalg.lstsq(F + damping * np.diag(np.diag(F)), CJ.T @ r + known @ (self.before.centre - x), BLIND)[0]
+                dz = at.A.T @ C(r - at.J @ dx) - z / (1 + damping)
+                dx = np.clip(x + dx, -BOUND, BOUND) - x
+                then = self.cost(x + dx, z + dz, scatter, noise)
+                if then < now:
+                    break
+                damping = max(MORE * damping, DAMPED)
+            else:
+                return x, z, at
+            x, z, damping = x + dx, z + dz, LESS * damping  # pyright: ignore[reportPossiblyUnbound]  TRIES is not zero
+            if now - then < tolerance * now:  # pyright: ignore[reportPossiblyUnbound]
+                break
+        return x, z, self.linear(x, z, scatter, noise)
+
+
+def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
+                       functions: Sequence[TransferFunction],
+                       priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
+    """The fit with unknowns of each site, where its residuals exceed the noise, or where that is not stated.
+
+    Parameters
+    ----------
+    fit, build, functions, priors
+        What `fit_transfer` returned, and took.
+
+    Returns
+    -------
+    TransferFit
+        Of the means of the sites of this patch; without information if they would have to scatter by more than MOST_SCATTER.
+    """
+    known = all(one.sigma is not None for one in functions)
+    if known and fit.chance >= FITS:
+        return fit
+    built = build(fit.by_name)
+    one = _Problem(build, fit.names, functions, Before.of(fit.names, priors), Sites.of(built.system), fit.noise)
+    x, z, scatter, noise = np.log(fit.factors), np.zeros(one.sites.ends[2]), FIRST, fit.noise
+    wide = fit.misfit / START if known else START
+    while wide > 1 + 0.2 * known:
+        x, z, _ = one.descended(x, z, scatter, noise * wide, FEW, ROUGH)
+        wide /= LOWER
+    for _ in range(ROUNDS):
+        x, z, at = one.descended(x, z, scatter, noise, MOST, FINE)
+        factors, determined, gained = scatter_factors(at, z, one.sites.kinds, np.log(FIRST / scatter))
+        if gained < 0:
+            return fit
+        left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(x) - determined)))
+        if abs(np.log([*factors, left])).max() < SETTLED:
+            break
+        scatter, z, noise = scatter * factors, z / factors[one.sites.kinds], noise * left
+    else:
+        x, z, at = one.descended(x, z, scatter, noise, MOST, FINE)
+    if scatter[0] > MOST_SCATTER:
+        return replace(fit, information=0 * fit.information, site_scatter=scatter)
+    M, before = one.sites.means(built, fit.names, scatter), one.before
+    own, batch = (at.J.T @ Eliminated(A)(at.J) + before.information for A in (at.A - at.J @ M, at.A))
+    return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z,
+                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch))

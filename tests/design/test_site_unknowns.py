@@ -1,0 +1,97 @@
+"""Sites with unknowns of their own: slopes and rest by differences, the evidence by its definition."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
+from magphonon.design import ParametricLattice, StiffnessDerivative, force_change
+from magphonon.design.site_unknowns import SURE, Linear, Sites, at_sites, scatter_factors, site_slopes
+from magphonon.design.transfer_fits import solved
+from magphonon.response import Dof, TransferFunction
+from magphonon.stiffness import LinearSystem
+from magphonon.stiffness.defects import varied_sites
+
+SCATTER = np.array([0.03, 0.05, 0.02])
+
+
+@pytest.fixture(scope='module')
+def built():
+    """Two shells about a hole, a held rim, springs along x unlike those along y: its rest is none of the lattice."""
+    atoms = lattices.hexagon(lattices.triangular(10.0, 0.8), 30.0)
+    del atoms[int(np.argmin(abs(np.linalg.norm(atoms.positions[:, :2], axis=1) - 10)))]
+    law = InversePower(0.25 * 10.0**4.2, 4.2)
+    atoms.calc = MagneticRepulsion(atoms, law, cutoff=18.0, foundation=[[0.02, 0.03]])
+    changes = {'force': StiffnessDerivative(law=force_change(law)), 'kx': StiffnessDerivative(foundation=np.array([[0.02, 0]]))}
+    return ParametricLattice(LinearSystem.of(relaxed(atoms).atoms), 0.02, changes)
+
+
+def test_slopes_are_those_of_differences(built):
+    """Of a force and of a shaken bench, at sites that are off already; without the motion of the rest the check fails."""
+    sites, omega = Sites.of(built.system), np.linspace(0.1, 0.7, 9)
+    z = np.random.default_rng(0).standard_normal(sites.ends[2])
+    free = np.flatnonzero(built.system.mobile)
+    functions = [TransferFunction(f'{drive}', omega, 0j * omega, 1.0, 0, Dof(free[3], (0.6, 0.8, 0)), drive)
+                 for drive in (Dof(free[0], (1, 0, 0)), np.array([0.6, 0.8, 0]))]
+
+    def h(z):
+        return np.concatenate([one.h for one in solved(at_sites(built, sites, z, SCATTER), functions)[1]])
+
+    here = at_sites(built, sites, z, SCATTER)
+    slopes = site_slopes(here, *solved(here, functions), sites, SCATTER)
+    picked = np.random.default_rng(1).choice(len(z), 12, replace=False)
+    by_difference = np.transpose([(h(z + 1e-4 * one) - h(z - 1e-4 * one)) / 2e-4 for one in np.eye(len(z))[picked]])
+    size = abs(by_difference).max()
+    assert_allclose(slopes[:, picked], by_difference, rtol=0, atol=1e-5 * size)
+    still = replace(sites, rest=0 * sites.rest)
+    assert abs(site_slopes(here, *solved(here, functions), still, SCATTER)[:, picked] - by_difference).max() > 1e-2 * size
+
+
+def test_the_rest_moves_as_that_of_relaxed_sites(built):
+    """To first order in strengths, springs, and places of pillars and walls."""
+    sites, rng, step = Sites.of(built.system), np.random.default_rng(2), 1e-4
+    ones = np.ones(len(built.system))
+    z = rng.standard_normal(sites.ends[2])
+    strengths, springs, anchors = np.split(step * z, sites.ends[:2])
+    anchors = np.c_[sites.spacing * anchors.reshape(-1, 2), np.zeros(len(strengths))]
+    assert sites.acting.all()
+    each = np.zeros(sites.tied.shape)
+    each[sites.tied] = springs
+
+    def rest(sign):
+        other = varied_sites(built.system.atoms, mass=1.0, strength=np.exp(sign * strengths), stiffness=ones,
+                             moved=sign * anchors)
+        springs = np.array([0.02, 0.03]) * np.exp(sign * each)
+        other.calc = other.calc.changed(sites=replace(other.calc.sites, foundation=springs))
+        return relaxed(other).atoms.positions[:, :2]
+
+    expected = (rest(1) - rest(-1)) / 2
+    assert_allclose(sites.parts(z, np.full(3, step))[2], expected, rtol=0, atol=1e-3 * abs(expected).max())
+    assert abs(anchors[:, :2] - expected).max() > 0.3 * abs(expected).max()  # the control: they do not move as the pillars
+
+
+def test_the_scatter_with_the_largest_evidence():
+    """That of |r|^2 under the covariance 1 + A t^2 A^T, with a parameter integrated out, on a grid; drawn with twice and half."""
+    rng = np.random.default_rng(3)
+    A, J = rng.standard_normal((150, 80)), rng.standard_normal((150, 1))
+    kinds, true = np.repeat([0, 1], 40), np.array([2.0, 0.5])
+    z0 = true[kinds] * rng.standard_normal(80)
+    r = A @ z0 + rng.standard_normal(150) + 5 * J[:, 0]
+    found, determined, gained = scatter_factors(Linear(r, J, A), np.zeros(80), kinds, np.zeros(2))
+
+    def evidence(t):
+        C = np.eye(150) + A * t[kinds] ** 2 @ A.T
+        inside = J.T @ np.linalg.solve(C, J)
+        left = r - J[:, 0] * (J[:, 0] @ np.linalg.solve(C, r) / inside[0, 0])
+        before = np.sum((np.log(t) / SURE) ** 2)
+        return -(np.linalg.slogdet(C)[1] + np.log(inside[0, 0]) + left @ np.linalg.solve(C, left) + before) / 2
+
+    best = evidence(found)
+    assert all(evidence(found * t) < best for t in np.exp(0.03 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])))
+    assert abs(np.log(found / true)).max() < 0.6  # 40 of each tell it to 11 %
+    assert 60 < determined < 80
+    alone = evidence(np.full(2, 1e-9)) + np.sum((np.log(1e-9) / SURE) ** 2)  # without what is known of the scatter
+    assert_allclose(gained, best + np.sum((np.log(found) / SURE) ** 2) / 2 - alone, rtol=1e-6)
+    assert evidence(np.ones(2)) < best - 10
