@@ -27,7 +27,7 @@ from ..errors import Unstable
 from ..interactions.law_cards import LawDerivative
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.bond import model_stiffness, stiffest, stiffness_change
+from ..stiffness.bond import model_stiffness, sizes, stiffness_change
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.rest import LinearSystem
 from ..stiffness.site_laws import Foundation
@@ -89,7 +89,7 @@ class Sites:
         calc, n = system.calc, len(system) * system.dim
         springs = np.broadcast_to(_springs(calc), (len(system), system.dim))
         tied = (springs > 0) & system.mobile[:, None]
-        acting, stiff = system.mobile.copy(), stiffest(calc.bond_vectors, calc.interaction)
+        acting, stiff = system.mobile.copy(), sizes(calc.bond_vectors, calc.interaction)[1]
         for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
             acting[one[system.mobile[other] & (stiff > FAINT * stiff.max())]] = True
         before = len(system) + tied.sum()
