@@ -66,7 +66,7 @@ class Forces:
         object.__setattr__(self, 'pair', np.broadcast_to('' if self.pair is None else self.pair, np.shape(self.r)))
 
     def __getitem__(self, kept: NDArray[np.int_]) -> Forces:
-        return Forces(*(None if column is None else column[kept] for column in vars(self).values()))
+        return Forces(self.r[kept], self.f[kept], None if self.sigma is None else self.sigma[kept], self.direction[kept], self.pair[kept])
 
     @property
     def pairs(self) -> int:

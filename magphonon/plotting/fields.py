@@ -33,7 +33,7 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
     names = branch_names(len(cell))
     figure, axes = panels(len(cell), 2, height=2.9 * len(cell))
     letter_panels(axes, [f'{name} motion' if len(cell) == 1 else name for name in names])
-    for branch, (ax, name) in enumerate(zip(axes.flat, names, strict=True)):
+    for branch, (ax, name) in enumerate(zip(axes.ravel().tolist(), names, strict=True)):
         with np.errstate(divide='ignore'):
             dB = 10 * np.log10(found.power[branch] / found.power[branch].max(axis=1, keepdims=True))
         image = ax.pcolormesh(x, units.hertz(found.omega), dB.T.clip(FLOOR_dB), cmap='Greys', vmin=FLOOR_dB, vmax=0,

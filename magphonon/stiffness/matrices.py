@@ -118,7 +118,7 @@ def own_stiffness(bonds: Bonds, K: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
     ends, each = np.concatenate([bonds.i, bonds.j]), K.reshape(len(K), -1).T
     sums = [np.bincount(ends, np.append(x, x), bonds.particles) for x in each]
-    return np.stack(sums, axis=-1).reshape(-1, *K.shape[1:])
+    return np.asarray(np.stack(sums, axis=-1).reshape(-1, *K.shape[1:]), float)
 
 
 def _bloch_sum(bonds, K, own, factors, which):

@@ -28,14 +28,14 @@ def symmetric_parts(system: LinearSystem) -> list[sparse.csr_array]:
 
     Together they span all motions, and K couples none of one basis to one of another.
     """
-    one = sparse.eye_array(system.K.shape[0], format='csr')
+    one: sparse.csr_array = sparse.eye_array(system.K.shape[0], format='csr')  # pyright: ignore[reportAssignmentType]
     mirrors = list(_mirrors(system)) if one.shape[0] >= SMALLEST else []
     parts = []
     for signs in product((1, -1), repeat=len(mirrors)):
         S = one  # projects a motion on those with these signs, apart from a factor
         for sign, P in zip(signs, mirrors, strict=True):
             S = S @ (one + sign * P)
-        length = np.sqrt(S.power(2).sum(axis=0))
+        length = np.sqrt(np.asarray((S * S).sum(axis=0)))
         first = abs(S).argmax(axis=0) == np.arange(len(length))  # a direction and its images give one motion
         kept = np.flatnonzero(first & (length > 0))
         parts.append(sparse.csr_array(S[:, kept] / length[kept]))
@@ -73,4 +73,5 @@ def eigenpairs_of(system: LinearSystem) -> tuple[NDArray[np.float64], NDArray[np
 
 def eigenvalues_of(system: LinearSystem) -> NDArray[np.float64]:
     """All eigenvalues of K, ascending."""
-    return np.sort(np.concatenate([np.linalg.eigvalsh((B.T @ system.K @ B).toarray()) for B in symmetric_parts(system)]))
+    found = [np.linalg.eigvalsh((B.T @ system.K @ B).toarray()) for B in symmetric_parts(system)]
+    return np.sort(np.asarray(np.concatenate(found), float))
