@@ -182,5 +182,6 @@ def indices(name: str, values: object, count: int) -> NDArray[np.intp]:
     found = np.atleast_1d(np.asarray(values))
     whole_numbers = np.issubdtype(found.dtype, np.integer) or not found.size
     if found.ndim != 1 or not whole_numbers or found.min(initial=0) < 0 or found.max(initial=-1) >= count:
-        raise ValueError(f'{name} must be indices from 0 to {count - 1}, not {shown(values)}')
+        raise ValueError(f'{name} must be indices from 0 to {count - 1}, not {shown(values)}'
+                         + '; give np.flatnonzero of a mask' * (found.dtype == bool))
     return found.astype(int)

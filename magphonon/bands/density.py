@@ -77,10 +77,19 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     error: np.ndarray
 
     def to_ase(self) -> GridDOSData:
-        """The same as an `ase.spectrum.dosdata.GridDOSData`: modes per Hz over frequencies in Hz."""
+        """The same as an `ase.spectrum.dosdata.GridDOSData`: modes per Hz over frequencies in Hz.
+
+        ASE takes equal steps only: a density at other frequencies is averaged over as many equal ones, which keeps the number of
+        modes.
+        """
         from ase.spectrum.dosdata import GridDOSData  # imports matplotlib
 
-        return GridDOSData(self.frequencies_Hz, self.per_Hz * self.modes, {'label': 'modes per Hz'})
+        f, density = self.frequencies_Hz, self.per_Hz * self.modes
+        equal, step = np.linspace(f[0], f[-1], len(f), retstep=True)
+        if not np.allclose(f, equal):
+            below = np.append(0.0, np.cumsum(np.diff(f) * (density[1:] + density[:-1]) / 2))
+            density = np.diff(np.interp(np.append(equal, equal[-1] + step) - step / 2, f, below)) / step
+        return GridDOSData(equal, density, {'label': 'modes per Hz'})
 
     @property
     def per_Hz(self) -> NDArray[np.float64]:

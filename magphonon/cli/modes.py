@@ -403,7 +403,7 @@ def matches(comparison, found) -> list[str]:
         what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
         off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
         if mac[best] > least:
-            far = bool(abs(f[best] / measured - 1) > FAR)  # not, if unknown
+            far = bool(abs(f[best] - measured) > FAR * measured)  # not, if unknown
             others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
             lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
                          + (', too far in frequency for one mode: are u_x and u_y exchanged, or is the law another?' * far)

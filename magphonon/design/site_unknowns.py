@@ -249,7 +249,8 @@ def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp],
                 np.sum(1 - width), -less)
 
     best = minimize(lambda ln: of(ln)[:2], 0 * off, jac=True, bounds=len(off) * [(-2.0, 2.0)], tol=1e-7).x
-    return np.exp(best), *map(float, of(best)[2:])
+    known, evidence = of(best)[2:]
+    return np.exp(best), float(known), float(evidence)
 
 
 @dataclass(frozen=True)

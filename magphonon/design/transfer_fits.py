@@ -182,7 +182,7 @@ def response_slopes(built: ParametricLattice, functions: Sequence[TransferFuncti
         of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
         of |= {'damping': -1j * w * built.damping * weight, 'mass': -inertia * weight}
         if not isinstance(one.drive, Dof):  # shaken: the force goes with the mass, and w^2
-            of['mass'] = of['mass'] + (h - one.answer.direction @ one.drive) / w**2
+            of['mass'] = of['mass'] + (h - _place(one).direction @ one.drive) / w**2
             of = {name: w**2 * slope for name, slope in of.items()}
         slopes.append(np.reshape([h if name == 'gain' else of[name] for name in names], (len(names), len(w))))
     return np.concatenate([one.h for one in own]), np.concatenate(slopes, axis=1)

@@ -66,7 +66,8 @@ class Forces:
         object.__setattr__(self, 'pair', np.broadcast_to('' if self.pair is None else self.pair, np.shape(self.r)))
 
     def __getitem__(self, kept: NDArray[np.int_]) -> Forces:
-        return Forces(self.r[kept], self.f[kept], None if self.sigma is None else self.sigma[kept], self.direction[kept], self.pair[kept])
+        sigma = None if self.sigma is None else self.sigma[kept]
+        return Forces(self.r[kept], self.f[kept], sigma, self.direction[kept], self.pair[kept])
 
     @property
     def pairs(self) -> int:

@@ -75,7 +75,8 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     Raises
     ------
     ValueError
-        For a place farther than a quarter of the spacing from every particle, or one that a mode has twice.
+        For a frequency that is not positive, a place farther than a quarter of the spacing from every particle, or one that
+        a mode has twice.
 
     Examples
     --------
@@ -96,6 +97,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     axes = [k for k, name in enumerate(('u_x', 'u_y')) if name in table]
     if not axes:
         raise ValueError(f'{path} has neither u_x nor u_y; {LAYOUT}')
+    table.refuse('frequency', table.get('frequency', 1.0) <= 0, 'be positive; leave the column out if it is unknown')
     away = np.linalg.norm(atoms.positions[:, None, :2] - np.stack([table['x'], table['y']], axis=1), axis=2)
     particle, spacing = away.argmin(axis=0), atoms.calc.bonds.lengths.min()  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
     for row in np.flatnonzero(away.min(axis=0) > NEAR * spacing)[:1]:
@@ -118,6 +120,6 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
         if len(a) > 1:
             by_chance = betaincinv(0.5, (len(a) - 1) / 2, (1 - CHANCE) ** (1 / len(found.omega)))
             least[k] = max(ALIKE, by_chance)
-    near = np.where(abs(found.omega / omega[:, None] - 1) <= FAR, mac, 0.0)  # nothing is near an unknown frequency
+    near = np.where(abs(found.omega - omega[:, None]) <= FAR * omega[:, None], mac, 0.0)  # nothing is near an unknown frequency
     best = np.where(near.max(axis=1) > least, near.argmax(axis=1), mac.argmax(axis=1))
     return Comparison(names, omega, mac, least, best)

@@ -193,7 +193,7 @@ def test_readings_a_little_apart_are_two(apart):
     """Distances of a table that differ by more than round-off are two readings, however near: only equal ones are averaged."""
     r = np.array([8.0, 10.0, 10.0 * (1 + apart), 13.0, 17.0])
     assert_allclose(Tabulated(r, 2000.0 * r**-4.0).dphi(9.0), -2000.0 * 9.0**-4.0, rtol=1e-6)
-    with pytest.raises(ValueError, match='are one'):
+    with pytest.raises(ValueError, match='are equal'):
         Tabulated(np.sort([8.0, 10.0, 10.0 * (1 + 1e-12), 13.0, 17.0]), 2000.0 * r**-4.0)
 
 
