@@ -9,8 +9,8 @@ without pillars, and which pillars does it need?
 # %%
 # The table of forces
 # -------------------
-# A table has a header with units, one row per distance of the centres, and best of all a column with the uncertainty of each
-# force.  This one comes with the package; put your own file in its place.
+# The table has a header with units and one row for each distance between the centres.  Ideally it also has a column with the
+# uncertainty of each force.  This one comes with the package; replace it with your own file.
 
 from importlib.resources import files
 
@@ -24,9 +24,9 @@ print(f'{len(forces.r)} distances from {forces.r.min():g} to {forces.r.max():g} 
 # %%
 # The law
 # -------
-# What the vibrations need of the law is two numbers at the working spacing: the force, for D*, and its slope, for D0.  All rows
-# of a table share errors, above all the zero of the distances: how far apart the centres are when the scale reads zero.  Say how
-# well you know it; here, to 0.05 mm.
+# The vibrations depend on only two numbers of the law, both at the working spacing: the force, which gives D*, and its slope,
+# which gives D0.  Some errors are common to all rows of a table.  The most important is the zero of the distances: how far apart
+# the centres are when the scale reads zero.  State how well you know it; here, to 0.05 mm.
 
 SPACING = 10 * u.mm
 fit = fit_forces(forces, SPACING, SharedErrors(distance=0.05 * u.mm))
@@ -37,20 +37,21 @@ for name, share in fit.shares.items():
 figure = plot_fit(forces, fit)
 
 # %%
-# The zero of the distances matters most by far: with it known to 0.02 mm the slope would be known to
+# The zero of the distances matters most by far.  If it were known to 0.02 mm, the slope would be known to
 
 print(f'{fit.with_care:.1%}')
 
 # %%
-# The same from the shell is ``magphonon fit forces.csv --spacing 10mm --distance-sigma 0.05mm``; it prints the tables ``[law]``
-# and ``[uncertainty]`` of a scene:
+# From the shell, ``magphonon fit forces.csv --spacing 10mm --distance-sigma 0.05mm`` does the same.  It prints the tables
+# ``[law]`` and ``[uncertainty]`` of a scene:
 
 print(scene_entry(fit))
 
 # %%
 # The lattice
 # -----------
-# The fitted law goes into ASE's atoms by a calculator.  No foundation yet: is the lattice stable without one?
+# A calculator attaches the fitted law to an ASE ``Atoms`` object.  There is no foundation yet: is the lattice stable without
+# one?
 
 from magphonon import MagneticRepulsion, analytic_bands, critical_foundation, lattices
 
@@ -62,14 +63,14 @@ for name, cell in cells.items():
     print(f'{name:11} needs {needed / (u.N / u.m):.4g} N/m; softest at q = ({softest[0]:g}, {softest[1]:g})')
 
 # %%
-# The square lattice buckles: its rows slide past each other.  In closed form it needs 4 f/L0, here 147 N/m.  The triangular
-# one stands by itself, in its plane.
+# Without a foundation the square lattice buckles: its rows slide past each other.  In closed form it needs 4 f/L0, here 147 N/m.
+# The triangular lattice is stable in its plane without support.
 
 # %%
 # Pillars
 # -------
-# A round cantilever of aluminium has the stiffness 3 E I/H^3.  How long may it be under the square lattice, with half as much
-# again as a margin?
+# A round cantilever of aluminium has the stiffness 3 E I/H^3.  How long may the pillars of the square lattice be, if they are to
+# be half as stiff again as needed?
 
 import numpy as np
 
@@ -81,7 +82,7 @@ print(f'at most {height:.1f} mm')
 # %%
 # Bands
 # -----
-# With and without D*, on these pillars.
+# The bands on these pillars, with and without D*:
 
 from magphonon import plot_bands
 
@@ -94,19 +95,19 @@ ax = plot_bands(analytic_bands(square, path, 'conventional'), ax=ax, linestyle='
 print(f'lowest frequency with D*: {complete.frequencies_Hz.min():.1f} Hz')
 
 # %%
-# The conventional model puts the lowest frequency at Γ.  In truth it is at X, where neighbouring rows slide; on pillars a
-# third weaker it would be zero, and the lattice would lie down.
+# The conventional model puts the lowest frequency at Γ.  In truth it is at X, where neighbouring rows slide past each other.  On
+# pillars a third weaker this frequency would be zero, and the lattice would buckle.
 #
-# Before building it: ``magphonon check --verbose`` says the same of a scene, and adds the largest time step, the range of linear
-# motion, and the stiffness that the pillars need against tilting out of the plane.
-# ``magphonon explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
+# Before you build it, ``magphonon check --verbose`` makes the same check of a scene.  It also prints the largest time step, the
+# range of linear motion, and the stiffness that the pillars need so that the magnets do not tilt out of the plane.  ``magphonon
+# explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
 
 from magphonon import verdict
 
 print(verdict(square))
 
 # %%
-# Its softest motion at X, the rows that slide past each other:
+# The softest motion is at X, where the rows slide past each other:
 
 from magphonon import plot_mode
 

@@ -2,8 +2,8 @@
 A measured scan to a ridge
 ==========================
 
-A vibrometer has scanned a row of magnets while a burst ran along it.  Which dispersion does the scan show, how surely, and
-does it need D*?  Here the scan is simulated, with the noise of an instrument, so that the truth is known.
+A vibrometer has scanned a row of magnets while a burst ran along it.  Which dispersion does the scan show, how certain is it,
+and does it need D*?  Here the scan is simulated, with the noise of an instrument, so that the truth is known.
 """
 
 # %%
@@ -31,9 +31,10 @@ measured = sampled(passage.row, 1 * u.kHz, noise=5 * u.mm / 1e6, seed=1)
 # %%
 # As a file
 # ---------
-# ``magphonon spectrum scan.csv scene.toml`` takes such a table: ``time_s, particle, u_x_m, u_y_m``, one sample a row.  It takes
-# the scans of instruments too: one component, positions ``x_mm, y_mm`` of points with names of their own, some of them missing or
-# dead, velocities ``v_y_mm_per_s``, or a universal file.  In Python, ``read_scan`` and ``scan_waves`` do that.
+# ``magphonon spectrum scan.csv scene.toml`` reads a table with the columns ``time_s, particle, u_x_m, u_y_m`` and one sample per
+# row.  It also reads scans as instruments write them.  These may hold one component only, positions ``x_mm, y_mm`` of named
+# points, velocities ``v_y_mm_per_s``, and missing or dead points; universal files work too.  In Python, use ``read_scan`` and
+# ``scan_waves``.
 
 import tempfile
 from pathlib import Path
@@ -47,7 +48,8 @@ print(f'{len(scan.names)} points, {scan.names[0]} to {scan.names[-1]}')
 # %%
 # The map
 # -------
-# Motion across the row and along it are different waves: they are projected first, then transformed in space and time.
+# Motion across the row and motion along it belong to different waves.  The scan is therefore first projected onto each of the
+# two directions, and each projection is then transformed in space and time.
 
 from magphonon.plotting import plot_wave
 from magphonon.waves import waves
@@ -62,9 +64,9 @@ ax = plot_wave(wave)
 # %%
 # The ridge
 # ---------
-# At each frequency the crest of the map is one point of the dispersion with an uncertainty, which counts the noise and what
-# differs between the halves of the row.  Its distance from each branch is given in bins, 2 pi by the number of points of the
-# row: what the length of the row resolves.
+# At each frequency the crest of the map gives one point of the dispersion, with an uncertainty.  This uncertainty contains the
+# noise and the difference between the two halves of the row.  The distance of the point from each branch is given in bins.  A
+# bin is 2 pi divided by the number of points of the row: the resolution that the length of the row allows.
 
 for (model, name), misfit in wave.misfits.items():
     print(f'{model:12} {name:12} {misfit.bins:5.2f} bins over {misfit.points} frequencies')
@@ -78,8 +80,9 @@ print(f'sigma of a point: {np.median(ridge.sigma_xi) / ridge.bin_xi:.2f} bins')
 # %%
 # A real scan has gaps
 # --------------------
-# Seven of the points were not measured, the row stands anywhere in the frame of the lattice, and only the motion across it is
-# known.  The wavenumbers are then those of plane waves fitted by least squares to the points that are there.
+# Suppose that seven of the points were not measured, that the row does not start at the origin of the lattice, and that only the
+# motion across the row is known.  Plane waves are then fitted by least squares to the points that were measured, and the fit
+# gives the wavenumbers.
 
 from magphonon.waves import Scan, polarisations, scan_waves
 
@@ -96,9 +99,9 @@ print(f'{len(kept)} points: {again.misfits["complete", "shear"].bins:.2f} bins o
 # From ridges back to the lattice
 # -------------------------------
 # A row of sources drives both branches, and their ridges determine the force between neighbours, how fast it falls, and the
-# foundation.  The table that comes with the package is of such bursts, simulated with the noise of a vibrometer; the truth is
-# 0.2369 N, 4.5824 and 19.676 N/m.  On the command line: ``magphonon fit spectrum_scan_ridges.csv --bands
-# scene.toml``, with the table that ``magphonon spectrum scan.csv scene.toml`` writes.
+# foundation.  The table that comes with the package holds the ridges of such bursts, simulated with the noise of a vibrometer;
+# the truth is 0.2369 N, 4.5824 and 19.676 N/m.  On the command line, ``magphonon spectrum scan.csv scene.toml`` writes such a
+# table, and ``magphonon fit spectrum_scan_ridges.csv --bands scene.toml`` fits it.
 
 from importlib.resources import files
 
@@ -112,22 +115,23 @@ for name, (value, sigma) in fits.values().items():
 print(f'evidence for D*: {fits.evidence:.0f} sigma')
 
 # %%
-# One branch alone often does not tell force and exponent apart: their uncertainties are then larger than a half, and the command
-# calls them not determined.
+# A single branch often cannot separate force and exponent.  Their relative uncertainties are then larger than a half, and the
+# command calls them not determined.
 
 # %%
 # A record of the plane
 # ---------------------
-# Who measures all magnets, by a camera or point after point, gives them to the same command; each row of
-# the table then has a time, a place and a displacement::
+# If you measure all magnets of the plane, with a camera or point by point, use the same command.  Each row of the table then has
+# a time, a position and a displacement::
 #
 #     time_ms, x_mm, y_mm, u_x_um, u_y_um
 #     magphonon spectrum plane.csv scene.toml --at 40
 #     magphonon fit scene-spectrum/spectrum_plane_ridges.csv --bands scene.toml
 #
-# The motion may be a burst or noise alone: shake the base, or let it hum, and record for some seconds.  The mean over
-# segments then shows the bands along the path of ``[bands]``, ``GMKG`` say, and their ridges.  Below it is a wave of 60 Hz over
-# 256 sites, some missing, in a map over the wavevectors at that frequency.  Its crest lies at the wavevector of the wave.
+# The motion may be a burst, or noise alone: shake the base, or rely on its ambient vibration, and record for some seconds.  The
+# average over segments of the record then shows the bands and their ridges along the path of ``[bands]``, for example ``GMKG``.
+# The example below is a wave of 60 Hz over 256 sites, some of which are missing.  It computes a map over the wavevectors at that
+# frequency; the crest of the map lies at the wavevector of the wave.
 
 from magphonon.waves import field_at, field_of
 
@@ -142,11 +146,11 @@ row, column = np.unravel_index(power.argmax(), power.shape)
 print(f'crest at ({k[column]:.2f}, {k[row]:.2f}) rad/mm, resolution {field.bin_k:.2f}')
 
 # %%
-# Molecular dynamics in place of a camera: a trajectory of ASE that ``DrivenVerlet`` has written is read by dynasor, which takes
-# millimetres for Angstrom and milliseconds for femtoseconds, so that its rad/fs are rad/ms::
+# Molecular dynamics can take the place of the camera: dynasor reads an ASE trajectory that ``DrivenVerlet`` has written.  It
+# takes millimetres for Angstrom and milliseconds for femtoseconds, so read its rad/fs as rad/ms::
 #
 #     trajectory = dynasor.Trajectory('motion.traj', trajectory_format='ase', length_unit='Angstrom', time_unit='fs')
 #     omega, density = dynasor.compute_spectral_energy_density(trajectory, rest, cell, k, dt=2.0)
 #
-# Thermal motion of 64 magnets for one second peaks within its bin of 1 Hz at the bands with D*, and four bins or more from those
-# without (``tests/waves/test_dynasor.py``).
+# In one second of thermal motion of 64 magnets, the peaks lie within one bin of 1 Hz of the bands with D*, and four bins or more
+# away from those without (``tests/waves/test_dynasor.py``).

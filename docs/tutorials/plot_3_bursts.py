@@ -2,8 +2,8 @@
 A burst three ways, and when linear is enough
 =============================================
 
-The same burst through the same patch: by time steps one at a time, by time steps in blocks, and by exact propagation without
-any.  Then: up to which force is the linear answer good?
+We send the same burst through the same patch in three ways: by time steps one at a time, by time steps in blocks, and by exact
+propagation without time steps.  Then we ask up to which force the linear answer is good enough.
 """
 
 # %%
@@ -36,9 +36,9 @@ print(f'{len(at_rest())} magnets')
 # %%
 # Three ways
 # ----------
-# Linear motion needs no time steps: ``propagate`` sums a Chebyshev series, as accurate as asked.  ``DrivenVerlet`` is ASE's
-# velocity Verlet with drives; its engine ``'ase'`` steps in Python, ``'numpy'`` and ``'compiled'`` in blocks.  All write the
-# same record.
+# Linear motion needs no time steps: ``propagate`` sums a Chebyshev series to the accuracy that you request.  ``DrivenVerlet`` is
+# ASE's velocity Verlet with drives added.  Its engine ``'ase'`` makes single steps in Python; the engines ``'numpy'`` and
+# ``'compiled'`` make them in blocks.  All three return the same record.
 
 
 def stepped(force, engine='numpy', dt=0.1 * u.ms):
@@ -57,7 +57,7 @@ for engine in ('ase', 'numpy'):
     print(f'{engine:6} 1500 time steps, off by {off:.1e}')
 
 # %%
-# The difference is that of the time step, of order (omega dt)^2.
+# The difference is the error of the time steps, which is of order (omega dt)^2.
 
 from magphonon.plotting import new_axes
 
@@ -69,7 +69,8 @@ ax.set(xlabel='time (ms)', ylabel='driven magnet (µm)')
 # %%
 # When is linear enough?
 # ----------------------
-# The law is curved, so frequencies shift with the square of the amplitude.  ``verdict`` says where the shift reaches 1 %:
+# The force law is nonlinear, so frequencies shift with the square of the amplitude.  ``verdict`` says at which amplitude the
+# shift reaches 1 %:
 
 from magphonon import verdict
 
@@ -78,8 +79,8 @@ one.calc = MagneticRepulsion(one, law, foundation=19.6757 * u.N / u.m)
 print(f'linear to 1 % in frequency up to {verdict(one).amplitude:.2f} mm')
 
 # %%
-# The waveform is off earlier: a curved law adds a second harmonic and a drift, which grow with the amplitude itself.  How far
-# is the linear answer off when the force grows?
+# The waveform deviates earlier: a nonlinear law adds a second harmonic and a drift, whose share grows in proportion to the
+# amplitude.  How large is the error of the linear answer as the force grows?
 
 forces = np.array([1e-3, 1e-2, 1e-1]) * u.N
 errors = []
@@ -93,5 +94,5 @@ ax.loglog(forces, errors, 'o-')
 ax.set(xlabel='force (N)', ylabel='error of the linear answer')
 
 # %%
-# Up to a hundredth of a newton the linear answer is good to a percent, and many times cheaper; ``magphonon plan`` makes this
-# judgement for a scene, with the cost of each method.
+# Up to a hundredth of a newton the linear answer is good to a percent, and many times cheaper.  ``magphonon plan`` makes this
+# comparison for a scene, and states the cost of each method.

@@ -2,9 +2,8 @@
 A lattice with a missing magnet
 ===============================
 
-Take one magnet out.  Its neighbours are pushed into the hole, the bonds change, and vibrations appear
-at frequencies outside all branches.
-The order matters: first find the new rest, then ask linear questions about it.
+Remove one magnet.  The others push its neighbours into the hole, the bonds change, and vibrations appear at frequencies outside
+all branches.  The order of the steps matters: first find the new positions at rest, then apply linear tools there.
 """
 
 # %%
@@ -27,7 +26,7 @@ holed.calc = MagneticRepulsion(holed, law, foundation=FOUNDATION)
 print(f'largest force that nothing balances: {abs(holed.get_forces()).max():.3f} N')
 
 # %%
-# A linear tool refuses such a structure, and says how to mend it:
+# A linear tool refuses such a structure, and says how to correct it:
 
 try:
     modes(holed)
@@ -37,8 +36,8 @@ except ValueError as error:
 # %%
 # Relax
 # -----
-# The pillars stay where they were, so that their springs carry a part.  (On the prototype's 20 N/m the lattice would collapse
-# into the hole; ``relaxed`` says so.)
+# The pillars stay where they were, so their springs carry a part of the forces.  (With the prototype's 20 N/m the lattice would
+# collapse into the hole; ``relaxed`` says so.)
 
 rest = relaxed(holed)
 print(f'moved by up to {rest.shift:.2f} mm; force left: {rest.after:.1e} N')
@@ -78,8 +77,8 @@ ax.set(xlabel='frequency (Hz)', ylabel='participation ratio')
 ax.legend(frameon=False)
 
 # %%
-# Three lie below all bands of the perfect lattice and one above: in the softest one the neighbours
-# move into the hole and out of it, where nothing pushes back.
+# Three of these modes lie below all bands of the perfect lattice, and one lies above.  In the softest mode the neighbours move
+# into the hole and out of it, because nothing there pushes back.
 
 k = order[0]
 ax = new_axes(5, 4.2)

@@ -2,14 +2,15 @@
 From phonopy, ASE and LAMMPS to here, and back
 ==============================================
 
-Cells are ASE's Atoms, forces come from an ASE calculator, force constants from phonopy.  What differs is the units: mm, g and
-ms instead of Å, u and fs.  :doc:`/reference/phonopy` has the table.
+Cells are ASE ``Atoms``, forces come from an ASE calculator, and force constants come from phonopy.  Only the units differ: mm, g
+and ms instead of Å, u and fs.  :doc:`/reference/phonopy` has a table of them.
 """
 
 # %%
 # ASE
 # ---
-# Any dynamics or optimiser of ASE takes these atoms; times and energies are in ms and mJ whatever ASE prints beside them.
+# Any dynamics or optimiser of ASE works with these atoms.  Times and energies are in ms and mJ, whatever units ASE prints beside
+# them.
 
 from ase.md.verlet import VelocityVerlet
 
@@ -28,7 +29,8 @@ dyn.run(200)
 print(f'{atoms.get_total_energy() - start:.1e} of {atoms.get_total_energy():.3f} mJ gained in 200 steps')
 
 # %%
-# A cell of your own is as good: any ``ase.Atoms`` with positions in mm and masses in g, periodic where it repeats.
+# You can also build the cell yourself.  Any ``ase.Atoms`` will do, with positions in mm, masses in g, and ``pbc`` set along the
+# directions in which it repeats.
 
 from ase import Atoms
 
@@ -41,7 +43,8 @@ print('at the edge of the zone (Hz):',
 # %%
 # phonopy
 # -------
-# ``finite_displacements`` returns a ``phonopy.Phonopy``, displaced by phonopy, with the forces of the calculator.
+# ``finite_displacements`` returns a ``phonopy.Phonopy`` object: phonopy makes the displacements, and the calculator computes the
+# forces.
 
 import numpy as np
 
@@ -56,8 +59,8 @@ ax = plot_bands(exact, label='analytic')
 ax = plot_bands(numerical, ax=ax, linestyle='', marker='o', fillstyle='none', label='phonopy')
 
 # %%
-# Its own methods work, in Hz.  A group velocity has the unit of a length times a frequency, here mm Hz, a thousandth of a
-# metre per second; this package gives mm/ms, which is m/s.
+# The methods of this object work as usual and return Hz.  Its group velocities have the unit of a length times a frequency, here
+# mm Hz, which is a thousandth of a metre per second.  This package returns mm/ms, which is m/s.
 
 from magphonon import group_velocities
 
@@ -69,8 +72,8 @@ omega, velocity = group_velocities(cell, q)
 print('magphonon', u.hertz(omega[0]).round(4), 'Hz,', np.linalg.norm(velocity[0], axis=1).round(4), 'm/s')
 
 # %%
-# Thermal properties are the exception: phonopy multiplies its frequencies by Planck's constant as if they were THz.  At room
-# temperature each of two modes has the heat capacity k.
+# Thermal properties are the exception: phonopy would multiply its frequencies by Planck's constant as if they were THz.  Use
+# ``thermal_properties`` of this package instead.  At room temperature each of the two modes has the heat capacity k.
 
 from magphonon.bands import thermal_properties
 
@@ -78,7 +81,8 @@ warm = thermal_properties(phonon, [300.0], [8, 8, 1])
 print(f'heat capacity: {warm.heat_capacity[0]:.4f} J/K/mol; 2 R is {2 * 8.314462618:.4f}')
 
 # %%
-# Files: ``magphonon bands`` writes them.  What phonopy calls THz is Hz in them.
+# ``magphonon bands`` writes files for phonopy, as the next lines do.  Where phonopy says THz, the numbers in these files are in
+# Hz.
 
 import tempfile
 
@@ -94,8 +98,8 @@ print(again.run_qpoints([[0, 0, 0], [1 / 2, 0, 0], [2 / 3, 1 / 3, 0]]).frequenci
 # %%
 # LAMMPS
 # ------
-# ``write_lammps_input`` writes a patch, its law as a table, its drives and its damping: ``lmp -in in.lammps`` runs it, and
-# ``read_lammps_displacements`` reads the trajectory back.
+# ``write_lammps_input`` writes a patch, its force law as a table, its drives and its damping.  ``lmp -in in.lammps`` runs this
+# input, and ``read_lammps_displacements`` reads the trajectory back.
 
 from pathlib import Path
 
@@ -109,7 +113,7 @@ write_lammps_input(folder, patch, timestep=0.05 * u.ms, steps=2000, drives=[burs
 print(Path(folder, 'in.lammps').read_text())
 
 # %%
-# The patch that LAMMPS gets, its rim held:
+# This is the patch that LAMMPS receives; its rim is held fixed:
 
 from magphonon.plotting import plot_patch
 

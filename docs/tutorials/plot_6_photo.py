@@ -2,16 +2,16 @@
 Vibrations of a patch from its photo
 ====================================
 
-No patch is perfect: feet are drilled a tenth of a millimetre off, magnets and pillars differ.  A photo shows where the magnets
-stand, and that is enough for the local modes, with an interval for what it does not show.  Here the patch is simulated, so that
-the truth is known.
+No patch is perfect: the feet of the pillars are drilled a tenth of a millimetre off, and magnets and pillars differ from each
+other.  A photo shows where the magnets stand.  That is enough to compute the local modes; their intervals account for what the
+photo does not show.  Here the patch is simulated, so that the truth is known.
 """
 
 # %%
 # A patch and its photo
 # ---------------------
-# The rim is held, and one magnet is missing.  ``scattered`` draws the feet, the strengths and the pillars; ``relaxed`` lets the
-# magnets go to where all forces balance.
+# The rim is held, and one magnet is missing.  ``scattered`` draws the positions of the feet, the strengths of the magnets and
+# the stiffnesses of the pillars at random; ``relaxed`` moves the magnets to where all forces balance.
 
 import tempfile
 from pathlib import Path
@@ -33,7 +33,7 @@ truth = modes(true)
 
 # %%
 # The camera is turned by 20 degrees; a pixel is 0.04 mm, and y runs downwards in a photo.  Two marks on the frame, far apart,
-# are at known places.  What we note of each magnet is its pixel and whether it is held.
+# are at known places.  For each magnet we note its pixel and whether it is held.
 
 
 def pixels(places):
@@ -51,15 +51,15 @@ rows = [f'{x:.1f},{y:.1f},{h:d}' for (x, y), h in zip(seen, held, strict=True)]
 print('\n'.join(['x_px,y_px,held', *rows[:3]]))
 
 # %%
-# Two marks cannot tell a mirrored photo: with ``x_px`` and ``y_px`` exchanged, or y counted upwards, the lattice is mirrored:
-# the same frequencies, but in other places.  Look at the picture of ``magphonon modes photo.toml``, which shows the patch as
-# understood: does the missing magnet, or a corner that you know, stand where you see it on the bench?
+# Two marks do not reveal a mirrored photo.  If ``x_px`` and ``y_px`` are exchanged, or if y is counted upwards, the lattice
+# comes out mirrored: the frequencies are the same, but the modes are in other places.  So check the picture that ``magphonon
+# modes photo.toml`` draws of the patch: is the missing magnet, or a corner that you recognise, where you see it on the bench?
 
 # %%
 # The scene
 # ---------
-# ``positions = "rest"`` says that the magnets are at rest there.  ``[uncertainty]`` says how much each of them may differ.
-# On the command line: ``magphonon modes photo.toml``.
+# ``positions = "rest"`` says that the table gives the positions of the magnets at rest.  ``[uncertainty]`` says how much each of
+# them may differ from its nominal values.  The command line for this scene is ``magphonon modes photo.toml``.
 
 text = f"""title = "From a photo"
 [lattice]
@@ -92,8 +92,8 @@ found = modes(scene.atoms())
 # %%
 # How well?
 # ---------
-# To first order in these differences, ``mode_scatter`` gives the standard deviations, which ``magphonon modes``
-# prints beside the frequencies.
+# ``mode_scatter`` computes the standard deviations of the frequencies to first order in these differences.  ``magphonon modes``
+# prints them beside the frequencies.
 
 from magphonon.design import mode_scatter
 
@@ -102,8 +102,8 @@ for k in range(4):
     print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} +- {std[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
 
 # %%
-# If the photo were taken as the positions of the feet, the magnets would be relaxed twice, and the lowest modes, beside the hole,
-# would be off by more than that:
+# If the photo were taken as the positions of the feet, the magnets would be relaxed twice.  The errors of the lowest modes,
+# which lie beside the hole, would then exceed these standard deviations:
 
 (folder / 'feet.toml').write_text(text.replace('"rest"', '"anchors"'), encoding='utf-8')
 twice = modes(read_scene(folder / 'feet.toml').atoms())
@@ -121,7 +121,8 @@ ax.legend(frameon=False)
 # Measured shapes
 # ---------------
 # A vibrometer has measured the three lowest modes at half of the magnets, along x.  ``magphonon modes photo.toml --compare
-# shapes.csv`` tells which modes they are; a match needs a MAC above a half, and above chance.
+# shapes.csv`` finds which computed modes they are.  A match needs a MAC (modal assurance criterion, 1 for equal shapes) above a
+# half, and above the value that chance alone would reach.
 
 from magphonon.response import compared
 

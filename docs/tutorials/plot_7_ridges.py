@@ -2,9 +2,9 @@
 Ridges of several scans to a lattice
 ====================================
 
-From measured branches to force, exponent and foundation: tables of ridges, of ``magphonon spectrum`` or of any other analysis,
-what is known beforehand, and what the source of the waves does to the intervals.  The commands take some ten seconds a scan and
-as long for a fit.
+This tutorial goes from measured branches to force, exponent and foundation.  It shows how to use tables of ridges, from
+``magphonon spectrum`` or from any other analysis, how to add what you know beforehand, and how the source of the waves affects
+the intervals.  The commands take about ten seconds for each scan, and about as long for a fit.
 
 On the command line::
 
@@ -15,10 +15,10 @@ On the command line::
 # %%
 # A table of your own
 # -------------------
-# Any analysis will do: a row for each point, its phase per step with its uncertainty, its frequency, and the wavevector
-# in fractions of the reciprocal vectors.  `record` and `motion` tell ridges apart; `source` says what sent the waves,
-# and a table without it is treated as that of a point source.  Here the table that comes with the package is cut in
-# two, one for each motion.
+# The table may come from any analysis.  It has a row for each point of a ridge: the phase per step with its uncertainty, the
+# frequency, and the wavevector in fractions of the reciprocal vectors.  The columns `record` and `motion` distinguish the
+# ridges.  The column `source` says what sent the waves; without it, a point source is assumed.  Here the table that comes with
+# the package is split in two, one for each motion.
 
 import tempfile
 from importlib.resources import files
@@ -40,8 +40,9 @@ print(rows[0])
 # %%
 # The fit
 # -------
-# Both tables are one measurement.  The scene gives spacing and mass, and where the fit starts; these simulated magnets
-# repel nearest neighbours only; real ones repel all others: omit `shells` in a scene of your own.
+# The two tables are fitted together, as one measurement.  The scene gives the spacing, the mass and the starting values of the
+# fit.  These simulated magnets repel nearest neighbours only.  Real magnets repel all others, so omit `shells` in a scene of
+# your own.
 
 from magphonon import read_scene
 from magphonon.scenes import fit_bands
@@ -60,8 +61,8 @@ told(fit_bands(scene, points))
 # %%
 # What the source does
 # --------------------
-# A point source shifts all ridges of a branch together by about a fifth of a bin, so that no residual shows it.  If these ridges
-# came from a point source, the honest intervals would be wider:
+# A point source shifts all ridges of a branch together by about a fifth of a bin.  Because the shift is common to all of them,
+# the residuals do not show it.  If these ridges came from a point source, the honest intervals would therefore be wider:
 
 from dataclasses import replace
 
@@ -71,16 +72,16 @@ told(alone)
 print('biased:', alone.biased)
 
 # %%
-# What is known from elsewhere narrows them: here an exponent from measured forces, and pillars that were weighed and
-# bent.  A prior is a value and a standard uncertainty in SI.
+# Prior knowledge narrows the intervals.  Here it is an exponent from measured forces, and the stiffness of pillars that were
+# bent with known weights.  A prior is a value and a standard uncertainty, in SI.
 
 known = fit_bands(scene, from_a_point, priors={'a': (4.5, 0.2), 'foundation': (20.0, 1.0)})
 told(known)
 print('biased:', known.biased)
 
 # %%
-# A ridge that does not fit is first a question: are neighbours missing in the scene, is the mass right, what sent the
-# wave?  A ridge that you omit, by `without=[...]` or ``--without``, widens all intervals accordingly.
+# If a ridge does not fit, first ask why: are neighbours missing in the scene, is the mass right, what sent the wave?  If you
+# omit a ridge, by `without=[...]` or ``--without``, all intervals become wider accordingly.
 
 from magphonon.plotting import plot_band_fits
 

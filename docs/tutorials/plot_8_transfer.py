@@ -2,8 +2,8 @@
 From a transfer function to a lattice
 =====================================
 
-Tap one magnet, look at three others, and force, exponent, foundation and damping follow, with D* and without.  Here the patch is
-simulated, so that the truth is known; its magnets, feet and pillars scatter, as those of a real one do.
+Tap one magnet and measure three others: a fit then gives force, exponent, foundation and damping, both with D* and without.  Here
+the patch is simulated, so that the truth is known.  Its magnets, feet and pillars scatter, as in a real patch.
 
 On the command line::
 
@@ -14,7 +14,8 @@ On the command line::
 # %%
 # The scene
 # ---------
-# The lattice as we believe it to be.  ``[frf]`` holds the range, a guess of the damping, and where the hammer hits.
+# The scene describes the lattice as we believe it to be.  ``[frf]`` holds the frequency range, a guess of the damping, and where
+# the hammer hits.
 
 import tempfile
 from pathlib import Path
@@ -69,8 +70,8 @@ scene = scene_of('mine.toml', force=0.22, a=4.4, foundation=21.0, damping=9.0)
 # %%
 # The measurement
 # ---------------
-# The true patch differs from that, and each of its sites from the others.  A vibrometer sees three magnets along x and y, with
-# noise of one percent of the highest peak of all, which the column ``sigma_m_per_N`` states.
+# The true patch differs from this scene, and its sites differ from each other.  A vibrometer measures three magnets along x and
+# y.  Its noise is one percent of the highest of all peaks; the column ``sigma_m_per_N`` states it.
 
 truth = {'force': 0.2369, 'a': 4.58, 'foundation': 19.7, 'damping': 7.0}
 built, source, _ = scene_of('truth.toml', **truth).shaken()
@@ -87,10 +88,9 @@ for x, y in (0.01, 0.0), (-0.005, 0.00866), (0.0, -0.01732):
 print('\n'.join(rows[:3]))
 
 # %%
-# Is it read as it was meant?
-# ---------------------------
-# ``magphonon frf --measured`` and ``magphonon fit --frf`` say so where the numbers look like something else: mm under m, a
-# velocity, the other sign of the phase.  Here a table in which velocities stand under the name of displacements.
+# Is it read as it was meant? --------------------------- ``magphonon frf --measured`` and ``magphonon fit --frf`` warn you if
+# the numbers look like something other than the header says: mm instead of m, a velocity, or the opposite sign of the phase.
+# Here we test a table whose header says displacements, but whose numbers are velocities.
 
 from dataclasses import replace
 
@@ -104,8 +104,8 @@ print('velocities:', suspect_units(scene, velocities))
 # %%
 # The fit
 # -------
-# The residual is larger than the noise, as no perfect lattice follows one whose sites scatter.  The fit therefore draws lattices
-# that scatter as much, and its intervals contain the effect of this scatter.
+# The residual is larger than the noise, because no perfect lattice reproduces one whose sites scatter.  The intervals of the fit
+# include the effect of this scatter.
 
 from magphonon.scenes import fit_frf
 
@@ -118,7 +118,7 @@ print(f'scatter of the strengths: {100 * fits.better.site_scatter[0]:.2g} %')
 # %%
 # Which model?
 # ------------
-# D0 alone has the same number of parameters less one, and cannot follow.
+# The model with D0 alone has one parameter less, and cannot reproduce the data.
 
 print(f'the residual without D* is {fits.ratio:.3g} times as large; the data speak for: {fits.verdict}')
 

@@ -2,8 +2,8 @@
 A demultiplexer in ten minutes
 ==============================
 
-A patch of magnets that sends 60 Hz to one port and 80 Hz to another, by the strength of every magnet and the pillar under it.
-Beside it: what a design without the static forces would have promised, and what such a device would really do.
+We design a patch of magnets that sends 60 Hz to one port and 80 Hz to another, by choosing the strength of every magnet and the
+pillar under it.  We also see what a design without the static forces would have promised, and how that device would behave.
 
 On the command line, with scatter, parts to buy, pictures and films::
 
@@ -13,9 +13,9 @@ On the command line, with scatter, parts to buy, pictures and films::
 # %%
 # What is wanted
 # --------------
-# The ready scene holds the patch, where it is driven, and a table for each target: a frequency, a place that is to be loud,
-# one that is to be quiet.  Every pair of magnets within 45 mm repels each other: with nearest neighbours alone nothing would
-# be left of the device.
+# The ready scene describes the patch and where it is driven.  It has a table for each target: a frequency, a place that should
+# be loud, and a place that should be quiet.  All magnets within 45 mm of each other repel each other: a device designed with
+# nearest neighbours alone would not work.
 
 from magphonon import read_scene
 from magphonon.design import optimise
@@ -29,9 +29,9 @@ for name, (low, high) in over.items():
 # %%
 # The design
 # ----------
-# The objective is the weaker of the two contrasts in dB.  Its derivatives by every magnet and every
-# pillar include the shift of the rest positions, and cost about as much as the responses themselves.  ``compare`` designs with
-# D0 alone, too.
+# The objective is the weaker of the two contrasts in dB.  Its derivatives with respect to every magnet and every pillar include
+# the shift of the rest positions.  All of them together cost about as much as the responses themselves.  With ``compare=True`` a
+# second design is made with D0 alone.
 
 design = optimise(patch, weakest, over, steps=30, compare=True)
 print(f'before: {design.before:.1f} dB; with D0 + D*: {design.value:.1f} dB')
@@ -41,8 +41,8 @@ print(f'with D0 alone: {other.value:.1f} dB promised, {other.given:.1f} dB in tr
 # %%
 # Is it true?
 # -----------
-# ``verify`` asks what was not used to make it: time steps of the particles, neighbours that were left out, and specimens
-# whose magnets and pillars scatter by 1 %.  A design for perfect parts does not survive that.
+# ``verify`` tests the design by means that were not used to make it: time steps of the particles, neighbours that were omitted,
+# and specimens whose magnets and pillars scatter by 1 %.  A design made for perfect parts does not survive this scatter.
 
 from dataclasses import replace
 
@@ -54,9 +54,10 @@ print(found.table('dB', goal=30.0))
 # %%
 # A design to be built
 # --------------------
-# ``optimise(..., robust=robust)`` makes the worst of many specimens as good as it can, and ``of_parts`` rounds magnets and
-# pillars to those that can be bought, in turns.  That takes some minutes, so here is a design that came out: five strengths, four
-# pillars.  A build list is a table of particles, which every command takes as ``[lattice] kind = "file"``.
+# ``optimise(..., robust=robust)`` maximises the objective of the worst of many specimens.  ``of_parts`` rounds a few magnets and
+# pillars at a time to parts that can be bought, and optimises the others again.  That takes some minutes, so here is a finished
+# design, with five strengths and four pillars.  Its build list is a table of particles, which every command reads as ``[lattice]
+# kind = "file"``.
 
 from magphonon import units as u
 from magphonon.design import Rest
@@ -71,7 +72,7 @@ ports = {name: target.loud.of(atoms) for name, target in zip('AB', built.design.
 axes = plot_design(atoms, {'source': source, **ports})
 
 # %%
-# The levels at both ports over frequency: of equal magnets, and of these.
+# The levels at both ports over frequency, for equal magnets and for the designed ones:
 
 equal = read_scene('demultiplexer').patch_atoms()
 levels = {}
