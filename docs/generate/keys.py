@@ -7,10 +7,11 @@ from magphonon.scenes import scene_keys
 
 HEAD = """# Keys of a scene
 
-A scene is a TOML file with a title and tables. All numbers are in SI, with the unit in the name of the key. Unknown keys and missing
-keys are refused; the message suggests the name that was probably meant, and lists all errors of the scene at once. `magphonon scene
---keys` prints this list, `magphonon scene --keys law` prints one table of it, and `magphonon scene --keys spacing_m` one key. `magphonon
-scene prototype` prints a scene to start from. The examples are taken from the ready scenes. Each table has a page of its own:
+A scene is a TOML file with a title and tables. All numbers are in SI, with the unit in the name of the key. Unknown
+keys and missing keys are refused; the message suggests the name that was probably meant, and lists all errors of the
+scene at once. `magphonon scene --keys` prints this list, `magphonon scene --keys law` prints one table of it, and
+`magphonon scene --keys spacing_m` one key. `magphonon scene prototype` prints a scene to start from. The examples are
+taken from the ready scenes. Each table has a page of its own:
 
 """
 ROW = '| {} | {} | {} | {} | {} |\n'
