@@ -108,8 +108,8 @@ def effect(case: Case) -> str:
     f, f0 = complete[at[name], branch], other[at[name], branch]
     if abs(f - f0) <= ZERO_FRACTION * complete.max():
         return f'D* changes no branch at {", ".join(at)}.{words}'
-    change = f'{units.in_words("Hz", f0, f)} ({100 * (f / f0 - 1):+.2g} %)'
-    to = change if f > 0 else f'{units.in_words("Hz", f0)} to below zero: it buckles'
+    to = (f'{units.in_words("Hz", f0, f)} ({100 * (f / f0 - 1):+.2g} %)' if f > 0 else
+          f'{units.in_words("Hz", f0)} to below zero: it buckles')
     return f'D* takes branch {branch + 1} at {name} from {to}.{words}'
 
 

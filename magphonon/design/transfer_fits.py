@@ -145,7 +145,6 @@ class Solved(NamedTuple):
     y: NDArray[np.complex128]
 
 
-@takes(*STIFF)
 def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
     """The basis, shape (particles * dim, basis), and each function in it; `widened` is as of `responses`."""
     system, dim = built.system, built.system.dim
@@ -161,6 +160,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
     return basis, own
 
 
+@takes(*STIFF)
 def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0, fields: tuple[Any, list[Solved]] | None = None,
                     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -37,6 +37,7 @@ from .scene import Scene
 LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))
 CLOCK = 1e-3  # relative standard deviation of a clock
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
+NOTHING = 1e-20  # N at the spacing, of a force that counts for nothing
 ROUNDS = 2  # times that tables are read near the joint fit
 
 
@@ -105,7 +106,8 @@ class Specimen:
         """The law of these factors, as far as the lattice asks it."""
         farthest = FARTHEST * repulsion_of(self.cell).bonds.lengths.max()
         r = np.geomspace(NEAREST * self.family.r0, farthest, KNOTS)
-        return Tabulated(r, np.exp(self.family.curve(self.p(factors), r)[0]))
+        least = np.log(NOTHING) - 4 * np.log(r / self.family.r0)  # where a trial of the fit falls to what no table can say
+        return Tabulated(r, np.exp(np.logaddexp(self.family.curve(self.p(factors), r)[0], least)))
 
     def on_springs(self, factors: Mapping[str, float]) -> Scene:
         """The scene with the springs of these factors, and its own law."""

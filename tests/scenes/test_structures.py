@@ -141,7 +141,7 @@ def test_columns_of_a_table(tmp_path):
     assert_allclose(calc.strengths, [1, 0.5, 1])
     assert_allclose(calc.foundation, [[0, 0], [0.03, 0.03], [0, 0]])
     (tmp_path / 'p.csv').write_text(text)
-    with pytest.raises(ValueError, match=r'p\.csv tells the stiffness of each particle'):
+    with pytest.raises(ValueError, match=r'p\.csv gives the stiffness of each particle'):
         Scene.model_validate({'title': 'x', 'lattice': {'kind': 'file', 'file': 'p.csv', 'mass_kg': 1e-3}, 'law': LAW,
                               'foundation': {'stiffness_N_per_m': 3.0}}, context={'folder': tmp_path})
 

@@ -60,7 +60,7 @@ def test_a_temperature_without_damping_is_refused():
     patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 2.0)
     patch.calc = MagneticRepulsion(patch, LAW, foundation=5.0)
     for wrong in ({}, {'damping': 0.1, 'order': 4}):
-        with pytest.raises(ValueError, match='belongs to damping'):
+        with pytest.raises(ValueError, match='needs damping'):
             DrivenVerlet(patch, 0.01, temperature_mJ=1e-3, **wrong)
     with pytest.raises(ValueError, match='temperature_mJ'):
         DrivenVerlet(patch, 0.01, damping=0.1, temperature_mJ=-1.0)
