@@ -11,9 +11,10 @@ so forces are in N, and frequencies are printed in Hz:
 >>> print(f'{bands.frequencies_Hz.max():.1f} Hz')
 149.5 Hz
 
-`dir(magphonon)` lists the names most used; each room has the others: `lattices` (cells, patches, bonds), `interactions` (laws,
-magnets, fits of forces), `stiffness` (the calculator, D0 + D*), `bands`, `dynamics` (time steps), `response` (modes, transfer
-functions, densities), `waves` (bursts, scans), `stability`, `design`, `planning`, `scenes`, `sweeps`, `plotting`, `units`.
+`dir(magphonon)` lists the most used names. The subpackages hold the others: `lattices` (cells, patches, bonds), `interactions`
+(laws, magnets, fits of forces), `stiffness` (the calculator, D0 + D*), `bands`, `dynamics` (time steps), `response` (modes,
+transfer functions, densities), `waves` (bursts, scans), `stability`, `design`, `planning`, `scenes`, `sweeps`, `plotting`,
+`units`.
 """
 
 from pathlib import Path

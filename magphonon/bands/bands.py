@@ -58,7 +58,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
     path : ase.dft.kpoints.BandPath
         Wavevectors `path.kpts` in fractions of the reciprocal vectors, and the names of special points.
     omega : ndarray, shape (wavevectors, modes)
-        Angular frequencies in rad/ms, ascending; an unstable mode is negative, the square root of -omega^2 with its sign.
+        Angular frequencies in rad/ms, ascending; an unstable mode counts as negative, -sqrt(-omega^2).
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), optional
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
     decay : ndarray, shape (wavevectors, modes), optional
@@ -84,9 +84,9 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
 
     @cached_property
     def longitudinal(self) -> NDArray[np.float64]:
-        """Share of each mode's motion along the wavevector, 0 to 1, shape (wavevectors, modes); NaN at k = 0.
+        """Share of each mode's motion that is along the wavevector, 0 to 1, shape (wavevectors, modes); NaN at k = 0.
 
-        Where branches cross, the mean of them: their modes are arbitrary there.
+        Where branches cross, their modes are arbitrary, so each gets the mean share of the crossing branches.
         """
         if self.vectors is None:
             raise ValueError('these bands were computed without modes; ask for them with vectors=True')
@@ -103,7 +103,9 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
         return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
 
     def to_ase(self) -> BandStructure:
-        """The same as an `ase.spectrum.band_structure.BandStructure`, whose energies are frequencies in Hz, and drawn as such."""
+        """Convert to an `ase.spectrum.band_structure.BandStructure`, whose energies are frequencies in Hz and are drawn as
+        such.
+        """
         from ase.spectrum.band_structure import BandStructure
 
         class InHertz(BandStructure):
@@ -116,7 +118,9 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
         return InHertz(self.path, self.frequencies_Hz[None])
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
-        """Draw them in Hz as ASE draws bands; `plot_bands` draws them in the style of this package, several on the same axes."""
+        """Draw the bands in Hz as ASE does; `plot_bands` uses the style of this package and takes several bands on the same
+        axes.
+        """
         return self.to_ase().plot(ax, **options)  # pyright: ignore[reportReturnType]
 
     def _repr_png_(self) -> bytes:
@@ -130,7 +134,9 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
     _repr_html_ = None  # pyright: ignore[reportAssignmentType]  a notebook would show no picture
 
     def to_xarray(self) -> Dataset:
-        """As of all results, and the distance along the path: `to_xarray().frequencies_Hz.plot.line(x='path_rad_per_mm')`."""
+        """Convert to an `xarray.Dataset` with the distance along the path:
+        `to_xarray().frequencies_Hz.plot.line(x='path_rad_per_mm')`.
+        """
         distance = self.path.get_linear_kpoint_axis()[0]
         return super().to_xarray().assign_coords(path_rad_per_mm=('wavevectors', distance, {'units': 'rad/mm'}))
 
@@ -155,7 +161,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
             raise not_saved(path, 'bands', f'decay has the shape {decay.shape}, but omega {data["omega"].shape}')
         special = dict(zip(map(str, data['names']), data['points'], strict=True))
         for name in {name for section in parse_path_string(str(data['path'])) for name in section} - special.keys():
-            raise not_saved(path, 'bands', f'its path goes through {name}, of which it has no coordinates')
+            raise not_saved(path, 'bands', f'the path goes through {name}, whose coordinates are missing')
         return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes, decay)
 
 
@@ -172,13 +178,13 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
         From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone; or
         wavevectors, shape (wavevectors, 3), in fractions of the reciprocal vectors.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
     vectors : bool
         Keep the modes too.
     branches : int, optional
-        The lowest ones only, which cells of hundreds of particles find many times sooner; all of them if not given.
+        Number of lowest branches to compute, which is many times faster in cells of hundreds of particles; by default all.
     damping : float or array_like, shape (particles,), optional
-        Force per momentum in 1/ms, for which the bands have a `decay` beside the frequencies; for all branches only.
+        Force per momentum in 1/ms. With damping the bands have a `decay` beside the frequencies, and all branches are computed.
 
     Examples
     --------
@@ -201,7 +207,8 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
     if damping is None:
         return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors, branches))
     if branches is not None:
-        raise ValueError(f'bands with damping are computed for all branches, not for the lowest {branches}; take one of them out')
+        raise ValueError(f'bands with damping are computed for all branches, not for the lowest {branches}; leave out damping '
+                         f'or branches')
     omega, decay, modes = damped_modes(atoms, path.kpts, damping, model, vectors)
     return Bands(path, omega, modes, decay)
 
@@ -209,15 +216,15 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
 def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> BandPath:
     """Path through special points of the Brillouin zone, for a cell of any size.
 
-    The same as `atoms.cell.bandpath(points, npoints=npoints, pbc=atoms.pbc)`, which recognises no lattice with a constant
-    below some 0.01 mm, as it compares lengths in absolute numbers.
+    Does what `atoms.cell.bandpath(points, npoints=npoints, pbc=atoms.pbc)` does, for lattices of any size. ASE itself compares
+    lengths in absolute numbers and recognises no lattice whose constant is below about 0.01 mm.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        One periodic cell; a cell alone will do.
+        One periodic cell; it needs no calculator.
     points : str, optional
-        Names of special points, as 'GMKG'; by default ASE's path through the zone of this lattice.
+        Names of special points, such as 'GMKG'; by default ASE's path through the zone of this lattice.
     npoints : int
 
     Examples
@@ -311,7 +318,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
     For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, with the matrix B of `LinearSystem`.  At degenerate
-    points the velocity depends on the direction of approach; there the mean of the crossing branches is returned for each.
+    points the velocity depends on the direction of approach, so each crossing branch gets their mean velocity.
 
     Parameters
     ----------
@@ -349,8 +356,8 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
 
 @takes('all neighbours', *SPRUNG)
 def cut_off(atoms: Atoms) -> float | None:
-    """The cut-off frequency of a lattice on a foundation or between walls: the lowest one at Gamma, below which long waves do not
-    propagate.
+    """The cut-off frequency of a lattice on a foundation or between walls: the lowest frequency at Gamma. Long waves do not
+    propagate below it.
 
     Parameters
     ----------
@@ -360,8 +367,8 @@ def cut_off(atoms: Atoms) -> float | None:
     Returns
     -------
     float or None
-        In rad/ms; None without foundation and held particles, or if the foundation leaves a direction free, because long acoustic
-        waves then propagate at any frequency.
+        In rad/ms. None if long acoustic waves propagate at any frequency: without foundation and held particles, or if the
+        foundation leaves a direction free.
 
     Examples
     --------
@@ -389,14 +396,14 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model 
     direction : array_like, shape (dim,), optional
         By default along x.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Returns
     -------
     ndarray, shape (dim,)
-        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  Infinite
-        where repulsion reaches so far that w/k grows without bound in long waves, as in Coulomb crystals.  NaN where
-        a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch (the conventional kagome lattice).
+        Ascending, in mm/ms = m/s; an unstable branch counts as negative, -sqrt(-c^2). Infinite where the repulsion has such a
+        long range that w/k grows without bound in long waves, as in Coulomb crystals. NaN where a zero-stiffness mode of the unit
+        cell (a mechanism) couples to the acoustic branch (the conventional kagome lattice).
 
     Examples
     --------
@@ -436,8 +443,8 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model 
 def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDArray[np.float64]:
     """Share of the kinetic energy of each mode in the rows at the two edges of a ribbon, from 0 to 1.
 
-    An edge wave has most of its energy there, however wide the ribbon is; the share of all other modes falls with the width.
-    Where branches cross, as those of two equal edges do, each gets the mean share, because their modes are arbitrary there.
+    An edge wave has most of its energy at an edge, however wide the ribbon is; in all other modes this share falls with the
+    width. Where branches cross, as the branches of two equal edges do, modes are arbitrary and each gets the mean share.
 
     Parameters
     ----------
@@ -451,13 +458,13 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     Returns
     -------
     ndarray, shape (wavevectors, modes, 2)
-        The edge on the right of the periodic direction comes first, then that on the left: for a ribbon along x the lower edge
-        comes first.
+        The edge on the right of the periodic direction comes first, then the edge on the left: for a ribbon along x the lower
+        edge comes first.
     """
     calc: Any = LinearSystem.of(atoms).atoms.calc
     if atoms.pbc.sum() != 1:
-        raise ValueError(f'only a ribbon has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
-                         'lattices.ribbon cuts one out of a lattice')
+        raise ValueError(f'only a ribbon has edges: it is periodic in one direction, but these atoms in {atoms.pbc.sum()}; '
+                         f'lattices.ribbon cuts one out of a lattice')
     if bands.vectors is None:
         raise ValueError('these bands were computed without modes; ask for them with vectors=True')
     if bands.vectors.shape[2] != len(atoms):

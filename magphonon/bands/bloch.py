@@ -45,17 +45,17 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
     vectors : bool
         Compute the modes too.
     branches : int, optional
-        Number of lowest branches to compute, in cells of hundreds of particles without a full diagonalisation
-        (`magphonon.stiffness.lowest`); all branches if not given.
+        Number of lowest branches to compute; all if not given. Large cells then need no full diagonalisation
+        (`magphonon.stiffness.lowest`).
 
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.  They differ at -q where forces depend on the velocity (`LinearSystem.B`).
+        In rad/ms, unstable modes negative. Frequencies at q and -q differ if forces depend on the velocity (`LinearSystem.B`).
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
         Normalised to one and weighted with the square root of the mass; zero on held particles.  They are
         orthogonal where B = 0.
@@ -182,10 +182,10 @@ def _lowest_by_inverse(system, q, model, count, vectors):
 
 
 def wavevectors(q: ArrayLike) -> NDArray[np.float64]:
-    """The wavevectors as an array, shape (wavevectors, 3), or ValueError unless they are finite and of three fractions each."""
+    """The wavevectors as an array, shape (wavevectors, 3); ValueError unless they are finite and have three fractions each."""
     q = finite('q', q)
     if q.shape[-1:] != (3,):
-        raise ValueError(f'q must be wavevectors of three fractions, of the shape (wavevectors, 3), not {q.shape}')
+        raise ValueError(f'q must hold wavevectors of three fractions each, in the shape (wavevectors, 3), not {q.shape}')
     return q.reshape(-1, 3)
 
 

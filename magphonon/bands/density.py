@@ -1,12 +1,12 @@
 """Density of states of a lattice, the number of modes per frequency, by an integral over the Brillouin zone.
 
-A mesh divides the zone into simplices: lines, triangles or tetrahedra.  In each of them the square of the frequency is taken as
-a linear function of the wavevector; the share of the simplex where it is below E is then the distribution function
+A mesh divides the zone into simplices: lines, triangles or tetrahedra.  In each of them the squared frequency is interpolated
+linearly in the wavevector. It is below E in a share of the simplex that is the distribution function
 
     F[e0 .. ed](E) = ((E - e0) F[e0 .. ed-1](E) + (ed - E) F[e1 .. ed](E)) / (ed - e0)
 
-of the values e0 <= ... <= ed at its corners, with F[e](E) = 1 from e on.  Differences of it between frequencies are mean
-densities, which stay finite where the density itself is infinite.
+of the values e0 <= ... <= ed at its corners, with F[e](E) = 1 from e on. The difference of F between two frequencies gives the
+mean density between them, which stays finite where the density itself is infinite.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     density : ndarray, shape (frequencies,)
         In ms/rad.
     modes : float
-        Its integral over all frequencies: the branches of a lattice, the free directions of a patch, 1 for one direction of one
-        particle.
+        Integral of the density over all frequencies: the number of branches of a lattice, of free directions of a patch, or 1 for
+        one direction of one particle.
     width : ndarray, shape (frequencies,)
-        Resolution in rad/ms: the standard deviation of the peak that one mode makes there; of a mean over a bin, half the bin.
+        Resolution in rad/ms: the standard deviation of the peak that one mode makes, or half the width of a bin.
     error : ndarray, shape (frequencies,)
-        Standard error of the density by random sampling, in ms/rad; zero where there is none.
+        Standard error of the density due to random sampling, in ms/rad; zero if nothing was sampled at random.
     """
 
     omega: np.ndarray
@@ -77,10 +77,10 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     error: np.ndarray
 
     def to_ase(self) -> GridDOSData:
-        """The same as an `ase.spectrum.dosdata.GridDOSData`: modes per Hz over frequencies in Hz.
+        """Convert to an `ase.spectrum.dosdata.GridDOSData`: modes per Hz over frequencies in Hz.
 
-        ASE takes equal steps only: a density at other frequencies is averaged over as many equal ones, which keeps the number of
-        modes.
+        ASE accepts equal steps only. A density at unequal frequencies is therefore averaged over the same number of equal steps,
+        which keeps the number of modes.
         """
         from ase.spectrum.dosdata import GridDOSData  # imports matplotlib
 
@@ -107,12 +107,12 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     atoms : ase.Atoms
         One cell with its PairCalculator or AllNeighbours, periodic in one, two or three directions.
     omega : array_like, shape (frequencies,), optional
-        Increasing, in rad/ms: the middles of the bins over which the density is averaged; 400 over all branches if not given.
+        Increasing, in rad/ms: the middles of the bins over which the density is averaged; by default 400 bins over all branches.
     steps : int, optional
         Mesh steps along each reciprocal vector; if not given, 1998 for a chain, 180 in the plane, 30 in space, and fewer for
         cells of more than six particles.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Returns
     -------

@@ -6,8 +6,8 @@ bonds bridge, all multiples of s.  At the frequency omega its mass-weighted mode
     sum_p D_p mu^p v = (omega^2 + i omega B) v        B = gamma - g (x) J        p = -P ... P
 
 a polynomial eigenproblem of degree 2 P, with the damping gamma and the turning g of each particle (`LinearSystem.B`), of the
-motion e^{-i omega t}.  Without damping, the xi that are real are the bands; complex ones decay as e^{-Im xi} per step: below the
-cut-off of a foundation, above the bands and between them.  With damping every wave decays.
+motion e^{-i omega t}.  Without damping, real xi are the bands. Complex xi belong to waves that decay as e^{-Im xi} per step:
+below the cut-off of a foundation, above the bands and between them.  With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
 at zero, in Jordan chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
@@ -141,10 +141,10 @@ class ComplexBands(InHertz):
     omega : ndarray, shape (frequencies,)
         In rad/ms.
     xi : ndarray of complex, shape (frequencies, waves)
-        Phase and decay per step, `e^{i xi}`, the imaginary part zero or positive.  Without damping the real part is so too, and
-        each stands for its family xi, -xi and their conjugates; with damping for xi and -xi alone: where the crests of a wave
-        run against its energy, the real part is negative.  With g those whose energy runs forwards.  Infinite where a wave
-        ends at the particle that moves.
+        Phase and decay per step, `e^{i xi}`; the imaginary part is zero or positive. Without damping the real part is not
+        negative either, and each value stands for four waves: xi, -xi and their conjugates. With damping it stands for xi and
+        -xi; the real part is negative if the crests of a wave run against its energy. With g only waves whose energy runs
+        forwards are given. Infinite where a wave does not go beyond the particle that moves.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
         where the decay is infinite.
@@ -156,7 +156,7 @@ class ComplexBands(InHertz):
 
     @property
     def decay_steps(self) -> NDArray[np.float64]:
-        """Steps over which each wave falls to 1/e, shape (frequencies, waves); infinite where it propagates."""
+        """Number of steps over which each wave falls to 1/e, shape (frequencies, waves); infinite where it propagates."""
         with np.errstate(divide='ignore'):
             return 1 / np.imag(self.xi)
 
@@ -176,7 +176,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
     omega : array_like, shape (frequencies,)
         In rad/ms; negative for the square root of -omega^2, as in `Bands`.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
         Force per momentum gamma in 1/ms; weak damping adds the decay gamma/(2 v) to a wave of the group velocity v.
 
@@ -205,7 +205,8 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
     waves = []
     for w, dynamic in zip(omega, _dynamic(system, omega, damping), strict=True):
         if (np.linalg.svd(bands - dynamic, compute_uv=False)[:, -1] < 1e-10 * abs(bands).max()).all():
-            raise ValueError(f'a band is flat at omega = {w:.9g} rad/ms and holds every wavenumber; move the frequency')
+            raise ValueError(f'a band is flat, and every wavenumber is a solution, at omega = {w:.9g} rad/ms; choose another '
+                             f'frequency')
         waves.append(_waves(D, dynamic, unit, np.any(damping)))
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
     return ComplexBands(omega, xi, (v @ free.T).reshape(*xi.shape, len(system), system.dim))
@@ -226,10 +227,12 @@ def _exponents(steps):
     fractions = [Fraction(float(step)).limit_denominator(LARGEST_DENOMINATOR) for step in steps]
     for step, fraction in zip(steps, fractions, strict=True):
         if abs(step - fraction) > 1e-9:
-            raise ValueError(f'a bond bridges {step:.6g} steps along the direction, no fraction with a denominator up to '
+            raise ValueError(f'a bond bridges {step:.6g} steps along the direction, '
+                             'which is not a fraction with a denominator up to '
                              f'{LARGEST_DENOMINATOR}; choose a direction of symmetry, such as (0, 1, 0) or (1/2, 1, 0)')
     if not any(fractions):
-        raise ValueError('no bond leads along the direction; its entries belong to the periodic lattice vectors')
+        raise ValueError('no bond has a component along the direction; give it in fractions of the reciprocal vectors of the '
+                         'periodic directions')
     d = lcm(*(fraction.denominator for fraction in fractions))
     exponents = np.array([int(d * fraction) for fraction in fractions])
     common = gcd(*exponents.tolist())

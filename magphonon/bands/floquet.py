@@ -1,11 +1,11 @@
-"""Floquet bands: waves of a lattice whose foundation a wave modulates, `Travelling`.
+"""Floquet bands: waves of a lattice whose foundation is modulated by a travelling wave, `Travelling`.
 
-With k_i(t) = k [1 + eps cos(W t - kap.R_i)] a wave is a sum of harmonics, sum_n U_n e^{i(q + n kap).R - i(w + n W) t}, that the
-modulation couples to their neighbours.  With s = -i w,
+With k_i(t) = k [1 + eps cos(W t - kap.R_i)] a wave is a sum of harmonics, sum_n U_n e^{i(q + n kap).R - i(w + n W) t}, and the
+modulation couples each harmonic to the next ones. With s = -i w,
 
     [(s - i n W)^2 + (s - i n W) B + K(q + n kap)] U_n + A U_{n+1} + A^+ U_{n-1} = 0        A = eps/2 k/m e^{-i kap.R}
 
-is Hill's method: the eigenvalues of a finite number of harmonics, to which more are added until they stay.
+Hill's method takes the eigenvalues for a finite number of harmonics, and adds harmonics until the eigenvalues no longer change.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ STILL = -1e-9  # in W: real frequencies down to this are those of growth alone, 
 
 @dataclass(frozen=True)
 class FloquetBands(InHertz):
-    """Waves of a modulated lattice at each wavevector, the two for each mode in which the wave itself is strongest.
+    """Waves of a modulated lattice at each wavevector: for each mode the two solutions in which the harmonic at q itself is
+    strongest.
 
     Attributes
     ----------
@@ -43,9 +44,10 @@ class FloquetBands(InHertz):
         Quasi-frequencies in rad/ms, ascending by their real part, which is not negative: motion goes as e^{-i omega t}, and grows
         where the imaginary part is positive.  Each is one of many, omega + n W at the wavevector q + n kap.
     weight : ndarray, shape (wavevectors, 2 * modes)
-        Share of the wave at q itself in this motion, 0 to 1: 1 far from all resonances, 1/2 where two waves share it.
+        Share of the harmonic at q itself in this motion, 0 to 1: it is 1 far from all resonances and 1/2 where two waves mix
+        equally.
     harmonics : int
-        How many harmonics on either side it took.
+        Number of harmonics on either side that were needed.
     """
 
     q: np.ndarray
@@ -71,16 +73,16 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors, as the `kpts` of a path.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
         Force per momentum in 1/ms.
     tolerance : float
-        Harmonics are added until no frequency changes by more, relative to the largest one.
+        Harmonics are added until no frequency changes by more than this fraction of the largest one.
 
     Raises
     ------
     ValueError
-        If the foundation is not Travelling, or so slow and deep a modulation needs too many harmonics.
+        If the foundation is not Travelling, or if the modulation is so slow and deep that too many harmonics would be needed.
 
     Examples
     --------
@@ -103,7 +105,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
         harmonics += 1 + harmonics // 4  # slow and deep modulations take many
         if 2 * (2 * harmonics + 1) * hill.modes > MOST:
             raise ValueError(f'more than {harmonics} harmonics would be needed for an error of {tolerance:g} of the largest '
-                             'frequency; the modulation is slow and deep: give a larger tolerance')
+                             f'frequency, because the modulation is slow and deep; give a larger tolerance')
         before, (omega, weight) = _strongest(omega, weight, hill)[0], hill.solved(q, harmonics)
         away = abs(before[:, :, None] - omega[:, None, :]).min(axis=2)
         if away.max(initial=0.0) <= tolerance * abs(before).max(initial=0.0):

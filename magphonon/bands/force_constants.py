@@ -3,9 +3,9 @@
 Nothing analytic enters here.  phonopy displaces the particles of a supercell one by one; the forces on all the
 others, divided by the displacement, are its force constants FC = -(D0 + D*) between bonded particles.
 
-The force constants are never symmetrised: the acoustic sum rule, which phonopy imposes in most of its default
-paths, moves the whole lattice at no cost, and so erases the foundation.  Here it is a measurement instead: what
-the rows of the force constants sum up to *is* the foundation stiffness.
+The force constants are never symmetrised: phonopy imposes the acoustic sum rule in most of its default paths, which makes moving
+the whole lattice cost nothing and so erases the foundation. Here the sum rule is a measurement instead: the row sums of the force
+constants *are* the foundation stiffness.
 """
 
 from __future__ import annotations
@@ -58,29 +58,26 @@ of any unit of length."""
 def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, distance: float | None = None) -> Phonopy:
     """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
 
-    phonopy may use the symmetry of the positions to save displacements.  It is switched off: the forces may know
-    less symmetry (a chain in the plane does not act along z, bonds may be listed explicitly), and the search costs
-    more than it saves.
+    phonopy can use the symmetry of the positions to save displacements. This is switched off, because the forces may have less
+    symmetry (a chain in the plane does not act along z, bonds may be listed explicitly), and the search costs more than it saves.
 
-    Particles that FixAtoms holds are not phonopy's: its cell has the free ones alone, in their order, and the held ones stand
-    still among them.  What the rows of the force constants sum up to is then the foundation with the springs to the held
-    particles.
+    Particles held by FixAtoms are hidden from phonopy: its cell contains only the free ones, in the same order. The row sums of
+    the force constants then contain the foundation and the springs to the held particles.
 
-    phonopy takes every frequency for THz where it multiplies by Planck's constant: take `thermal_properties`.  Its own `save`
-    does not keep the unit of frequency: take `write_phonopy_params`.
+    Where phonopy multiplies by Planck's constant, it assumes that frequencies are in THz: use `thermal_properties` instead. Its
+    own `save` does not keep the unit of frequency: use `write_phonopy_params` instead.
 
     Parameters
     ----------
     atoms : ase.Atoms
         One periodic cell with its PairCalculator or AllNeighbours; the calculator's reference is displaced.
     supercell : three ints, optional
-        Number of cells along each lattice vector, 1 along those that are not periodic.  By default the smallest
-        in which no bond spans half of the supercell.  Of AllNeighbours no supercell is large enough: the bands are then
-        right at the wavevectors that fit the supercell, and interpolated between them.
+        Number of cells along each lattice vector, 1 along directions that are not periodic. By default the smallest supercell in
+        which no bond spans half of it. With AllNeighbours no supercell is large enough: the bands are then right at the
+        wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
-        Displacement in mm, to both sides; by default 1e-5 of the shortest bond, where bands are good to 1e-9 of the
-        highest frequency (see `DISTANCE`), less where the law is steep (`STEEPEST`).  From 1e-12 to
-        0.1 of the shortest bond.
+        Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, which
+        gives bands to 1e-9 of the highest frequency (see `DISTANCE`), and less where the law is steep (`STEEPEST`).
 
     Returns
     -------
@@ -130,7 +127,7 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
 def _cell_calculator(atoms):
     """The calculator of a cell that phonopy can take, and which particles move, shape (particles,)."""
     if not atoms.pbc.any():
-        raise ValueError('the structure is not periodic, it has no bands; displace the unit cell from which it was made')
+        raise ValueError('the structure is not periodic and has no bands; displace the unit cell from which it was made')
     calc: Any = LinearSystem.of(atoms).moving().atoms.calc
     for guide in atoms.constraints:
         if not isinstance(guide, FixAtoms):
@@ -169,8 +166,8 @@ def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
     vectors = np.asarray(reduced)[pbc]
     narrowest, longest = np.linalg.norm(vectors, axis=1).min(), calc.bonds.lengths.max()
     if not narrowest > 2 * longest * (1 + 1e-9):
-        raise ValueError(f'the supercell {_ints(supercell)} repeats every {narrowest:g} mm, so that bonds of {longest:g} mm '
-                         'reach images of the same particle on two sides, and their forces cannot be told apart; '
+        raise ValueError(f'the supercell {_ints(supercell)} repeats every {narrowest:g} mm, so a bond of {longest:g} mm reaches '
+                         f'images of the same particle on two sides, and their forces cannot be separated; '
                          f'give supercell={_ints(np.maximum(supercell, enough_cells(calc)))}')
     return supercell
 
@@ -196,8 +193,9 @@ def default_distance(calc: Repulsion) -> float:
 def _checked_distance(distance, shortest):
     distance = positive('distance', distance, 'mm')
     if not 1e-12 * shortest <= distance <= 0.1 * shortest:
-        raise ValueError(f'the distance {distance:g} mm is {distance / shortest:.1e} of the shortest bond; outside 1e-12 to 0.1 '
-                         f'round-off or the law itself spoil the force constants: leave it out for {DISTANCE * shortest:g} mm')
+        raise ValueError(f'the distance {distance:g} mm is {distance / shortest:.1e} of the shortest bond; outside 1e-12 to '
+                         f'0.1, round-off or the curvature of the law spoil the force constants. Without distance= it is '
+                         f'{DISTANCE * shortest:g} mm')
     return distance
 
 
@@ -223,12 +221,12 @@ def force_constants_of(phonon: Phonopy) -> NDArray[np.float64]:
 def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) -> Bands:
     """Bands along a path from phonopy's dynamical matrices; the same result as `analytic_bands`.
 
-    Of a planar lattice the in-plane block is diagonalised; z decouples exactly and would add zero frequencies.
+    For a planar lattice only the in-plane block is diagonalised, because z decouples exactly and would add zero frequencies.
 
     Parameters
     ----------
     phonon : phonopy.Phonopy
-        From `finite_displacements`, or from `phonopy.load` of what `write_phonopy_params` wrote.
+        From `finite_displacements`, or from `phonopy.load` of a file written by `write_phonopy_params`.
     path : ase.dft.kpoints.BandPath or str
         From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone.
     vectors : bool
@@ -266,7 +264,7 @@ def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
 
 @takes('site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
 def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
-    """What the static forces add to each bond, taken from phonopy's force constants: `D* = -FC - D0`.
+    """The stiffness that the static forces add to each bond, taken from phonopy's force constants: `D* = -FC - D0`.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""How many neighbours: what those that a lattice leaves out would change, and how many shells its frequencies need.
+"""How many neighbours matter: what the omitted ones would change, and how many shells the frequencies need.
 
-One shell of neighbours is a hypothesis.  Here the frequencies with a few shells are compared with those of all neighbours at the
-wavevectors where they are asked: by Ewald's sums where the law has a tail (`magphonon.stiffness.all_neighbours`), else by a sum
-to the last of `REACHES`.  A law that is not known far away, as a table of forces, is continued from its end by the inverse power
-that it is there.
+That one shell of neighbours is enough is an assumption. Here the frequencies with a few shells are compared with those of all
+neighbours at given wavevectors: by Ewald's sums where the law has a tail (`magphonon.stiffness.all_neighbours`), else by a sum to
+the last of `REACHES`. A law that is not known far away, such as a table of forces, is continued from its end by the inverse power
+that fits there.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ every distance is then a shell."""
 
 @dataclass(frozen=True)
 class NeighbourShifts:
-    """Frequencies of a lattice with the neighbours that it counts, and with all neighbours.
+    """Frequencies of a lattice with the neighbours in its bond list, and with all neighbours.
 
     Attributes
     ----------
     omega, every : ndarray, shape (wavevectors, branches)
-        In rad/ms, with the neighbours of the lattice and with all; unstable modes negative.
+        In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); unstable modes negative.
     known : bool
-        Whether the law is known as far as it was asked; if not, it was continued from its end.
+        Whether the law is known at all distances that were needed; if not, it was continued from its end.
     """
 
     omega: np.ndarray
@@ -55,7 +55,7 @@ class NeighbourShifts:
 
     @property
     def relative(self) -> NDArray[np.float64]:
-        """How much each frequency rises with all neighbours, as a fraction of itself; of very low ones see `LOW`."""
+        """How much each frequency rises with all neighbours, as a fraction of itself; for very low frequencies see `LOW`."""
         return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
 
 
@@ -94,11 +94,11 @@ class ConvergedShells:
     ----------
     shells : int
     cutoff : float
-        A distance in mm between the last shell that counts and the next.
+        A distance in mm between the last shell that is counted and the next one.
     error : float
-        Largest relative error of a frequency with them.
+        Largest relative error of a frequency with these shells.
     clear : bool
-        Whether the shells can be told apart (`magphonon.find_bonds`); if not, the cutoff says which neighbours are meant.
+        Whether the shells are clearly separated (`magphonon.find_bonds`); if not, the cutoff says which neighbours are meant.
     """
 
     shells: int
@@ -109,7 +109,7 @@ class ConvergedShells:
 
 @takes('all neighbours', *{*SPRUNG} - {'conventional'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
-    """The least number of shells with which, and with more of which, each frequency is right within a tolerance.
+    """The smallest number of shells from which on each frequency is right within a tolerance.
 
     Parameters
     ----------
@@ -118,12 +118,12 @@ def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedS
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     tolerance : float
-        Relative error of a frequency due to neighbours left out.
+        Allowed relative error of a frequency due to omitted neighbours.
 
     Returns
     -------
     ConvergedShells
-        If not even all that are known or worth counting suffice, all of these, with an `error` above the tolerance.
+        If even all shells that can be counted are not enough, the result has all of them and an `error` above the tolerance.
 
     Examples
     --------

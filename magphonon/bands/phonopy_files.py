@@ -1,9 +1,9 @@
-"""What phonopy and related programs take: files of bands and force constants; and thermal properties.
+"""Files of bands and force constants for phonopy and related programs, and thermal properties by phonopy.
 
-Files hold mm and N, and masses such that phonopy, with the factor that it assumes, finds Hz where it prints THz: 1 g counts
-as `GRAM` of `stiffness.other_tools`.  Where phonopy multiplies a frequency by Planck's constant it takes it for THz: heat
-capacities, free energies and mean square displacements are then wrong by twelve powers of ten in the frequency, without a word.
-For these the frequencies are converted.
+Files are in mm and N. Masses are scaled so that phonopy, with the factor that it assumes, computes Hz where it prints THz: 1 g is
+written as `GRAM` of `stiffness.other_tools`. Where phonopy multiplies a frequency by Planck's constant, it assumes THz. Heat
+capacities, free energies and mean square displacements would be wrong by twelve powers of ten in the frequency, without a
+warning, so for these the frequencies are converted.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     temperatures : array_like
         In K.
     mesh : three ints
-        Numbers of wavevectors along the reciprocal vectors, from Gamma on; 1 along those that are not periodic.
+        Number of wavevectors along each reciprocal vector, starting at Gamma; 1 along directions that are not periodic.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     Raises
     ------
     ValueError
-        For a lattice with unstable modes, which has no equilibrium.
+        If the lattice has unstable modes, so that it has no equilibrium.
 
     Examples
     --------
@@ -90,8 +90,8 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
 def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) -> None:
     """Write bands and modes as phonopy's band.yaml, for `phonopy-bandplot` and the phononwebsite viewer.
 
-    Modes carry phonopy's phase and three components: of a planar lattice, one mode per particle points along z and
-    has the frequency zero.
+    Modes have phonopy's phase and three components. In a planar lattice, one mode per particle points along z and has the
+    frequency zero.
 
     Parameters
     ----------
@@ -155,16 +155,17 @@ def _pieces(path):
 def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
     """Write cells, displacements, forces and force constants for `phonopy.load` and the `phonopy` command.
 
-    Frequencies that phonopy, Euphonic and others find in it and call THz are Hz, lengths that they call Angstrom are mm: masses
-    are written in the unit that makes it so.  phonopy and Euphonic take the force constants as they are; the command would
-    impose the acoustic sum rule, which erases the foundation::
+    When phonopy, Euphonic and others read this file, the frequencies that they call THz are in Hz, and the lengths that they call
+    Angstrom are in mm: masses are written in the unit that makes it so. `phonopy.load` and Euphonic use the force constants as
+    they are. The command `phonopy` would impose the acoustic sum rule, which erases the foundation, unless it is given
+    `--no-sym-fc`::
 
         phonon = phonopy.load('phonopy_params.yaml')
 
         phonopy --no-sym-fc --nosym --nonac --band "0 0 0  1/2 0 0" phonopy_params.yaml
 
-    In lattices of less than 1e-4 mm particles are nearer than phonopy's tolerance of 1e-5: give `symprec=`, of the command
-    `--tolerance`, the value `phonon.symmetry.tolerance`.
+    In lattices smaller than 1e-4 mm, particles are closer than phonopy's tolerance of 1e-5: set `symprec=`, or `--tolerance` of
+    the command, to the value `phonon.symmetry.tolerance`.
 
     Parameters
     ----------

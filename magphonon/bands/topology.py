@@ -1,4 +1,4 @@
-"""What no smooth change of a lattice alters while its gaps stay open: Chern numbers of bands, and one-way waves along edges.
+"""Topology: Chern numbers of bands, and one-way waves along edges; no smooth change alters them while the gaps stay open.
 
 Bands of particles that gyrate (`PairCalculator(gyration=)`) may have Chern numbers other than zero.  The waves along an edge
 then cross a gap in one direction only: their number is the sum of the Chern numbers of all bands below the gap (Hatsugai, Phys.
@@ -35,7 +35,7 @@ CLEAR = 0.8  # least share of the motion in one half of the strip for a wave to 
 def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDArray[np.int_]:
     """Chern number of each band of a planar lattice; all are zero unless particles gyrate.
 
-    By the method of Fukui, Hatsugai and Suzuki (J. Phys. Soc. Jpn. 74, 1674 (2005)) for waves `e^{i(k.R - omega t)}`, in
+    The method is that of Fukui, Hatsugai and Suzuki (J. Phys. Soc. Jpn. 74, 1674 (2005)) for waves `e^{i(k.R - omega t)}`, in
     coordinates whose square is the energy.  The mesh is refined until the flux through each plaquette is small.
 
     Parameters
@@ -43,18 +43,19 @@ def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDA
     cell : ase.Atoms or LinearSystem
         One cell with its PairCalculator.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Returns
     -------
     ndarray of int, shape (bands,)
-        From the lowest band up; their sum is zero.  With the connection <u|du> of these authors; with i<u|du> the
-        signs are opposite.
+        From the lowest band up; their sum is zero. The signs are those of the connection <u|du> of these authors; with i<u|du>
+        they would be opposite.
 
     Raises
     ------
     ValueError
-        If two bands touch, or nearly so: neither has a number of its own; or if stiffness alone does not hold the lattice.
+        If two bands touch or nearly touch, because neither then has a Chern number of its own; or if stiffness alone does not
+        hold the lattice.
 
     Examples
     --------
@@ -66,7 +67,8 @@ def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDA
     """
     system = LinearSystem.of(cell).moving()
     if tuple(system.atoms.pbc) != (True, True, False):
-        raise ValueError('bands over two wavevectors have Chern numbers; take one cell of a planar lattice, pbc (1, 1, 0)')
+        raise ValueError('only bands over a two-dimensional zone have Chern numbers; take one cell of a planar lattice, pbc (1, '
+                         '1, 0)')
     turn = np.sign(np.linalg.det(system.atoms.cell.array[:2, :2]))
     steps = COARSE
     while True:
@@ -76,7 +78,8 @@ def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDA
         if gaps.min() <= TOUCHING or steps >= FINE:
             band = int(gaps.argmin())
             raise ValueError(f'the bands {band} and {band + 1} (from 0) touch, or nearly so, and have no Chern numbers of their '
-                             f'own: they come within {gaps[band]:.2g} of the highest frequency; move away from there')
+                             f'own: they come within {gaps[band]:.2g} of the highest frequency; change foundation, gyration or '
+                             f'law until a gap opens between them')
         steps *= 2
 
 
@@ -124,7 +127,8 @@ class EdgeFlow(NamedTuple):
 
 @takes(*LINEAR)
 def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = None) -> EdgeFlow:
-    """The waves along the edges of a strip at a frequency within a gap of its lattice, and how many more run one way.
+    """The waves along the edges of a strip at a frequency within a gap of its lattice, and how many more run one way than the
+    other.
 
     There is a wave at each q at which an eigenvalue of `K(q) - omega^2 - i omega B` vanishes.
 
@@ -135,12 +139,12 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = N
     omega : float
         In rad/ms.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Raises
     ------
     ValueError
-        If a wave belongs to neither edge: the frequency is not in a gap, or the strip is too narrow.
+        If a wave belongs to neither edge, because the frequency is not in a gap or the strip is too narrow.
 
     Examples
     --------
@@ -156,7 +160,7 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = N
     atoms, calc = system.atoms, system.calc
     omega = float(asked_frequencies(calc, positive('omega', omega, 'rad/ms'))[0])
     if atoms.pbc.sum() != 1:
-        raise ValueError(f'only a strip has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
+        raise ValueError(f'only a strip has edges: it is periodic in one direction, but these atoms in {atoms.pbc.sum()}; '
                          'lattices.ribbon cuts one out of a lattice')
     B, along = system.B().toarray(), np.flatnonzero(atoms.pbc)[0]
     fixed = omega**2 * np.eye(len(B)) + 1j * omega * B

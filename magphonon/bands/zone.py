@@ -96,7 +96,7 @@ def zone_map(atoms: Atoms, steps: int = 96, model: Model | None = None) -> ZoneM
     steps : int
         Mesh steps along each reciprocal vector; a multiple of 6 puts M and K of the hexagonal lattices on the mesh.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Examples
     --------
@@ -122,9 +122,10 @@ def zone_map(atoms: Atoms, steps: int = 96, model: Model | None = None) -> ZoneM
 def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.float64]:
     """`omega_complete/omega_conventional` of each branch over the zone, shape (n1, n2, branches).
 
-    It is how much the static forces shift each mode.  As D* of repelling particles only softens, the ratio is at most 1.  It is
-    negative where the complete model is unstable.  Where the conventional frequency vanishes it is NaN: at Gamma without a
-    foundation both vanish, and the limit is the ratio of the sound speeds, which may depend on the direction of approach.
+    The ratio says how much the static forces shift each mode. It is at most 1, because D* of repelling particles only softens,
+    and negative where the complete model is unstable. It is NaN where the conventional frequency vanishes: at Gamma without a
+    foundation both frequencies vanish, and the limit is the ratio of the sound speeds, which may depend on the direction of
+    approach.
 
     Parameters
     ----------

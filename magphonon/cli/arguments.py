@@ -1,4 +1,4 @@
-"""What several commands share: the scene and the directory of the results, the structures of the scene, and the pictures."""
+"""Options that several commands share: the scene, the directory of the results, the structures of the scene, and the pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `magphonon bands` says of bands: frequencies and speeds, decays, thermal motion, Chern numbers, stability."""
+"""The report of `magphonon bands`: frequencies and speeds, decays, thermal motion, Chern numbers, stability."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
     from ..stability.verdicts import Verdict
 
-HELP = 'does it stand? on which supports? how far is it linear?'
+HELP = 'is the structure stable, what must its supports hold, up to which amplitude is it linear?'
 JUDGED = 20_000
 """Largest number of particles of a patch that is judged separately.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""

@@ -1,5 +1,5 @@
-"""`magphonon design SCENE`: the spacing and the foundation that give what [design] wants; with [[design.targets]] the
-strength and support of every site of a patch.
+"""`magphonon design SCENE`: the spacing and the foundation that give the frequencies wanted in [design]. With [[design.targets]]
+it designs the strength and support of every site of a patch.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ the spacing, which moves a frequency by some percent."""
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [design]', 'design')
-    parser.add_argument('--resume', action='store_true', help='with [[design.targets]]: go on from the design in the directory')
+    parser.add_argument('--resume', action='store_true', help='with [[design.targets]]: continue from the design in the '
+                                                              'directory')
     add_output(parser)
     add_pictures(parser, frequencies=False)
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..response.spectral_density import SpectralFunction
     from ..scenes.scene import Scene
 
-HELP = 'where modes are and where none is: densities of states of lattice and patch'
+HELP = 'densities of states of lattice and patch: where the modes lie, and where the gaps are'
 RESULTS = 'dos.*', 'dos_*', 'spectral.*'
 FREQUENCIES = 400  # number of bins of the density of a lattice
 MOMENTS, VECTORS, SPECTRAL_MOMENTS = 512, 16, 256

@@ -109,11 +109,11 @@ def _refuse_foreign(file):
         raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
     if os.path.lexists(file):
         if file.is_symlink() or not file.is_file():
-            raise ValueError(f'{file} is no regular file, such as a pipe or a link; choose another name')
+            raise ValueError(f'{file} is not a regular file but, for example, a pipe or a link; choose another name')
         page, mark, rest = file.read_bytes().rpartition(SUM)
         if mark + rest != _signature(page):
-            raise ValueError(f'{file} is not a page as "magphonon explore" wrote it and is not replaced; choose another name, or '
-                             'move it away')
+            raise ValueError(f'{file} is not an unchanged page of "magphonon explore" and is not replaced; choose another name, '
+                             f'or move it away')
 
 
 def _refuse_unknown(scene: Scene) -> None:
@@ -123,8 +123,8 @@ def _refuse_unknown(scene: Scene) -> None:
     if scene.finite:
         raise ValueError('a finite structure has no bands to explore; "magphonon modes" shows its modes')
     if scene.lattice.kind == 'file':
-        raise ValueError('lattice.kind = "file": the positions of a file need not stay in balance when spacing or exponent '
-                         'change; the explorer needs a lattice given by its name, such as kind = "triangular"')
+        raise ValueError('lattice.kind = "file": positions from a file may lose their balance when the spacing or the exponent '
+                         'changes; the explorer needs a lattice given by its name, such as kind = "triangular"')
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
         raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or use '
                          '"magphonon bands"')

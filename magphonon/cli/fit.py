@@ -1,15 +1,15 @@
 """`magphonon fit FILE.csv`: the force between two particles and its slope from a table, or the lattice from measured ridges.
 
-All rows of a table share errors: a zero of the distance and of the force, hysteresis, backlash, the gain of the load cell.  The
-intervals contain them; say how well you know each.  A length or force without a unit is in m or N: `--spacing 10mm` or 0.01.
-With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any other analysis: force,
-exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The table
-says what sent the waves; the intervals allow for the shift that a source gives to all ridges of a branch.
-Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised by what it
-holds.  Forces, ridges and transfer functions are fitted together: one law, one foundation, one mass; then the report says which
-record contradicts the others, and what to measure next.
-With `--frf SCENE` the files are of measured transfer functions, tables or universal files: force, exponent, foundation and
-damping of the patch or the structure of the scene are fitted to them, with D* and without.
+Some errors are shared by all rows of a table: the zeros of the distance and of the force, hysteresis, backlash, the gain of the
+load cell. The intervals allow for them; options say how well you know each.  A length or force without a unit is in m or N:
+`--spacing 10mm` or 0.01. With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any
+other analysis: force, exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is
+stated.  The table says which kind of source sent the waves; the intervals allow for the shift that such a source gives to all
+ridges of a branch. Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised
+by what it holds. Forces, ridges and transfer functions are fitted together, with one law, one foundation and one mass. The report
+then says which record contradicts the others, and what to measure next. With `--frf SCENE` the files are of measured transfer
+functions, tables or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are
+fitted to them, with D* and without.
 
 docs/coverage.md says how often its 95 % intervals contain the true value.
 """
@@ -45,11 +45,11 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='with --bands or --frf: parameters that are known from the scene, by the names of --prior, as '
                              '--fix a,foundation_N_per_m')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
-                        help='with --bands or --frf: what is known of a parameter from elsewhere, in SI, as '
+                        help='with --bands or --frf: what is already known about a parameter, in SI, as '
                              'force_N=0.288+-0.01 or a=3.8+-10%%; units may be left out of names; may be given several times')
     parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
-                        help='with --bands: leave out a ridge, as --without "60Hz, longitudinal"; by how much the fit misses it '
-                             'widens the intervals')
+                        help='with --bands: leave out a ridge, as --without "60Hz, longitudinal"; the intervals are widened by '
+                             'as much as the fit misses it')
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, as 10mm (default: the middle distance)')
     for name, reader, metavar, words in (
             ('distance', length, 'R', 'how well the zero of the distances is known, as 0.1mm: it matters most (default: 0.2mm)'),
@@ -59,10 +59,11 @@ def add_arguments(parser: ArgumentParser) -> None:
             ('gain', float, 'X', 'how well the gain of the load cell is known, as a fraction (default: 0.01)')):
         parser.add_argument(f'--{name}-sigma', metavar=metavar, type=reader, help=words)
     parser.add_argument('--pair-sigma', metavar='X', type=float,
-                        help='how far the force of one pair may be from the mean of the lattice, as a fraction (default: what '
-                             'several pairs in one table say, else 0)')
-    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: it narrows the '
-                                                          'answer, and loses against the free curve where the data contradict it')
+                        help='standard deviation of the force from one pair to the next, as a fraction (default: the scatter of '
+                             'several pairs in one table, else 0)')
+    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: the known shape '
+                                                          'narrows the intervals, and it is given up for a free curve where the '
+                                                          'data contradict it')
     parser.add_argument('--contact', metavar='R', type=length,
                         help='distance of the centres at contact: measurements below it are refused (default: that of --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',
@@ -120,7 +121,8 @@ def _fit_together(options, name, kinds):
 
     for option in ('fix', 'without', 'magnet', 'spacing'):
         if getattr(options, option):
-            raise ValueError(f'--{option} belongs to a fit of one kind of record; leave it out, or write it into the scene')
+            raise ValueError(f'--{option} is only for a fit of one kind of record; leave it out, or write the value into the '
+                             f'scene')
     options.scene = source_of(name)
     scene = read_scene(options.scene)
     found = fit_records(scene, kinds['forces'], read_ridges(*map(ready_table, kinds['ridges'])) if kinds['ridges'] else None,
@@ -249,7 +251,8 @@ def _prior(text, keys):
         key, value, sigma, percent = match.groups()
         value, sigma = float(value), float(sigma)
     except (AttributeError, ValueError):
-        raise ValueError(f'--prior {text!r} is no parameter, value and standard uncertainty, as force_N=0.288+-0.01 or a=3.8+-10%'
+        raise ValueError(f'--prior {text!r} is not a parameter with its value and standard uncertainty, such as '
+                         f'force_N=0.288+-0.01 or a=3.8+-10%'
                          ) from None
     key = next((full for full, name in keys.items() if name == key), key)
     return keys[one_of('the parameter of --prior', key, tuple(keys))], (value, value * sigma / 100 if percent else sigma)

@@ -1,4 +1,6 @@
-"""What `magphonon fit` says: the force and its slope, the lattice behind ridges, the lattice behind transfer functions."""
+"""The reports of `magphonon fit`: the force and its slope, the lattice fitted to ridges, the lattice fitted to transfer
+functions.
+"""
 
 from __future__ import annotations
 
@@ -93,8 +95,8 @@ def what_makes_the_slope_uncertain(case):
 def which_law(case):
     if case.options.magnet is None:
         near, far = case.forces.r.min(), case.forces.r.max()
-        return (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm cannot tell which law it is; the intervals hold for any '
-                'smooth law.')
+        return (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm do not decide between the laws; the intervals hold for any '
+                f'smooth law.')
     lost = '; the data contradict it.' if case.fit.weight < SHAPE_WEIGHT / 5 else '.'
     return f'The shape of {case.options.magnet} has the weight {case.fit.weight:.2g} against a free curve{lost}'
 

@@ -10,7 +10,7 @@ from .. import units
 from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'shake or push, and see the frequency response, also over measured ones'
+HELP = 'frequency response to a force or a shaken bench, also drawn over measurements'
 RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
 MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
@@ -25,8 +25,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'points and drives that the file names: a table (frequency_Hz, amplitude_m_per_N, phase_deg or re_..., '
                         'im_...), a '
                         'universal file .uff, or raw records (time_s, drive_N, answer_m)')
-    parser.add_argument('--estimator', choices=('H1', 'H2'), default='H1', help='with raw records: H1 where the answer is noisy '
-                        '(default), H2 where the drive is')
+    parser.add_argument('--estimator', choices=('H1', 'H2'), default='H1', help='with raw records: H1 if the response is noisy '
+                                                                                '(default), H2 if the drive is noisy')
     add_output(parser)
     add_pictures(parser)
 
@@ -74,8 +74,8 @@ def _responses(scene, plan, folder, save):
         system = LinearSystem.of(atoms, *LINEAR)
         if plan.wall is not None and model == 'complete':
             moved = np.count_nonzero(source.any(axis=1))
-            lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees, '
-                         f'all that lie farther towards {plan.wall.side_deg:g} degrees than those that are free')
+            lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees: all that lie farther towards '
+                         f'{plan.wall.side_deg:g} degrees than the free ones')
         result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']

@@ -1,4 +1,6 @@
-"""What `magphonon fit` says of several records of one lattice: the answer, who contradicts whom, what to measure next."""
+"""The report of `magphonon fit` on several records of one lattice: the answer, which records contradict each other, what to
+measure next.
+"""
 
 from __future__ import annotations
 

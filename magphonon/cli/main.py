@@ -1,8 +1,8 @@
 """The command `magphonon`: it runs the subcommands on scene files and prints ready scenes to start from.
 
-Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for an error in the command,
-the scene or the directory of the results (one message; nothing is written unless it says so), 3 when the results are written but
-the report could not be shown, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
+Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for an error in the command, the
+scene or the directory of the results (one message; nothing is written unless the message says so), 3 when the results are written
+but the report could not be shown, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
     from ..stiffness.rest import LinearSystem
 
-HELP = 'what moves in each mode, and which modes stay at a defect'
+HELP = 'what moves in each mode, and which modes are local at a defect'
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_TURNING = 1500  # the same where forces turn velocities: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
@@ -60,7 +60,7 @@ def run(options: Namespace) -> None:
     lattice, patch, left = lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
-            raise ValueError(f'--{option} {given}: the scene has no patch whose modes it could take; add a table [patch]')
+            raise ValueError(f'--{option} {given}: the scene has no patch, so there are no modes to use; add a table [patch]')
     with answering(options, scene) as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
         if lattice is not None:
@@ -235,8 +235,8 @@ def stands(case: Case) -> Finding | None:
     if case.patch is None or not case.scene.finite or getattr(case.scene.lattice, 'positions', None) != 'rest':
         return None
     unstable = case.found.omega[0] < -OUTSIDE * abs(case.found.omega).max()
-    return Finding(unstable, 'UNSTABLE: what stands in the photo would not stand with this law and foundation; check them, and '
-                   'cutoff_m', fault=True) if unstable else None
+    return Finding(unstable, 'UNSTABLE: with this law and foundation the lattice in the photo would buckle; check them, and '
+                             'cutoff_m', fault=True) if unstable else None
 
 
 @REPORT.check
@@ -406,12 +406,12 @@ def matches(comparison, found) -> list[str]:
             far = bool(abs(f[best] - measured) > FAR * measured)  # not, if unknown
             others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
             lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
-                         + (', too far in frequency for one mode: are u_x and u_y exchanged, or is the law another?' * far)
+                         + (', too far apart in frequency for one mode: are u_x and u_y exchanged, or is the law wrong?' * far)
                          + (f'; mode {", ".join(others)} looks the same at so few points (aliasing): measure particles between '
                             'them' if others else ''))
         else:
             lines.append(f'{what}no mode alike; the nearest is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC {mac[best]:.3f}, '
-                         f'and a match needs {least:.3f} with so many measured directions')
+                         f'while a match needs {least:.3f} with this number of measured directions')
     return lines
 
 

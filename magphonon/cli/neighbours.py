@@ -1,7 +1,6 @@
 """What the neighbours that a scene omits would change, in words, per branch at the points asked.
 
-In full where one looks for it (`check`, fits, designs, tolerances); the other commands say only that some shift matters, in a
-line that names the largest one.
+`check`, fits, designs and tolerances list the shifts in full. The other commands print a line with the largest one if it matters.
 """
 
 from __future__ import annotations
@@ -143,12 +142,13 @@ def advice(case: Case) -> str | None:
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
                within: Mapping[tuple[str, int], float] | None = None, limit: str = 'the 95 % interval',
                brief: bool = False) -> list[str]:
-    """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
+    """A line that says how many neighbours are counted and what all of them would change; nothing for a scene where the number
+    cannot be chosen.
 
-    In `brief` it names the largest shift only, if any matters.  `points` are the wavevectors asked, in fractions of the
-    reciprocal vectors: one for each name, or several for a name of them all, of which the largest shift is named; by default the
-    special points of the bands.  `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and
-    branch from 1: shifts that exceed them are named, and `limit` says what these widths are.
+    If `brief`, it names only the largest shift, if any matters. `points` are wavevectors in fractions of the reciprocal vectors:
+    one for each name, or several under one name, for which the largest shift is given; by default the special points of the
+    bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch from 1: shifts that
+    exceed them are named, and `limit` says in words what these widths are.
     """
     if scene.single or isinstance(scene.law, SavedLaw) or KINDS[scene.law.kind].shells == 1:
         return []
@@ -178,7 +178,7 @@ def special_points(scene: Scene) -> dict[str, NDArray[np.float64]]:
 
 
 def speeds(scene: Scene) -> str | None:
-    """What all neighbours would do to the speeds of long waves along x, which need many more of them than frequencies do."""
+    """How all neighbours would change the speeds of long waves along x, which need many more neighbours than frequencies do."""
     atoms: Any = scene.with_lean(False).perfect_cell()
     if isinstance(scene.law, SavedLaw) or Case(scene).unknown is not None or atoms.calc.layer or atoms.constraints:
         return None

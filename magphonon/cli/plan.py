@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from ..errors import positive
 from .arguments import add_output, add_scene, default_folder
 
-HELP = 'the simplest model that is good enough for your tolerance'
+HELP = 'the simplest model that meets your tolerance'
 RESULTS = 'plan_*',
 LEAST_TOLERANCE = 1e-7
 """Smallest relative tolerance: at Gamma a frequency is the square root of a rounded eigenvalue, a few 1e-8 of the highest one."""

@@ -1,7 +1,8 @@
-"""`magphonon read FILE`: what a file of measurements holds, as all commands read it, with a picture and a clean table.
+"""`magphonon read FILE`: show how all commands read a file of measurements, with a picture and a clean table.
 
-Forces between two magnets, ridges, transfer functions, and scans are recognised by what they hold.  The report says which column
-was taken for what, and from where to where it goes, so that a wrong unit is seen; the clean table is in SI and reads the same.
+Forces between two magnets, ridges, transfer functions, and scans are recognised by what they hold.  The report says how each
+column was understood and which range it covers, so that a wrong unit is easily seen. The clean table is in SI and is read in the
+same way.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ..readers import content
 from ..tables import read_table
 from .arguments import add_output, add_pictures, drawing, length, ready_table
 
-HELP = 'what a file of measurements holds, with a picture and a clean table'
+HELP = 'how a file of measurements is understood, with a picture and a clean table'
 RESULTS = 'clean*.csv', 'clean.p*'
 KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
          'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
@@ -60,7 +61,9 @@ def run(options: Namespace) -> None:
 
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
-    """What a file holds: its kind, and as it was read; `contact` in mm is needed where a table of forces has gaps."""
+    """What a file holds: its kind, and its contents as they were read; `contact` in mm is needed where a table of forces has
+    gaps.
+    """
     faults = []
     for kind, (module, reader) in KINDS.items():
         try:

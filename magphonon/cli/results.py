@@ -1,9 +1,9 @@
-"""Folders of results: a command writes its files beside, and they take their names when all of them are complete.
+"""Folders of results: a command writes its files into a hidden directory, and they get their names when all of them are complete.
 
-Nothing is deleted but the hidden directory that this process made.  A file is replaced only by a result of the same name, after
-its checksum has shown that it still is what the command wrote: so no file of a user is touched, whatever stands in the folder.
-The checksums are in `provenance.json`.  It is written before the first file takes its name, with the command marked as not
-complete, and again after the last one; a run that is killed between them can be repeated.
+Only the hidden directory that this process made is ever deleted. A file is replaced only by a result of the same name, and only
+if its checksum shows that it is still what the command wrote. So no file of a user is touched, whatever is in the folder. The
+checksums are in `provenance.json`.  It is written before the first file takes its name, with the command marked as not complete,
+and again after the last one; a run that is killed between them can be repeated.
 """
 
 from __future__ import annotations
@@ -116,9 +116,9 @@ def results(options: Namespace, scene: Scene | None = None, *tables: str | PathL
                 path.rmdir()
     options.written, options.notes = folder, []
     if stale:
-        options.notes.append(f'{", ".join(stale)} in {folder} are of an earlier run; this one did not write them again')
+        options.notes.append(f'{", ".join(stale)} in {folder} are from an earlier run; this run did not write them again')
     if left:
-        options.notes.append(f'{", ".join(left)} in {folder} may be left of a command that was killed; nothing reads them')
+        options.notes.append(f'{", ".join(left)} in {folder} may be left over from a command that was killed; nothing reads them')
 
 
 def _make(folder, made):
@@ -167,11 +167,11 @@ class _Run:
             if path.name and not path.is_absolute():  # it stands beside the scene, and is copied with it
                 file = str(path)  # without ./
                 if file != path.name:
-                    raise ValueError(f'{key}.file = "{file}" is in another folder than the scene, and the copy of the scene '
-                                     'among the results would not find it; put it beside the scene, or give its full path')
+                    raise ValueError(f'{key}.file = "{file}" is not in the folder of the scene, so the copy of the scene among '
+                                     f'the results would not find it; put it beside the scene, or give its full path')
                 if file.lower() in (PROVENANCE, SCENE) or any(fnmatch(file.lower(), pattern) for pattern in options.results):
-                    raise ValueError(f'{key}.file = "{file}" has the name of a result of "magphonon {self.name}", beside which '
-                                     'it is copied; give the file another name')
+                    raise ValueError(f'{key}.file = "{file}" has the same name as a result of "magphonon {self.name}", and both '
+                                     f'would be written to the same folder; give the file another name')
                 self.tables[file] = self.source.folder / file
 
     def refuse_mixture(self, known):

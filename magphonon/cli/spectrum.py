@@ -1,8 +1,8 @@
 """`magphonon spectrum SCAN ... SCENE`: measured scans of a row or of the plane, their maps and ridges over the bands of a scene.
 
-A scan is a table of text or a universal file; points that cover the plane are recognised.  Points may carry any numbers, and some
-may be missing or dead; the names of the columns give units and components.  Of the scene only the lattice, its law and its
-foundation are needed.  Each scan is analysed on its own; `magphonon fit --bands` takes the ridges of all of them.
+A scan is a table of text or a universal file; points that cover the plane are recognised.  Points may have any numbers, and some
+may be missing or dead; the names of the columns give units and components. The scene needs only the lattice, its law and its
+foundation.  Each scan is analysed on its own; `magphonon fit --bands` takes the ridges of all of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from ..scenes.scene import Scene
 
-HELP = 'from a scan of the vibrometer to dispersion points, over the bands of a scene'
+HELP = 'dispersion points from a scan of the vibrometer, drawn over the bands of a scene'
 RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*.pdf'
 
 
@@ -52,7 +52,7 @@ def run(options: Namespace) -> None:
     scene, stems = read_scene(options.scene), [Path(table).stem for table in options.tables]
     for stem in stems:
         if stems.count(stem) > 1:
-            raise ValueError(f'two of the scans are called {stem}, as their results would be; rename one of them')
+            raise ValueError(f'two of the scans are called {stem}, so their results would have the same name; rename one of them')
     ridges, notes = [], []
     for table, stem in zip(options.tables, stems, strict=True):
         options.table = table  # the one that an error is about
@@ -78,7 +78,7 @@ def _analysed(options, scene):
         plane = scan.places is not None and is_field(np.asarray(scan.places), cell)
         try:
             if options.at is not None and not plane:
-                raise ValueError('--at needs points that cover the plane; these lie on one row or a few')
+                raise ValueError('--at needs points that cover the plane, but these lie on one or a few rows')
             case = (_field if plane else _row)(options, scene, cell, scan, folder, save)
         except ValueError as error:
             raise ValueError(f'{options.table}: {error}') from None
@@ -179,7 +179,7 @@ def _particles(scene):
     from ..waves.wave_source import burst_setup
 
     if scene.patch is None or scene.burst is None:
-        raise ValueError('it does not say where its points are; add the columns x_m and y_m, or name a table of them with '
+        raise ValueError('the scan does not say where its points are; add the columns x_m and y_m, or name a table of them with '
                          '--geometry POINTS.csv')
     patch = scene.patch_atoms()
     return {str(k): tuple(patch.positions[k, :2]) for k in burst_setup(scene.perfect_cell(), patch, scene.burst.source).row}

@@ -47,7 +47,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--executor', choices=EXECUTORS, default='processes',
                         help='processes of this machine (default), this process alone, Dask, or the ranks of mpiexec')
     parser.add_argument('--workers', metavar='N', type=int, help='processes on this machine (default: one for each core)')
-    parser.add_argument('--scheduler', metavar='ADDRESS', help='of a running Dask scheduler, such as `tcp://10.0.0.1:8786`')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='address of a running Dask scheduler, such as '
+                                                               '`tcp://10.0.0.1:8786`')
     add_output(parser)
     add_pictures(parser, frequencies=False)
 
@@ -62,12 +63,11 @@ def run(options: Namespace) -> None:
             if workers is not None:
                 _lead(options, workers)
     except ImportError as error:
-        raise ValueError(f"{error}; pip install 'magphonon[sweep,dask,mpi]' installs all that sweeps need") from None
+        raise ValueError(f"{error}; pip install 'magphonon[sweep,dask,mpi]' installs everything that sweeps need") from None
     except RuntimeError as error:  # of joblib, where a process died, or of Dask
         why = ' '.join(str(error).split()).rstrip('.')
-        raise ValueError(f'the workers failed: {why}. See that each has this version of magphonon and enough memory, take fewer '
-                         '--workers, '
-                         'and give the command again: it goes on where it stopped') from None
+        raise ValueError(f'the workers failed: {why}. Make sure that each has this version of magphonon and enough memory, use '
+                         f'fewer --workers, and give the command again: it continues where it stopped') from None
 
 
 @contextmanager
@@ -94,8 +94,8 @@ def _where(options: Namespace) -> Iterator[dict[str, Any] | None]:
         from mpi4py.futures import MPICommExecutor
 
         if MPI.COMM_WORLD.size < 2:
-            raise ValueError('MPI has one rank, and the first one only leads; '
-                             'start more, as in "mpiexec -n 3 magphonon sweep ..."')
+            raise ValueError('MPI has one rank, and the first rank only distributes the work; start more, as in "mpiexec -n 3 '
+                             'magphonon sweep ..."')
         with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:
             yield None if executor is None else {'executor': executor}
 
@@ -113,15 +113,15 @@ def axis_of(text: str) -> tuple[str, NDArray[np.float64]]:
         first, last = finite(f'--over {key}', [float(first), float(last)])
         number = whole(f'the count of --over {key}', float(count))
     except (ValueError, OverflowError) as error:
-        raise ValueError(f'--over {text} is no range of numbers ({error}); write it as law.a=3:6:50 or law.a=3,4,6') from None
+        raise ValueError(f'--over {text} is not a range of numbers ({error}); write it as law.a=3:6:50 or law.a=3,4,6') from None
     if number > MOST_VALUES:
-        raise ValueError(f'--over {text} has {number} values, and at most {MOST_VALUES} make an axis')
+        raise ValueError(f'--over {text} has {number} values, but an axis may have at most {MOST_VALUES}')
     if logarithmic not in ([], ['log']):
         raise ValueError(f"--over {text}: after the count only 'log' may follow, not {shown(':'.join(logarithmic))}")
     if not logarithmic:
         return key, np.linspace(first, last, number)
     if min(first, last) <= 0:
-        raise ValueError(f'--over {text}: equal factors need two positive ends')
+        raise ValueError(f'--over {text}: a logarithmic axis needs two positive ends')
     return key, np.geomspace(first, last, number)
 
 
@@ -166,7 +166,7 @@ def _lead(options, workers):
     if own:  # this process made it; another one that took it up may have seen the end of it
         journal.unlink(missing_ok=True)
     else:
-        options.notes.append(f'{journal} of an earlier command stays; it is complete, and may be removed')
+        options.notes.append(f'{journal} of an earlier command is still there; it is complete, and may be removed')
 
 
 def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> list[str]:

@@ -10,7 +10,7 @@ from .. import units
 from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'how well bands and responses are known, from what you know of the parts'
+HELP = 'how uncertain bands and responses are, given the tolerances of the parts'
 RESULTS = 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*'
 SAMPLES = 1000
 """Number of lattices drawn at random to check the linear propagation.  The relative sampling error of their standard deviation is
@@ -42,7 +42,8 @@ def run(options: Namespace) -> None:
     tolerances = scene.wanted('uncertainty').tolerances(scene)
     bands = scene.bands is not None or scene.frf is None
     if bands and (scene.single or scene.finite):
-        raise ValueError(f'the scene {scene.title!r} has no [frf], to which tolerances could propagate; add one')
+        raise ValueError(f'the scene {scene.title!r} has no [frf], so there is no response whose uncertainty could be computed; '
+                         f'add one')
     with answering(options, scene) as (folder, save, told):
         if bands:
             told += _bands(folder, save, scene, tolerances, options.verbose) if tolerances.changes else []
@@ -145,8 +146,8 @@ def _response(folder, save, scene, tolerances):
     lines = [f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
                  f'at most {100 * relative.max():.2g} %, at {f[relative.argmax()]:.5g} Hz']
     if lost:
-        lines.append(f'at {100 * lost:.2g} % of the frequencies it is over {100 * LINEAR_RANGE:.0f} %: the peaks move by more '
-                     'than their width there, and the ribbon only says that the amplitude is unknown')
+        lines.append(f'at {100 * lost:.2g} % of the frequencies it is above {100 * LINEAR_RANGE:.0f} %: there the peaks move by '
+                     f'more than their width, and the ribbon only says that the amplitude is unknown')
     return [*lines, *_peaks(f, spread)]
 
 
@@ -167,6 +168,6 @@ def _peaks(f, spread):
                      f'first order there: to second order its standard deviation is up to {100 * share:.2g} %, at {f[k]:.5g} '
                      f'Hz, and its mean about {100 * share / 2**0.5:.2g} % lower')
     if len(told) < len(narrow):
-        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so much of their width that the ribbon at their '
-                     'top is meaningless')
+        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so large a part of their width that the ribbon '
+                     f'at their top is meaningless')
     return lines

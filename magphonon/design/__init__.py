@@ -1,8 +1,8 @@
-"""What the parameters of a lattice do to its frequencies, forwards and backwards.
+"""How the parameters of a lattice determine its frequencies, and which parameters give wanted or measured frequencies.
 
-`sensitivities` are first derivatives of frequencies and responses; `uncertainty` follows from them and from tolerances that all
-particles share, `scatter` from those of each particle by itself.  `inverse` finds the lattice for a wanted band,
-`dispersion_fits` the lattice that has measured branches.
+`sensitivities` has first derivatives of frequencies and responses. `uncertainty` follows from them for tolerances that all
+particles share, `scatter` for each particle's own deviations. `inverse` finds the lattice for a wanted band, `dispersion_fits`
+the lattice for measured branches.
 """
 
 import lazy_loader

@@ -4,12 +4,14 @@ With the logarithms x of the parameters, the residual of a point (q, omega) of o
 
     r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (what sigma_q makes of the branch)^2
 
-and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  What shifts all ridges of a branch alike,
-as a point source does, no residual shows; the covariance of the points of one branch and one kind of source is therefore
+and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  A shift that all ridges of a branch share,
+such as that of a point source, is invisible in the residuals. The covariance of the points of one branch and one kind of source
+is therefore
 
     C = diag(sigma^2) + (tau d) (tau d)^T        d = d omega/d xi, tau = `RidgePoints.shift`
 
-and residuals and derivatives are multiplied by C^(-1/2), the symmetric root, which leaves each residual that of its own point.
+and residuals and derivatives are multiplied by C^(-1/2), the symmetric root, so that each residual still belongs to its own
+point.
 """
 
 from __future__ import annotations
@@ -49,16 +51,16 @@ ROUNDS, FARTHEST = 6, 3
 
 @dataclass(frozen=True)
 class DispersionFit(ParameterFit):
-    """Parameters of a lattice in one model, fitted to points of its branches; its residuals are those of frequencies.
+    """Parameters of a lattice in one model, fitted to points of its branches; the residuals are those of frequencies.
 
     Attributes
     ----------
     branches : tuple of int
         The branch of each ridge, counted from 0 by frequency.
     strayed : int
-        Number of points, of waves from a point source, that follow the next branch to that of their ridge.
+        Number of points of waves from a point source that follow a branch next to the branch of their ridge.
     sigma_xi : ndarray, shape (points,)
-        Standard uncertainties of the phases as they were counted, in rad: where an oblique wave is near, its distance.
+        Standard uncertainties of the phases that were used, in rad: where an oblique wave is near, its distance.
     missed : tuple of float
         Residuals of the ridges that were left out of the fit.
 
@@ -72,7 +74,9 @@ class DispersionFit(ParameterFit):
 
     @property
     def scatter(self) -> float:
-        """The same with the ridges that were left out of the fit: taking them out must not make it surer."""
+        """The scatter including the ridges that were left out of the fit, because leaving them out must not narrow the
+        intervals.
+        """
         own = super().scatter
         if not self.missed:
             return own
@@ -92,18 +96,20 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     Parameters
     ----------
     build : callable
-        Takes a dict of parameter name to factor; returns the cell with its PairCalculator, and what each parameter changes in
+        Takes a dict from parameter name to factor; returns the cell with its PairCalculator, and what each parameter changes in
         it (a dict of `StiffnessDerivative`).
     names : tuple of str
         The parameters to fit.
     points : RidgePoints
-        Without those that share noise, see `RidgePoints.independent`.
+        Without points that share noise, see `RidgePoints.independent`.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
     priors : dict or Before, optional
-        What is known from elsewhere: factors of parameters and their relative standard uncertainties; or of all together.
+        What is already known: factors of single parameters and their relative standard uncertainties, or a `Before` for all of
+        them together.
     near : DispersionFit, optional
-        A fit of the same ridges from which this one goes on: no branches far from its own are tried, which takes most time.
+        A fit of the same ridges to start from: branches far from those of this fit are then not tried, which saves most of the
+        time.
 
     Examples
     --------

@@ -58,12 +58,13 @@ def _by_spacing(atoms, target):
 
 @takes('all neighbours', 'modulation', 'site law', 'conventional', 'attraction', 'oblique', 'unlike')
 def foundation_for(atoms: Atoms, cut_off: float) -> float:
-    """Foundation stiffness in N/mm that gives uniform motion the frequency `cut_off` in rad/ms.
+    """Foundation stiffness in N/mm at which uniform motion has the frequency `cut_off` in rad/ms.
 
     Raises
     ------
     ValueError
-        For a cut-off that is not positive, or particles of different masses: on a common foundation no motion is uniform.
+        If the cut-off is not positive, or the particles have different masses, because on a common foundation no mode is then
+        uniform.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
     Parameters
     ----------
     build : callable
-        From the spacing in mm to the cell with its PairCalculator.
+        Function that takes the spacing in mm and returns the cell with its PairCalculator.
     target : Objective
         In rad/ms, such as a `BandEdge` or `band_gap` with infinite sharpness.
     wanted : float

@@ -1,8 +1,8 @@
 """What may be wrong with a file of transfer functions: its unit, the sign of its phase, what was measured.
 
-Peaks of the lattice as it is known stand beside those that were measured, and no two curves agree.  So the peaks of both are
-widened to a ninth of the range; what then remains, size, phase and how they go with frequency, a wrong unit changes by far more
-than a lattice that is known to ten percent.
+The peaks of the assumed lattice and the measured ones are never at quite the same frequencies, so the curves differ. Therefore
+the peaks of both are widened to a ninth of the range. What then remains is the size, the phase, and their trend with frequency. A
+wrong unit changes these by far more than an error of ten percent in the lattice.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
-"""What a lattice is designed for: numbers to be made large, each with its exact slope.
+"""Objectives of a design: numbers to be made large, each with its exact gradient.
 
 An objective says one thing only: how its value changes with the stiffness of each bond, the spring of each site and the mass of
 each site (`Slope`).  A wave with the displacements x and y, and e = C(q) x in the bonds, adds to it
 
     dJ/dK_b = Re(e^x* (x) e^y)        dJ/dk_i = Re(x_i* y_i)        dJ/dm_i = Re(z x_i*.y_i)
 
-with the inertia z = -omega^2 + i omega gamma.  Of a response x comes from where it is seen and y from where it is driven; of a
-Bloch mode both are the mode; of a burst x is the adjoint motion.  What follows when magnets are stronger, pillars stiffer or feet
-elsewhere is common to all objectives, and stands in `magphonon.design.site_designs`.
+with the inertia z = -omega^2 + i omega gamma.  For a response, x belongs to a unit force where it is seen and y to the drive; for
+a Bloch mode both are the mode; for a burst x is the adjoint motion. How the stiffness changes when magnets are stronger, pillars
+stiffer or feet elsewhere is the same for all objectives, and is in `magphonon.design.site_designs`.
 
-Branches enter by sums over all of them, which stay smooth where branches cross.  What asks for one mode by itself
-(`GroupVelocity`, `LocalMode`) refuses a mode that another one of nearly the same frequency meets.
+Branches enter by sums over all of them, which stay smooth where branches cross. Objectives that need one single mode
+(`GroupVelocity`, `LocalMode`) refuse a mode that has nearly the same frequency as another one.
 
 Objectives are added, subtracted and multiplied by numbers:
 
@@ -126,12 +126,12 @@ class Objective:
         return float(self.value_and_slope(rest if isinstance(rest, Rest) else Rest(rest))[0])
 
     def tuned(self, factor: float) -> Objective:
-        """The same at frequencies that are larger by a factor, of a source that is off its frequency."""
+        """The objective at frequencies that are larger by a factor, for sources that are off their frequency."""
         return self
 
     @property
     def frequencies(self) -> set[float]:
-        """Those of the sources, in rad/ms."""
+        """Frequencies of the sources, in rad/ms."""
         return set()
 
     def doubts(self, rest: Rest) -> list[str]:
@@ -143,7 +143,7 @@ class Objective:
                 for omega in sorted(self.frequencies) if not modes[0] <= omega <= modes[1]]
 
     def near(self, wanted: float, width: float) -> Target:
-        """Largest where this one has the value wanted: `-((value - wanted)/width)^2`."""
+        """An objective that is largest where this one has the wanted value: `-((value - wanted)/width)^2`."""
         return Target(self, wanted, width)
 
     def __add__(self, other: Objective) -> Sum:
@@ -258,7 +258,8 @@ class Level(Objective):
     damping : float
         Force per momentum in 1/ms.
     floor : float
-        Amplitude in mm/N below which quieter is no better: it keeps a design from a zero so deep that no real lattice has it.
+        Amplitude in mm/N below which quieter is not better. It keeps a design from a zero so deep that no real lattice would have
+        it.
     """
 
     source: Dof
@@ -293,8 +294,9 @@ class BandEdge(Objective):
     """Frequency of the edge of a band in rad/ms, of a cell of any number of magnets: a soft extreme over wavevectors and
     branches.
 
-    `exp(sharp omega)` is summed over all wavevectors and all branches on one side of the gap: whichever cross among them, the sum
-    is smooth.  Only where the two sides touch it is not.  The soft edge lies inside the gap by up to ln(terms)/sharp.
+    `exp(sharp omega)` is summed over all wavevectors and all branches on one side of the gap. The sum is smooth even where these
+    branches cross; it is not smooth where the two sides of the gap touch.  The soft edge lies inside the gap by up to
+    ln(terms)/sharp.
 
     Attributes
     ----------
@@ -304,7 +306,7 @@ class BandEdge(Objective):
     side : {'top', 'bottom'}
         Top of the branches below the gap, or bottom of those above it.
     sharp : float
-        In ms; infinite for the edge itself among these wavevectors, where it is smooth in what all particles share.
+        In ms; infinite for the true edge among these wavevectors, which is smooth in parameters that all particles share.
     """
 
     q: np.ndarray
@@ -363,8 +365,8 @@ def _slope_of_mode(rest, squares, x, at, own, pull, q=None):
     away, n, dim = squares[at] - squares, len(rest.system), rest.system.dim
     away[at] = np.inf
     if abs(away).min() < MEETING * abs(squares).max():
-        raise Crossing(f'the mode at {np.sqrt(abs(squares[at])):.6g} rad/ms meets another one, and neither is a mode by itself; '
-                       'break the symmetry that unites them, or choose another wavevector or place')
+        raise Crossing(f'the mode at {np.sqrt(abs(squares[at])):.6g} rad/ms has the same frequency as another one, so neither '
+                       f'is a mode by itself; break the symmetry that makes them equal, or choose another wavevector or place')
     mode = x[:, at]
     y = x @ ((x.conj().T @ pull) / away)
     both = (own * mode + 2 * y).conj().reshape(n, dim, 1), mode.reshape(n, dim, 1)
@@ -375,7 +377,7 @@ def _slope_of_mode(rest, squares, x, at, own, pull, q=None):
 
 def _frequency(square):
     if not square > 0:
-        raise Unstable('the wave whose frequency is wanted does not vibrate but grows, in the model of the waves')
+        raise Unstable('the wave whose frequency is wanted grows instead of vibrating, in the model chosen for the waves')
     return float(np.sqrt(square))
 
 
@@ -464,8 +466,8 @@ class LocalMode(Objective):
 class Margin(Objective):
     """How far a structure is from buckling: soft minimum of the eigenvalues of its statics over mass, in rad^2/ms^2.
 
-    Of the complete model, whatever the model of the waves; of a periodic cell that of motion alike in all cells, q = 0.  As a
-    constraint of `optimise` it keeps designs away from the verge.
+    It is computed in the complete model, whatever the model of the waves; for a periodic cell only motion that is equal in all
+    cells, q = 0, is judged. As a constraint of `optimise` it keeps designs away from buckling.
 
     Attributes
     ----------
@@ -490,21 +492,21 @@ class Margin(Objective):
 
 @dataclass(frozen=True, eq=False)
 class BurstEnergy(Objective):
-    """Kinetic energy, in a region and summed over a window of time, of a burst: in dB above 1 mJ ms.
+    """Kinetic energy of a burst in a region, summed over a window of time, in dB above 1 mJ ms.
 
-    A source pushes with `A sin(omega t) sin^2(pi t/T)` for a number of cycles.  Of small motion the transient is exact, a sum
+    A source pushes with `A sin(omega t) sin^2(pi t/T)` for a number of cycles.  For small motion the transient is exact, a sum
     over all modes, and its slope comes from divided differences (Daleckii and Krein): with the velocity g(lambda, t) of one
     oscillator
 
         dE = sum_nm A_nm (x_n.dK x_m)        A_nm = (x_m.F) sum_t b_n(t) (g_n - g_m)/(lambda_n - lambda_m)
 
-    Of large motion, where `amplitude` is given, time steps are taken, those of Verlet with damping, and the slope is that of the
-    steps themselves, by the same steps backwards: with c, d = 1 +- gamma dt/2,
+    For large motion, if `amplitude` is given, damped Verlet steps are taken, and the exact slope of these steps is computed by
+    the same steps backwards: with c, d = 1 +- gamma dt/2,
 
         c u_(k+1) = 2 u_k - d u_(k-1) + dt^2 (f_k - F(u_k))/m
         c z_(k-1) = 2 z_k - d z_(k+1) - (dt^2 K(u_k) z_k + dJ/du_k)/m
 
-    The difference of two such energies, in a region and everywhere, is the share of the energy that goes there.
+    The difference of two such energies, in a region and everywhere, gives in dB the share of the energy that goes there.
 
     Attributes
     ----------
@@ -521,7 +523,7 @@ class BurstEnergy(Objective):
     dt : float
         In ms: step between the times of the window, and time step of large motion.
     amplitude : float
-        Of the force in N; zero for small motion, of a unit force.
+        Amplitude of the force in N; zero for small motion under a unit force.
     """
 
     source: Dof
@@ -560,8 +562,8 @@ class BurstEnergy(Objective):
             raise ValueError(f'the source drives particle {self.source.particle}, which is held; choose one that can move')
         counted = system.free.power(2).T @ np.repeat(np.isin(np.arange(len(system)), self.region) / 2, system.dim) * rest.masses
         if not counted.any() or not np.isin(self.region, np.arange(len(system))).all():
-            raise ValueError(f'the region {shown(self.region)} must be of the {len(system)} particles, counted from 0, one of '
-                             'them free to move; choose another region')
+            raise ValueError(f'the region {shown(self.region)} must consist of some of the {len(system)} particles, counted '
+                             f'from 0, at least one of them free to move; choose another region')
         energy, slope = (self._stepped if self.amplitude else self._exact)(rest, push, counted)
         return DECIBEL * np.log(energy), DECIBEL / energy * slope
 
@@ -611,7 +613,8 @@ class BurstEnergy(Objective):
     def _stepped(self, rest, push, counted):
         system, m, calc, P = rest.system, rest.masses, rest.system.calc, rest.system.free
         if calc.model != 'complete':
-            raise ValueError('large motion is that of the complete model; take the amplitude out for the conventional one')
+            raise ValueError('large motion is computed in the complete model only; leave out the amplitude for the conventional '
+                             'model')
         n, dim, bonds, R = len(system), system.dim, calc.bonds, calc.bond_vectors
         C = sparse.csr_array(sparse.kron(bonds.incidence, sparse.eye_array(dim)) @ P)
         k, acts, dt = P.T @ np.broadcast_to(calc.foundation, (n, dim)).ravel(), calc.interaction, self.dt
@@ -625,7 +628,7 @@ class BurstEnergy(Objective):
             U[a + 1] = (2 * U[a] - (2 - c) * U[a - 1] + dt**2 * (f[a] * push - pull) / m) / c
         if not abs(U).max() < np.linalg.norm(R, axis=1).min():
             raise ValueError(f'the motion grows beyond the spacing at the amplitude {self.amplitude:g} N and the time step '
-                             f'{dt:g} ms; take a smaller one of either')
+                             f'{dt:g} ms; reduce either')
         on = (t[:-1] + dt / 2 > self.window[0]) * dt
         velocity = np.diff(U, axis=0) / dt
         each = on[:, None] * counted * velocity**2

@@ -121,7 +121,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
         In fractions of the reciprocal vectors.
     changes : sequence of StiffnessDerivative
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Returns
     -------

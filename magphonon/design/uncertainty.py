@@ -151,7 +151,7 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     q : array_like, shape (wavevectors, 3)
     tolerances : Tolerances
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Pair laws of a scene: closed forms, tables, and magnets by their datasheet."""
+"""Pair laws of a scene: closed forms, tables, and magnets described by their datasheet."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def _shells(value):
 
 
 Shells = Annotated[int | Literal['auto', 'all'], BeforeValidator(_shells), Allowed('1 or more'),
-                   Field(description=f"the number of shells of neighbours that interact; '{AUTO}' for as many as each frequency "
-                                     f"at the special points needs to be right to {TOLERANCE:.1%}, '{ALL}' for all",
+                   Field(description=f"the number of shells of neighbours that interact; '{AUTO}' for as many as are needed to "
+                                     f"get each frequency at the special points right to {TOLERANCE:.1%}, '{ALL}' for all",
                          examples=[1])]
 
 
@@ -135,7 +135,7 @@ class Datasheet(Table):
     disc: DiscShape | None = None
     sphere: SphereShape | None = None
     cuboid: CuboidShape | None = None
-    grade: Grade | None = Field(None, description='the grade of the datasheet, which tells the remanence', examples=['N42'])
+    grade: Grade | None = Field(None, description='the grade of the datasheet, which gives the remanence', examples=['N42'])
     remanence_T: Annotated[Positive, within(1e-6, 100, 'teslas')] | None = Field(
         None, description='the remanence in T, in place of a grade')
     calibration: Calibration | None = None
@@ -309,10 +309,12 @@ def _read_columns(file):
     order = np.argsort(forces.r)
     r, f = forces.r[order], forces.f[order]
     for k in np.flatnonzero(np.diff(r) == 0)[:1]:
-        raise ValueError(f'.file: {file} holds the distance {r[k] / u.m:g} m more than once, and a law has one force there; '
+        raise ValueError(f'.file: {file} holds the distance {r[k] / u.m:g} m more than once, but a law has one force at each '
+                         f'distance; '
                          f'"magphonon fit {file}" makes a law of repeated measurements')
     for k in np.flatnonzero(f <= 0)[:1]:
-        raise ValueError(f'.file: {file} holds the force {f[k] / u.N:g} N at {r[k] / u.m:g} m, and repulsion is positive; '
+        raise ValueError(f'.file: {file} holds the force {f[k] / u.N:g} N at {r[k] / u.m:g} m, but a repulsive force is '
+                         f'positive; '
                          f'"magphonon fit {file}" makes a law of measurements with noise')
     return {'distances_m': list(r / u.m), 'forces_N': list(f / u.N)}
 
@@ -325,8 +327,8 @@ class SavedLaw(Table):
     kind: Literal['saved']
 
     def potential(self) -> PairLaw:
-        raise ValueError('law.kind = "saved": the law is in the file of the lattice; this needs one that the scene tells, such '
-                         'as kind = "inverse_power"')
+        raise ValueError('law.kind = "saved": the law is in the file of the lattice, but this needs a law that is written in '
+                         'the scene, such as kind = "inverse_power"')
 
 
 class MembersLaw(SavedLaw):
@@ -335,8 +337,8 @@ class MembersLaw(SavedLaw):
     kind: Literal['members']  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def potential(self) -> PairLaw:
-        raise ValueError('law.kind = "members": each member has a law of its own; this needs one law of all particles, such as '
-                         'kind = "inverse_power"')
+        raise ValueError('law.kind = "members": each member has a law of its own, but this needs one law for all particles, '
+                         'such as kind = "inverse_power"')
 
 
 KINDS = kinds_of_laws()

@@ -1,6 +1,7 @@
 """The tables [[members]] of a scene: the springs and cables of a net by the nodes that they join.
 
-Their rest lengths are given, or follow from tensions; those that are given neither carry what balances the others: self-stress.
+Their rest lengths are given, or follow from given tensions. Members with neither get the tension that balances the others, a
+state of self-stress.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Members(Table):
     stiffness_N_per_m: Annotated[Positive, within(1e-15, 1e15, 'N/m')] | None = Field(
         None, description='the stiffness of a member in N/m', examples=[1000.0])
     rest_length_m: Length | None = Field(
-        None, description='its length without load in m; without it and tension_N it carries what balances the others',
+        None, description='its length without load in m; without it and tension_N the member gets the tension that balances the '
+                          'others',
         examples=[0.09])
     tension_N: Annotated[Number, within(-1e12, 1e12, 'newtons')] | None = Field(
         None, description='its tension in N at the positions of the file, below zero if it pushes, in place of rest_length_m',
@@ -62,7 +64,7 @@ class Members(Table):
         if len(own) == 3:
             raise ValueError(' has both rest_length_m and tension_N; keep one of them')
         if isinstance(self.law, SavedLaw) or 'shells' in getattr(self.law, 'model_fields_set', ()):
-            raise ValueError('.law is that of the members listed, and neither saved nor one of shells; give it without')
+            raise ValueError('.law belongs to the listed members, so it may be neither saved nor have shells; give it without')
         return self
 
     def law_at(self, r: float, tension: float) -> Any:
@@ -101,8 +103,8 @@ def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:
         tensions = _balanced(bare, tensions, np.array([t is not None for t in known]))
     for (i, j, _, group), t in zip(listed, tensions, strict=True):
         if group.slack and t < -UNBALANCED * abs(tensions).max():
-            raise ValueError(f'members: the cable from {i} to {j} would push with {-t:.3g} N, but cables go slack; take its '
-                             'slack = true out, or give other tensions')
+            raise ValueError(f'members: the cable from {i} to {j} would push with {-t:.3g} N, but cables go slack; remove its '
+                             f'slack = true, or give other tensions')
     return net(atoms, [(i, j, shift, group.law_at(r, t))
                        for (i, j, shift, group), r, t in zip(listed, lengths, tensions, strict=True)], **sites)
 

@@ -1,5 +1,5 @@
-"""The tables of a scene that say what to compute, in SI: bands, frequency responses, plans, tone bursts, and last [design], the
-wanted frequencies, with the tables of a lattice that has them.
+"""The tables of a scene that say what to compute, in SI: bands, frequency responses, plans, tone bursts, and [design], the wanted
+frequencies, from which it computes the tables of a lattice that has them.
 """
 
 from __future__ import annotations
@@ -81,10 +81,11 @@ class BandPlan(Damped):
     points: AtLeastTwo = Field(200, description='the number of wavevectors along the path')
     supercell: Counts | None = Field(None, description="phonopy's supercell, one number for each periodic direction; by "
                                                        'default the smallest in which no bond spans half of it')
-    damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s, for which the bands of the '
-                                       'complete model are computed once more, with the decay of each mode', examples=[4.0])
-    temperature_J: Energy | None = Field(None, description='kT in J of a bath, in which time steps of the supercell show the '
-                                         'stiffness of waves in thermal motion', examples=[2.4e-5])
+    damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s; with it the bands of the '
+                                                         'complete model are computed once more, with the decay of each mode',
+                                       examples=[4.0])
+    temperature_J: Energy | None = Field(None, description='kT in J; time steps of the supercell in a bath of this temperature '
+                                                           'show the stiffness of waves in thermal motion', examples=[2.4e-5])
 
     @property
     def beyond(self) -> str:
@@ -114,8 +115,8 @@ class Pick(Table):
 class MovingWall(Table):
     """A side of the held rim that moves to and fro, on a shaker, in place of a force."""
 
-    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the side lies: of the held particles, '
-                            'those that are farther in this direction than all free ones move', examples=[270.0])
+    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the side lies: the held particles '
+                                        'farther in this direction than all free ones move', examples=[270.0])
     direction_deg: Angle = Field(description='the direction in degrees from the x axis in which they move', examples=[0.0])
 
     def of(self, patch: Atoms) -> NDArray[np.float64]:
@@ -142,9 +143,9 @@ class FrfPlan(Damped):
                                    'is shaken, in place of [frf.force]; the response is then per displacement of the bench, seen '
                                    'from the floor', examples=[90.0])
     gyration_seen_from: Annotated[str, BeforeValidator(partial(one_of, '', choices=GYRATION_SEEN_FROM))] | None = Field(
-        None, description='with base_deg and particles that gyrate: "bench" where gyration turns the motion relative to the '
-        'bench, as of gyroscopes on pillars, or "floor" where it turns all motion, that of the bench too, as on a bench that '
-        'turns and of charges in a field', examples=['floor'])
+        None, description='with base_deg and particles that gyrate: "bench" if gyration turns the motion relative to the bench, '
+                          'as with gyroscopes on pillars, or "floor" if it turns all motion including that of the bench, as on '
+                          'a rotating bench or for charges in a field', examples=['floor'])
     force: Pick | None = None
     wall: MovingWall | None = None
     response: Pick | None = None
@@ -176,8 +177,8 @@ class BurstPlan(Table):
     """Bursts through the patch, one after the other, each from rest."""
 
     source: Annotated[str, BeforeValidator(partial(one_of, '', choices=DRIVEN))] = Field(
-        description="'row' or 'point', which is where it enters at the lower edge of the patch; or 'bench', which is shaken: "
-                    'force_N is then the largest mass times its acceleration, and motion is that relative to it')
+        description="'row' or 'point', for waves that enter at the lower edge of the patch; or 'bench' for a shaken bench: "
+                    'force_N is then the largest mass times the acceleration of the bench, and motion is relative to the bench')
     carriers_Hz: Frequencies = Field(description='the carrier frequency of each burst in Hz')
     directions_deg: Angles = Field(description='the direction of the force of each burst in degrees from the x axis')
     cycles: Annotated[Positive, within(0.5, 1e6, 'carrier periods')] = Field(
@@ -187,8 +188,9 @@ class BurstPlan(Table):
         description='the damping, as a share of critical at the carrier')
     duration_s: Duration = Field(description='the length of the record in s')
     tolerance: Annotated[Positive, within(1e-9, 0.1, 'of the largest displacement')] | None = Field(
-        None, description='the error of the displacements, as a fraction of the largest one, that time steps and arithmetic may '
-                          'make together; by default steps are short, of order two and in double precision', examples=[1e-3])
+        None, description='the allowed error of the displacements due to time steps and arithmetic, as a fraction of the '
+                          'largest displacement; by default steps are short, of order two and in double precision',
+        examples=[1e-3])
 
     @model_validator(mode='after')
     def _belong_together(self):
@@ -308,7 +310,7 @@ class SiteTarget(Table):
     @model_validator(mode='after')
     def _something(self):
         if self.loud is None and self.quiet is None:
-            raise ValueError(' wants nothing; give [design.targets.loud], [design.targets.quiet] or both')
+            raise ValueError(' has no target; give [design.targets.loud], [design.targets.quiet] or both')
         return self
 
     @property
@@ -370,20 +372,20 @@ class DesignPlan(Table):
     edge: EdgePlan | None = None
     gap: GapPlan | None = None
     spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = Field(
-        None, description='the least and the largest spacing in m between which one is sought for an edge or a gap')
+        None, description='the smallest and the largest spacing in m between which the spacing for an edge or a gap is sought')
     targets: Annotated[tuple[SiteTarget, ...], listed] = ()
     over: SiteRanges | None = None
     parts: SiteParts | None = None
     scatter: SiteScatterPlan | None = None
-    starts: Count = Field(1, description='the number of starts of a design of every site; the best is kept', examples=[3])
+    starts: Count = Field(1, description='the number of starts for a design of every site; the best is kept', examples=[3])
     steps: Count = Field(60, description='the number of iterations of each start', examples=[60])
 
     @model_validator(mode='after')
     def _something(self):
         if self.targets or self.over:
             if self.cut_off_Hz or self.spacing_from or not (self.targets and self.over and self.over.bounds()):
-                raise ValueError(' of every site has [[design.targets]] and [design.over] with a range, and neither a cut-off '
-                                 'nor an edge or a gap')
+                raise ValueError(' of every site needs [[design.targets]] and [design.over] with a range, and may not have a '
+                                 'cut-off, an edge or a gap')
             return self
         if self.edge is not None and self.gap is not None:
             raise ValueError(' has both [design.edge] and [design.gap], but only one spacing to meet them; keep one of them')
@@ -410,8 +412,8 @@ class DesignPlan(Table):
                 raise ValueError('design.targets are responses to the force of [frf.force], with the damping of [frf]; add them')
             return
         if self.cut_off_Hz is not None and np.ptp(scene.lattice.cell().get_masses()):
-            raise ValueError('design.cut_off_Hz is the frequency of uniform motion, which particles of different masses do not '
-                             'have; take it out, and give the foundation')
+            raise ValueError('design.cut_off_Hz is the frequency of uniform motion, which does not exist for particles of '
+                             'different masses; take it out, and give the foundation')
         if self.spacing_from is not None:
             self.spacing_from.target(scene)
 
@@ -482,7 +484,7 @@ def _si(k):
 def tables(scene: Scene, design: Design, k: float) -> str:
     """The tables [lattice] and [foundation] of a design, as text to paste into a scene.
 
-    Of a pillar the height is adjusted: rods come in given radii, and are cut to length.
+    The stiffness of a pillar is adjusted by its height, because rods come in given radii and are cut to length.
     """
     lines = ['[lattice]', f'kind = "{scene.lattice.kind}"', f'spacing_m = {design.spacing / u.m:.12g}',
              f'mass_kg = {scene.lattice.mass_kg:.12g}']

@@ -1,8 +1,8 @@
 """Scene files: a lattice in TOML with SI units in the keys, read, checked and built as ASE Atoms.
 
 Every table of a scene is a frozen model: the physical system is described in `lattices`, `structures` and `laws` of this package,
-the computations in `plans`.  A new table is a new class there and one line in `Scene`; what it must not say against other tables
-is checked in `consistency`.
+the computations in `plans`.  A new table is a new class there and one line in `Scene`; contradictions between tables are checked
+in `consistency`.
 """
 
 from __future__ import annotations
@@ -164,10 +164,10 @@ class Scene(Table):
         return converged_shells(atoms, list(self.special_points.values()), tolerance)
 
     def counted(self) -> Scene:
-        """The same scene with a number of shells, for what asks for the stiffness of each bond.
+        """The same scene with a definite number of shells, for tools that need the stiffness of each bond.
 
-        Of shells = 'all' they are so many that the others change each frequency at the special points by less than `PAIRS`, or as
-        many as can be counted; `magphonon.bands.neighbour_shifts` tells the rest.
+        For shells = 'all' there are so many shells that the others change each frequency at the special points by less than
+        `PAIRS`, or as many as can be counted; `magphonon.bands.neighbour_shifts` says how much is missing.
         """
         if isinstance(self.law, SavedLaw) or self.law.shells != ALL:
             return self
@@ -184,12 +184,12 @@ class Scene(Table):
 
     @property
     def single(self) -> bool:
-        """Whether it is the oscillator of one particle."""
+        """Whether the scene is the oscillator of one particle."""
         return isinstance(self.lattice, Oscillator)
 
     @property
     def finite(self) -> bool:
-        """Whether it is a structure from a file without any period."""
+        """Whether the scene is a structure from a file without any period."""
         return self.lattice.finite
 
     @property
@@ -217,7 +217,7 @@ class Scene(Table):
     def atoms(self) -> Atoms:
         """The structure of the scene with its calculator, `ase.Atoms` in mm, g and ms.
 
-        With [defects] or [disorder] it is the patch or the finite structure that has them, at rest again; otherwise the
+        With [defects] or [disorder] it is the patch or the finite structure with these, relaxed to rest; otherwise the
         `perfect_cell`.
         """
         relaxation = self.relaxation()
@@ -225,7 +225,7 @@ class Scene(Table):
 
     def perfect_cell(self, like: Atoms | None = None) -> Atoms:
         """One unit cell, the oscillator or the finite structure, without [defects] and [disorder], with its PairCalculator or
-        AllNeighbours; in a scene that differs by numbers alone, with the pairs of neighbours of the cell `like`.
+        AllNeighbours. With `like`, the cell of a scene that differs only in numbers, its pairs of neighbours are used.
         """
         atoms = self._standing(like)
         if self.foundation and self.foundation.leans:
@@ -238,7 +238,7 @@ class Scene(Table):
         return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
 
     def with_lean(self, lean: bool) -> Scene:
-        """The same scene whose pillars lean with their magnets, or do not; unchanged without pillars."""
+        """The same scene with pillars that lean with their magnets, or with upright ones; unchanged without pillars."""
         if self.foundation is None or self.foundation.pillar is None:
             return self
         pillar = self.foundation.pillar.model_copy(update={'lean': lean})
@@ -359,8 +359,8 @@ class Scene(Table):
     def shaken(self, model: Model = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Dof]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
-        As `magphonon.response.frf.receptance` takes them; with `frf.base_deg` the direction of the bench in place of the force,
-        for who can shake a `bench`, and with [frf.wall] the displacements of a `wall`.
+        These are the arguments of `magphonon.response.frf.receptance`. With `frf.base_deg` the direction of the bench replaces
+        the force, if the caller allows a `bench`, and with [frf.wall] the displacements of the wall do, if it allows a `wall`.
         """
         plan = self.wanted('frf')
         if plan.base_deg is not None and not bench:
@@ -383,14 +383,14 @@ class Scene(Table):
             picked['force'] = picked['wall']
         if plan.base_deg is not None:
             if plan.gyration_seen_from is None and atoms.calc.turning:
-                raise ValueError('frf.gyration_seen_from: a bench is shaken on which particles gyrate; say "bench" if gyration '
-                                 'turns their motion relative to the bench, as of gyroscopes on pillars, or "floor" if it turns '
-                                 'all motion, as on a bench that turns and of charges in a field')
+                raise ValueError('frf.gyration_seen_from: particles gyrate on a shaken bench; say "bench" if gyration '
+                                 'turns their motion relative to the bench, as with gyroscopes on pillars, or "floor" if it '
+                                 'turns all motion, as on a rotating bench or for charges in a field')
             picked['force'] = np.array([np.cos(plan.base_deg * u.deg), np.sin(plan.base_deg * u.deg), 0.0])
         return atoms, picked['force'], picked['response']
 
     def wanted(self, name: str) -> Any:
-        """One of the tables of computations, such as 'bands'; a lattice without [bands] has those on ASE's path."""
+        """One of the tables of computations, such as 'bands'; a lattice without [bands] gets bands along ASE's path."""
         table = getattr(self, name)
         if name == 'bands' and table is None and not (self.single or self.finite):
             return BandPlan.model_validate({})
@@ -423,14 +423,15 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     Parameters
     ----------
     path : path-like or Source
-        A TOML file, or the name of a ready scene, which is taken if there is no file of this name; `magphonon scene` lists them.
+        A TOML file, or the name of a ready scene, which is used if there is no file of this name; `magphonon scene` lists the
+        names.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     ValueError
-        If it is not TOML or not a scene; the message names each key, its value and the mend.
+        If it is not TOML or not a scene; the message names each faulty key and its value, and says how to correct it.
 
     Examples
     --------
@@ -444,7 +445,7 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     try:
         text = source.text
     except UnicodeDecodeError as error:
-        raise ValueError(f'{source} is not TOML, which is text in UTF-8: byte {error.start + 1} is none; '
+        raise ValueError(f'{source} is not TOML, which must be text in UTF-8, and byte {error.start + 1} is not; '
                          '"magphonon scene prototype" prints a scene to start from') from None
     try:
         data = tomllib.loads(text)
@@ -467,9 +468,10 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
 
 
 def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = None) -> None:
-    """Write atoms with their calculator as a scene, on which every command computes to the same bits as Python does.
+    """Write atoms with their calculator as a scene. Every command then gives exactly the same numbers, bit by bit, as Python.
 
-    Beside `path`, NAME.toml, the particles go into NAME.traj, a file of ASE, with law, bonds, foundation and anchors.
+    The scene is `path`, NAME.toml. The particles, with law, bonds, foundation and anchors, go into NAME.traj beside it, a file of
+    ASE.
 
     Parameters
     ----------
@@ -483,10 +485,10 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     Raises
     ------
     ValueError
-        If the atoms carry no calculator of this package, or one whose law a file cannot tell; if `read_scene` would refuse the
-        title or the name; if NAME.traj is there and is not the file of particles of a scene NAME.toml, but another file of yours.
+        If the atoms have no calculator of this package, or one whose law cannot be saved in a file; if `read_scene` would refuse
+        the title or the name; if NAME.traj exists and is not the file of particles of a scene NAME.toml.
     OSError
-        If a file cannot be written; then none is.
+        If one of the files cannot be written; then neither is.
 
     Examples
     --------
@@ -575,7 +577,7 @@ def _fault(loc, error, data):
 
 
 def reference() -> dict[str, Any]:
-    """Numbers to check against, in SI units: the tables of `data/reference.toml`, where each has its source.
+    """Numbers to check results against, in SI units: the tables of `data/reference.toml`, which gives the source of each number.
 
     Examples
     --------

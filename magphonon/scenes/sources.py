@@ -68,7 +68,7 @@ def source_in_stream(stream: BinaryIO) -> Source:
     """The source of a scene that stands in a stream; files that it names are looked for in the current folder."""
     content = stream.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
-        raise ValueError(f'stdin holds more than the {MOST_BYTES / MEGABYTE:g} MB that are read; it is probably no scene')
+        raise ValueError(f'stdin holds more than the {MOST_BYTES / MEGABYTE:g} MB that are read; it is probably not a scene')
     if not content.strip():
         raise ValueError('stdin is empty; send a scene into it, as in "magphonon scene prototype | magphonon bands -"')
     return Source('stdin', content, Path())

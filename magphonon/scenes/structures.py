@@ -1,5 +1,5 @@
-"""Structures that are no perfect lattice: the table [lattice] of the kind "file", particles of your own from a file beside the
-scene, and the tables [defects] and [disorder], vacancies, guests and random scatter in a patch or a structure of either kind.
+"""Structures other than perfect lattices. The table [lattice] of the kind "file" reads your own particles from a file beside the
+scene. The tables [defects] and [disorder] put vacancies, guests and random scatter into a patch or such a structure.
 """
 
 from __future__ import annotations
@@ -105,18 +105,18 @@ class FileLattice(Table):
     mass_kg: Mass | None = Field(None, description='the mass of every particle in kg, where the file has none', examples=[0.0007])
     cell_m: Points | None = Field(None, description='the one or two lattice vectors [x, y] of a table .csv in m; without them it '
                                   'is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
-    planar: Flag = Field(False, description='whether the third vector of an ASE file is no period, as of a layer in a .cif',
+    planar: Flag = Field(False, description='true if the third vector of an ASE file is not a period, as for a layer in a .cif',
                          examples=[True])
     cutoff_m: Length | None = Field(None, description='the distance within which particles interact, in place of the shells of '
                                     'the law, which scattered positions do not have', examples=[0.012])
     positions: Annotated[Literal['anchors', 'rest'], BeforeValidator(partial(one_of, '', choices=('anchors', 'rest')))] | None = (
-        Field(None, description='what the positions are: "anchors", the feet of the pillars, from which the particles move to '
-              'rest before all else, or "rest", where a photo shows the particles standing: they stay there, and constant forces '
-              'stand for those of the bent pillars', examples=['rest']))
+        Field(None, description='what the positions are: "anchors", the feet of the pillars, from which the particles first '
+                                'move to rest, or "rest", the places of the particles in a photo: they stay there, and constant '
+                                'forces represent the bent pillars', examples=['rest']))
     points_px: Points | None = Field(None, description='two points [x, y] in the photo, far apart, of a table with the columns '
                                      'x_px,y_px, counted from its upper left corner', examples=[[[212, 1810], [2840, 1790]]])
-    points_m: Points | None = Field(None, description='the places [x, y] of these two points in m, which tell the scale and the '
-                                    'turn of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
+    points_m: Points | None = Field(None, description='the places [x, y] of these two points in m, which give the scale and the '
+                                                      'rotation of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
     relaxed: Flag = Field(False, description='whether the particles move to where their forces balance before all else, as with '
                           'positions = "anchors"', examples=[True])
 
@@ -143,7 +143,7 @@ class FileLattice(Table):
             atoms = _read_by_ase(path)
             for name, instead in OF_ASE.items():
                 if atoms.has(name):
-                    raise ValueError(f'{path} has the column {name}, which is one of tables .csv; in a file of ASE it is '
+                    raise ValueError(f'{path} has the column {name}, which only tables .csv may have; in a file of ASE it is '
                                      f'{instead}')
             return self._in_mm(atoms)
         except OSError as error:
@@ -170,7 +170,8 @@ class FileLattice(Table):
     def _with_cell(self, atoms: Atoms) -> Atoms:
         """A table's particles with the lattice vectors of the scene; the vectors that are no period make a cell in space."""
         if self.planar or self.length_unit_m != PACKAGE_UNIT_m:
-            raise ValueError('the columns of a table .csv say their units, and it is planar; take length_unit_m and planar out')
+            raise ValueError('the columns of a table .csv name their units, and the table is planar; take length_unit_m and '
+                             'planar out')
         extent = float(np.linalg.norm(np.ptp(atoms.positions, axis=0))) or u.m
         vectors = np.array(self.cell_m or np.zeros((0, 2))) * u.m
         if len(vectors) > 2:
@@ -210,7 +211,7 @@ class FileLattice(Table):
         except ValueError as error:
             raise ValueError(f'.file: {error}') from None
         if len(atoms) == 1 and not atoms.pbc.any():
-            raise ValueError('.file holds one particle without periodic images, and nothing acts on it; give cell_m, or more '
+            raise ValueError('.file holds one particle without periodic images, so nothing acts on it; give cell_m, or more '
                              'particles')
         least, most = NEAREST_m
         if not least <= self.spacing_m <= most:
@@ -245,9 +246,9 @@ class FileLattice(Table):
             return atoms
         found = relaxed(atoms)
         if self.positions is None and np.any(atoms.calc.foundation) and found.shift > MOVED * self.spacing_m * u.m:
-            warnings.warn(f'lattice.relaxed takes the positions in {self.file} for the feet of the pillars and moves the '
-                          f'particles by up to {found.shift:.3g} mm to rest; if they show where the particles stand, as a photo '
-                          'does, say positions = "rest" in its place, and if they are the feet, positions = "anchors"',
+            warnings.warn(f'lattice.relaxed treats the positions in {self.file} as the feet of the pillars and moves the '
+                          f'particles by up to {found.shift:.3g} mm to rest; if they show where the particles are at rest, as a '
+                          f'photo does, say positions = "rest" in its place, and if they are the feet, positions = "anchors"',
                           stacklevel=2)
         return found.atoms
 

@@ -77,7 +77,8 @@ class _Uncertainty(Table):
             if getattr(self, key) is None:
                 continue
             if not {one, other} <= sigma.keys():
-                raise ValueError(f'uncertainty.{key} needs the tolerances of both {one} and {other}; add them')
+                raise ValueError(f'uncertainty.{key} is a correlation and needs the tolerances of both {one} and {other}; add '
+                                 f'them')
             i, j = names.index(one), names.index(other)
             C[i, j] = C[j, i] = getattr(self, key) * sigma[one] * sigma[other]
         return Tolerances({name: changes[name] for name in sigma}, C, scatter)

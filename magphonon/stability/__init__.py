@@ -1,8 +1,8 @@
 """Stability: buckling, the range of linear motion, and the verdict on a structure before it runs.
 
-`soft_waves` finds the wave of a lattice that costs least energy, `buckling` the foundation or spacing that stabilises it;
-`amplitude_shifts` the change of frequencies with amplitude, `backbones` nonlinear modes and whether they last.  `verdicts` judges
-a structure by all of these.
+`soft_waves` finds the wave of a lattice that costs least energy, and `buckling` the foundation or spacing that stabilises it.
+`amplitude_shifts` computes how frequencies change with amplitude, `backbones` nonlinear modes and whether they are stable.
+`verdicts` judges a structure by all of these.
 """
 
 import lazy_loader

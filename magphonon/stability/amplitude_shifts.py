@@ -47,13 +47,13 @@ class Shifts(InHertz):
     omega : ndarray, shape (modes,)
         Linear angular frequencies in rad/ms.
     curvature : ndarray, shape (modes,)
-        dw/w divided by the square of the largest displacement, 1/mm^2; infinite where the second harmonic of a wave is a wave
-        too (2:1 resonance), to which it loses its energy at any amplitude.
+        dw/w divided by the square of the largest displacement, 1/mm^2; infinite where the second harmonic is itself a free wave
+        (2:1 resonance), because the wave then loses its energy to it at any amplitude.
     harmonic : ndarray, shape (modes,)
-        Largest displacement of the second harmonic divided by the square of that of the wave, 1/mm; infinite where it is a wave
-        too.  Where the second harmonic is not small, as beside a 2:1 resonance, true shifts are several times smaller than these.
+        Largest displacement of the second harmonic divided by the square of that of the wave, 1/mm; infinite at a 2:1 resonance.
+        Where the second harmonic is not small, as near such a resonance, true shifts are several times smaller than these.
     motion : tuple of str
-        'standing' where q and -q are the same wavevector; 'travelling' elsewhere; 'rotating' of degenerate waves.
+        'standing' where q and -q are the same wavevector; 'rotating' for degenerate waves; 'travelling' otherwise.
     """
 
     q: np.ndarray
@@ -67,9 +67,9 @@ class Shifts(InHertz):
         return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
 
     def trusted(self, share: float = 0.05) -> NDArray[np.float64]:
-        """Displacement of each mode in mm up to which its second harmonic has at most a `share` of it, shape (modes,).
+        """Displacement of each mode in mm up to which its second harmonic is at most a `share` of the mode, shape (modes,).
 
-        The true shift is then within a tenth of this one; far beyond, this one is only a bound of it.
+        Up to there the true shift is within a tenth of the computed one; far beyond, the computed shift is only a bound.
         """
         return np.divide(share, self.harmonic, out=np.full(len(self.harmonic), np.inf), where=self.harmonic > 0)
 
@@ -78,18 +78,18 @@ class Shifts(InHertz):
 def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:
     """Shifts of waves of any wavevector, or of the modes that bound the spectrum of a structure; by the model of the calculator.
 
-    Where q and -q are the same wavevector waves stand; elsewhere they travel.  (A standing wave there is a sum of two travelling
-    ones, which shift each other's frequency; that is not computed.)  Waves of one frequency and wavevector, such as those of the
-    triangular and the honeycomb lattice at K, are taken apart by their angular momentum: each particle goes round a circle or an
-    ellipse.  The mean strain of a periodic structure is held at zero.
+    Where q and -q are the same wavevector, the waves are standing; elsewhere they travel.  (A standing wave there is a sum of two
+    travelling ones, which shift each other's frequency; that is not computed.)  Waves of one frequency and wavevector, such as
+    those of the triangular and the honeycomb lattice at K, are separated by their angular momentum: each particle then moves on a
+    circle or an ellipse.  The mean strain of a periodic structure is held at zero.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
         With their PairCalculator, at rest.
     q : array_like, shape (3,) or (wavevectors, 3), optional
-        Of a periodic cell, in fractions of the reciprocal vectors.  If not given, those that are 0 or 1/2 along each of them, the
-        band edges; of a finite structure the softest and the stiffest mode.
+        For a periodic cell, in fractions of the reciprocal vectors; by default the band edges, whose fractions are 0 or 1/2. For
+        a finite structure it must be left out: the softest and the stiffest mode are taken.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     Raises
     ------
     PhysicsError
-        A ValueError: at a wavevector that was asked for, degenerate waves exchange energy, so that none has a frequency.
+        A ValueError: at a given wavevector, degenerate waves exchange energy, so that none has a frequency of its own.
 
     Notes
     -----
@@ -189,9 +189,9 @@ class _Waves:
             curvature, harmonic, leak = self.second_order(q, w, wave, np.delete(e, n, axis=1))
             if refuse and leak > STEADY * max(abs(curvature), self.system.calc.bonds.lengths.max() ** -2):
                 raise PhysicsError(f'{e.shape[1]} waves at q = ({q[0]:.4g}, {q[1]:.4g}, {q[2]:.4g}) have the frequency '
-                                   f'{units.hertz(w):.6g} Hz, and those of one angular momentum exchange energy at any '
-                                   'amplitude, so that they have no frequency of their own; take the primitive cell, or a '
-                                   'wavevector beside this one')
+                                   f'{units.hertz(w):.6g} Hz, and waves of equal angular momentum exchange energy at any '
+                                   f'amplitude, so none has a frequency of its own; use the primitive cell, or a wavevector '
+                                   f'close to this one')
             found.append((w, curvature, harmonic, (kinds or [kind] * e.shape[1])[n]))
         return found
 

@@ -1,4 +1,4 @@
-"""Nonlinear modes: periodic free vibrations of a finite structure at growing amplitude, and whether they last.
+"""Nonlinear modes: periodic free vibrations of a finite structure at growing amplitude, and whether they are stable.
 
 With the coordinates u = S y of the linear system and the vibration ``y = sum_h c_h cos(h W t)``, which stands still at t = 0, the
 equations ``y'' = f(y)`` become
@@ -6,9 +6,10 @@ equations ``y'' = f(y)`` become
     R_h = (h W)^2 c_h + f_h(c) = 0          dR_h/dc_k = (h W)^2 delta_hk - K_hk          K_hk = <2 cos(h W t) K(y(t)) cos(k W t)>
 
 (the mean for h = 0 without the 2), which Newton's method solves along the arc of the solutions, so that it goes round folds of
-amplitude or frequency.  What a small disturbance becomes in a period, ``x'' = -K(y(t)) x``, are Floquet's multipliers: they come
-in fours, mu, 1/mu and their conjugates, and the vibration lasts if all are on the unit circle.  One that leaves it at +1 is the
-start of a mode of lower symmetry, one at -1 of twice the period; pairs that leave it elsewhere begin a beat.
+amplitude or frequency.  The growth of a small disturbance over a period, ``x'' = -K(y(t)) x``, is given by Floquet's multipliers.
+They come in fours, mu, 1/mu and their conjugates, and the vibration is stable if all lie on the unit circle. A multiplier that
+leaves the circle at +1 starts a mode of lower symmetry, one that leaves at -1 a mode of twice the period; a pair that leaves it
+elsewhere starts a beat.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class NonlinearModes(InHertz):
     harmonics : ndarray, shape (points, HARMONICS + 1, particles, dim)
         Displacements ``sum_h harmonics[h] cos(h omega t)``, mm; the first is the shift of the mean position.
     multipliers : ndarray of complex, shape (points, 2 * free directions)
-        Of Floquet, the largest first; the two at +1 that every vibration has, by its phase and its energy, are the last.
+        Floquet's multipliers, the largest first; the two at +1 that every vibration has, due to its phase and its energy, come
+        last.
     """
 
     omega: np.ndarray
@@ -59,13 +61,13 @@ class NonlinearModes(InHertz):
 
     @property
     def growth(self) -> NDArray[np.float64]:
-        """Rate in 1/ms at which a disturbance grows, shape (points,); zero where the vibration lasts."""
+        """Rate in 1/ms at which a disturbance grows, shape (points,); zero where the vibration is stable."""
         size = abs(self.multipliers[:, :-2]).max(axis=1, initial=1.0)
         return np.where(size > 1 + LASTS, np.log(size) * self.omega / (2 * np.pi), 0.0)
 
     @property
     def stable(self) -> NDArray[np.bool_]:
-        """Whether each vibration lasts, shape (points,)."""
+        """Whether each vibration is stable, shape (points,)."""
         return self.growth == 0
 
 
@@ -82,12 +84,12 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
     amplitude : float
         Largest displacement in mm at which to stop.
     points : int
-        On the way there; more where the family turns back, at most three times as many.
+        Number of points on the way there; up to three times as many where the family turns back.
 
     Raises
     ------
     PhysicsError
-        A ValueError: the family ends before that, as particles come too near to each other.
+        A ValueError: the family ends before that, because particles come too close to each other.
 
     Examples
     --------

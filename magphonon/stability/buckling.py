@@ -58,7 +58,7 @@ class SoftMode:
 
     @property
     def needed(self) -> float:
-        """The spring constant that must be added so that no eigenvalue is negative; zero if none is."""
+        """The spring constant that must be added so that no eigenvalue is negative; zero if all are positive already."""
         return float(-self.lowest) if -self.lowest > ROUND_OFF * abs(self.highest) else 0.0
 
 
@@ -223,7 +223,7 @@ class CriticalFoundation(NamedTuple):
 def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
-    A flat layer is judged by its motion in the plane alone, whatever its supports along z; `softest_out_of_plane` is for these.
+    A flat layer is judged by its motion in the plane alone, whatever its supports along z; for these use `softest_out_of_plane`.
 
     If springs differ, the result is the stiffness needed for the softest one, `common_spring`, while the
     differences between the springs are kept.
@@ -237,7 +237,7 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
         count.  Constraints remain in force, and the springs are taken as
         slack at the present positions.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
         The conventional model never needs a foundation, because it does not show buckling.
     steps : int, optional
         Wavevectors along each reciprocal vector, see `softest`.
@@ -260,7 +260,7 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
 
 @takes(*STIFF)
 def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) -> float | None:
-    """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
+    """Spacing at which the foundation of `atoms` no longer holds them, as a multiple of the present spacing.
 
     All bonds are stretched by the same factor.  The result is the nearest change between stable and unstable, between 0.1 and 10
     times the present spacing and within the range of the law.  `model` as for `critical_foundation`.
@@ -322,9 +322,9 @@ class CriticalSupport(NamedTuple):
     Attributes
     ----------
     wave : float
-        That makes every wave out of the plane stable.
+        Stiffness that makes every wave out of the plane stable.
     alone : float
-        For a particle that moves alone: the sum over its bonds, for the particle with the largest sum.
+        Stiffness needed by a particle that moves alone: the sum over its bonds, for the particle with the largest sum.
     """
 
     wave: float
@@ -344,7 +344,7 @@ def critical_support(atoms: Atoms | LinearSystem, magnets: bool = True) -> Criti
     atoms : ase.Atoms or LinearSystem
         Planar, with its PairCalculator.
     magnets : bool
-        Magnets normal to the plane, or a central energy.
+        True for magnets normal to the plane, false for a central energy.
 
     Examples
     --------
@@ -385,7 +385,7 @@ class StabilityBoundary:
 
 @takes(*LIKE)
 def stability_boundary(atoms: Atoms, scales: ArrayLike) -> StabilityBoundary:
-    """The foundation needed if all bonds are stretched by the same factor.
+    """The foundation needed when all bonds are stretched by the same factor.
 
     Parameters
     ----------
@@ -412,7 +412,8 @@ def stability_boundary(atoms: Atoms, scales: ArrayLike) -> StabilityBoundary:
 def stability_boundary_of_exponents(atoms: Atoms, exponents: ArrayLike) -> StabilityBoundary:
     """The foundation needed with other exponents of an inverse power that has the same force at the shortest bond.
 
-    The exponents at which the lattice ceases to need a foundation are found, too, and added to `at`: there `needed` has a kink.
+    The exponents above which the lattice needs no foundation are found, too, and added to `at`, because `needed` has a kink
+    there.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Waves that a modulated foundation makes grow: the fastest of the whole zone.
+"""Waves that grow because the foundation is modulated: the fastest one of the whole zone.
 
 Two waves grow together near w_a(q) + w_b(n kap - q) = n W, in bands of wavevectors that are the narrower the shallower the
-modulation: a mesh would miss them.  So the condition is followed on the waves of the mean lattice, from zero to zero along the
-lines of a mesh, and the growth there, from Floquet theory, is climbed to its top.
+modulation: a mesh would miss them.  So the condition is solved for the waves of the mean lattice along the lines of a mesh, and
+from each solution the growth rate of Floquet theory is maximised.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ class ParametricGrowth:
 
 @takes('modulation', *SPRUNG)
 def parametric_growth(atoms: Atoms, model: Model | None = None, damping: ArrayLike = 0.0) -> ParametricGrowth | None:
-    """The wave that a `Travelling` foundation makes grow fastest; None for a finite structure of too many particles.
+    """The wave that grows fastest on a `Travelling` foundation; None for a finite structure of too many particles.
 
     Parameters
     ----------
     atoms, model, damping
-        As for `magphonon.floquet_bands`; a finite structure of some thirty particles too.
+        As for `magphonon.floquet_bands`; a finite structure of up to about thirty particles is accepted, too.
 
     Examples
     --------

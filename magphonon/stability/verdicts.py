@@ -1,7 +1,7 @@
-"""The verdict on a structure before it runs: independent checks, each of which finds a number and says it in words and SI units.
+"""The verdict on a structure before a run: independent checks, each of which finds a number and reports it in words and SI units.
 
 A new check is one function of a `Case`, the structure at its rest, that returns a `Finding`; the decorator `check` puts it on the
-list.  What cannot be a fault is decorated with `remark`: it is computed only if somebody asks for it.
+list.  A function whose finding is never a fault is decorated with `remark` and runs only when its result is asked for.
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict:
-    """What the checks find about a structure; `str(verdict)` says all of it in words and SI units.
+    """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
     Each check is an attribute that holds what it found, and runs when this is first read: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
     `supercell`, `displacements` (mm), `pumping` (Growth), `supports` (Supports), `amplitude` (mm), `gyration` (rad/ms),
-    `density` (g/mm^3).  It is None where the question does not arise, or was not judged.
+    `density` (g/mm^3).  A check is None where its question does not arise, or was not judged.
     """
 
     case: Case
@@ -94,7 +94,9 @@ class Verdict:
 
     @property
     def stable(self) -> bool:
-        """Whether the foundation holds the structure, in its plane and out of it; not if it is just what the structure needs."""
+        """Whether the foundation holds the structure, in its plane and out of it; False if it is only just what the structure
+        needs.
+        """
         return self.case.stable
 
     @property
@@ -156,10 +158,10 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     supercell : three ints, optional
         Supercell for phonopy's finite displacements.
     distance : float, optional
-        Their displacement in mm; by default that of `finite_displacements`.
+        Displacement of these in mm; by default that of `finite_displacements`.
     damping : float or array_like, shape (particles,)
         Force per momentum in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
-        All else is judged with the mean springs of that foundation.
+        Everything else is judged with the mean springs of that foundation.
 
     Examples
     --------
@@ -341,8 +343,8 @@ class Buckling:
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
     spacing : float or None
-        Shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is none, or it is not
-        judged, such as for balls in contact.
+        Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
+        length, or if it is not judged, such as for balls in contact.
     flat : bool
         Whether nothing ties a lattice down, and a wave of finite length costs nothing.
     """
@@ -356,12 +358,14 @@ class Buckling:
 
     @property
     def stable(self) -> bool:
-        """Whether nothing grows; more than the foundation may hold it, gyration may.  Not on the verge."""
+        """Whether no motion grows; gyration may hold a structure that its foundation does not. False on the verge of buckling."""
         return not (self.verge or self.growth)
 
     @property
     def verge(self) -> bool:
-        """Whether the foundation is just what is needed, to 1e-9 of it: then round-off would decide whether something grows."""
+        """Whether the foundation is just what is needed, to within 1e-9 of it, so that round-off would decide whether motion
+        grows.
+        """
         return self.flat or on_the_verge(self.spring, self.needed)
 
 

@@ -1,7 +1,8 @@
 """ASE calculator of an infinite lattice in which every particle repels every other one.
 
-A law that is no mixture of Gaussians, such as that of discs, is one beyond `TAIL` spacings, where the inverse power with its
-force and slope takes its place: the power is summed over all particles, what the law has more than it over the nearer ones.
+Some laws, such as that of discs, are not mixtures of Gaussians. Beyond `TAIL` spacings such a law is replaced by the inverse
+power with the same force and slope there. The power is summed over all particles, and the difference between law and power over
+the nearer ones.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ class AllNeighbours(Repulsion):
     reference : ase.Atoms
         One cell, periodic in one to three directions; its positions are the anchors of the foundation.
     law : PairLaw
-        InversePower with a > 1, Yukawa, or another law with a Gaussian expansion; or a law that is an inverse power far away, as
-        that of magnets.
+        InversePower with a > 1, Yukawa, or another law with a Gaussian expansion; or a law that is an inverse power far away,
+        such as that of magnets.
     foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
         Stiffness of the spring between each particle and its rest position, N/mm; with three components the particles of a
         plane can also move out of it.
@@ -82,7 +83,7 @@ class AllNeighbours(Repulsion):
     def __init__(self, reference: Atoms, law: PairLaw, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, split: float = 1.0, dim: int | None = None) -> None:
         if not reference.pbc.any():
-            raise ValueError('the structure is not periodic so its neighbours are not infinitely many; use PairCalculator')
+            raise ValueError('the structure is not periodic, so its neighbours are finite in number; use PairCalculator')
         tail = tail_of(law, reference)
         if tail is None:
             raise ValueError('the sum over all neighbours is known for inverse powers, Yukawa repulsion and laws that become an '
@@ -128,7 +129,7 @@ class AllNeighbours(Repulsion):
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
                 laws: Any = None, model: Model | None = None, dim: int | None = None) -> AllNeighbours:
-        """A calculator with another reference, other sites or another law; its bonds follow from these."""
+        """A calculator with another reference, other sites or another law, from which its bonds follow."""
         own = self.sites if sites is None else sites
         return AllNeighbours(self.reference if reference is None else reference, self.laws if laws is None else laws,
                              foundation=own.foundation, strengths=own.strengths, split=self.split, dim=dim or self.dim)

@@ -1,8 +1,8 @@
-"""What two particles do to each other, as a function of the vector R between them: energy, gradient, stiffness D0 + D* (Eq. 4).
+"""The interaction of two particles as a function of the vector R between them: energy, gradient, stiffness D0 + D* (Eq. 4).
 
-`Central` is the force along the bond, from a law of the distance: Eq. 4 is its `stiffness`.  Where forces depend on more than
-the distance, as between upright magnets that leave their plane, the law answers for vectors itself (`PairInteraction`).  `Mixed`
-holds the interactions of bonds that differ.  Code above asks one of these three, and need not know which.
+`Central` is the force along the bond, from a law of the distance: Eq. 4 is its `stiffness`.  If forces depend on more than the
+distance, as between upright magnets that leave their plane, the law itself is a function of the vector (`PairInteraction`).
+`Mixed` holds the interactions of bonds that differ. Calling code uses one of these three, and need not know which.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def bond_stiffness(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.f
     vectors : ndarray, shape (bonds, dim)
         Bond vectors in mm.
     law : PairLaw or PairInteraction
-        One law for all bonds, or what the bonds of a calculator do, `calc.interaction`.
+        One law for all bonds, or the interactions of the bonds of a calculator, `calc.interaction`.
 
     Returns
     -------

@@ -62,8 +62,8 @@ class PairCalculator(Repulsion):
     Particles may differ: each may have its own spring constants k along each direction, its own strength s (the energy of
     the pair i, j is s_i s_j phi), and its own kind, given by its ASE tag, which selects phi.  `law` is the pair law of each bond.
 
-    The rest position of a particle and the anchor of its spring may differ.  A foundation spring is slack at its anchor; at
-    rest it pulls with -k (rest - anchor), which gives with the dead load the constant force h = load - k (rest - anchor).  In a
+    The rest position of a particle and the anchor of its spring may differ.  A foundation spring is slack at its anchor; at rest
+    it pulls with -k (rest - anchor). Together with the dead load this is the constant force h = load - k (rest - anchor).  In a
     perfect lattice both positions coincide and h = 0; after `magphonon.relaxed` they differ near defects and rims.
 
     The conventional model keeps the bond directions fixed.  Where forces are not along the bond, phi is a function of the
@@ -71,9 +71,9 @@ class PairCalculator(Repulsion):
 
     Particles that share one z are planar, unless the structure is periodic in all three directions: no force acts along z.
     (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
-    `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of their supports along z.  The repulsion
-    then acts along the line between two particles, or as that of `magphonon.interactions.UprightMagnets`.  All other structures
-    are in space.
+    `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of their supports along z.  The repulsion then
+    acts along the line between two particles, or as `magphonon.interactions.UprightMagnets` describes. All other structures move
+    in three dimensions.
 
     Parameters
     ----------
@@ -108,9 +108,9 @@ class PairCalculator(Repulsion):
         g in rad/ms, of all particles or of each: the force `m u' x g` turns velocities about the vector g, or about z, as
         gyroscopes, a rotating bench (twice its rate) or a magnetic field on charges do.  In the plane it is `m g J u'`,
         J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work and is not among the `forces` that ASE asks for:
-        tools of this package either include it, as `DrivenVerlet` does, or refuse it; the dynamics of ASE ignore it.
+        tools of this package either include it, as `DrivenVerlet` does, or refuse it; ASE's own dynamics ignores it.
     dim : {2, 3}, optional
-        Number of components of a displacement, if it is not to be decided by the positions, the cell and the foundation.
+        Number of components of a displacement; by default it follows from the positions, the cell and the foundation.
 
     Warns
     -----
@@ -217,7 +217,7 @@ class PairCalculator(Repulsion):
         return self.changed(rest, sites=replace(self.sites, load=self.load if load is None else load, **sites), model=model)
 
     def balanced(self, particles: NDArray[Any] | Sequence[int]) -> PairCalculator:
-        """The same calculator with the dead load that balances all other forces on some particles at rest, given by indices."""
+        """The same calculator with the dead load that balances all other forces at rest on the particles with these indices."""
         load, particles = self.load.copy(), indices('particles', particles, len(self.reference))
         rest = np.zeros((len(load), self.dim))
         load[particles, : self.dim] -= self._forces(rest, self._repulsion(rest)[1])[particles]
@@ -301,7 +301,7 @@ class PairCalculator(Repulsion):
         return sum((term.force(u) for term in self.terms), self.offset - self.bonds.net(gradient))
 
     def pumped(self, atoms: Atoms, t: float) -> NDArray[np.float64]:
-        """What the time `t` in ms adds to the forces of the calculator: N, shape (particles, 3)."""
+        """Forces that are added to those of the calculator at the time `t` in ms: N, shape (particles, 3)."""
         forces, u = np.zeros((len(atoms), 3)), self.displacements(atoms)
         forces[:, : self.dim] = sum(term.pumped(u, t) for term in self.terms)
         return forces
@@ -361,13 +361,13 @@ class PairCalculator(Repulsion):
         return hessian(self.bonds, K, k)
 
     def forces_beyond_rest(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What displacements `u` from rest add to the forces: N, both of shape (particles, dim)."""
+        """Change of the forces due to displacements `u` from rest: N, both of shape (particles, dim)."""
         gradient = self._repulsion(u)[1] - self._repulsion(0 * u)[1]
         return sum((term.force(u) for term in self.terms), -self.bonds.net(gradient))
 
 
 MagneticRepulsion = PairCalculator
-"""The same calculator by the name of what the paper describes, magnets that repel each other."""
+"""The same calculator under the name of what the paper describes, magnets that repel each other."""
 
 
 def measure(atoms: Atoms) -> float:

@@ -63,7 +63,7 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
                       kind: int | None = None) -> Atoms:
     """The structure with one more particle, which repels all others within the cutoff of the bonds.
 
-    If the bonds have no cutoff, as in a relaxed structure, the length of the longest one is used.
+    If the bonds have no cutoff, as in a relaxed structure, the length of the longest bond is used.
 
     Parameters
     ----------

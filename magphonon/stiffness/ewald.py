@@ -50,8 +50,7 @@ def lattice_sum(lattice: ArrayLike | Atoms, law: float | GaussianMixture, offset
     Parameters
     ----------
     lattice : array_like, shape (d, dim), or ase.Atoms
-        Lattice vectors in rows, d = 1, 2 or 3 of them; of Atoms, those along which they are periodic (their positions
-        do not enter).
+        Lattice vectors in rows, d = 1, 2 or 3 of them. Of Atoms only the periodic lattice vectors are used, not the positions.
     law : float or GaussianMixture
         The exponent s > 0 of phi = r^-s, or a law such as Yukawa(c, kappa).  Where s <= d and the wave is uniform (q = 0)
         the sum diverges; its value is then that with a uniform neutralising background, Epstein's zeta function.

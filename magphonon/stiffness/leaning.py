@@ -26,7 +26,7 @@ def leaning(calc: Any, height: float) -> Repulsion:
     law = leaning_law(calc.laws, calc.bonds.lengths.min(), height)
     springs = each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) - _taken(calc, law.charges)
     if springs.min() < 0:
-        raise ValueError(f'pillars of {height:g} mm lean so much that the magnets would turn over ({springs.min():.3g} N/mm are '
+        raise ValueError(f'pillars of {height:g} mm lean so much that the magnets would tip over ({springs.min():.3g} N/mm are '
                          'left of the foundation); take a stiffer pillar')
     return calc.changed(laws=law, sites=replace(calc.sites, foundation=springs))
 

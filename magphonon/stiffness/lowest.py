@@ -111,7 +111,7 @@ def lowest_eigenpairs(D: sparse.csr_array, count: int,
         if found is not None and _none_missed(D, *found, CERTAIN * highest, factors.order):
             return found
         if size > LARGEST:
-            raise ValueError(f'iterations do not tell the lowest {count} of {size} modes apart, as in a flat band, and {size} '
+            raise ValueError(f'iterations do not separate the lowest {count} of {size} modes, as in a flat band, and {size} '
                              f'are too many for a complete diagonalisation (at most {LARGEST}); ask for another number of them, '
                              'or take a smaller structure')
     refuse_memory(f'the lowest {count} of {size} modes', MATRICES * 8 * size**2, 'ask for fewer')

@@ -1,8 +1,8 @@
-"""Modes of a structure that is its own mirror image: each keeps its sign there or changes it, so that half of the matrix, or with
-two mirrors a quarter, is diagonalised at a time, in a quarter or a sixteenth of the time.
+"""Modes of a structure that is its own mirror image. Reflection keeps or changes the sign of each mode, so half of the matrix, or
+with two mirrors a quarter, is diagonalised at a time, in a quarter or a sixteenth of the time.
 
-Mirrors across x, y and z through the middle of the structure are tried.  What they leave unchanged is asked of the matrix itself,
-so masses, strengths, springs and constraints need no look of their own.
+Mirrors across x, y and z through the middle of the structure are tried.  Whether a mirror leaves the structure unchanged is
+tested on the matrix itself, so masses, strengths, springs and constraints need no tests of their own.
 """
 
 from __future__ import annotations

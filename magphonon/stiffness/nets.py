@@ -1,6 +1,6 @@
-"""Nets of members: springs, bars and cables with lengths of their own, and the forces with which they balance each other.
+"""Nets of members: springs, bars and cables with their own rest lengths, and the forces with which they balance each other.
 
-A net is a structure whose bonds are listed, each with its law.  Every node is a kind of its own, so that all tools take it.
+A net is a structure whose bonds are listed, each with its law. Every node is a kind of its own, so that all tools accept a net.
 """
 
 from __future__ import annotations
@@ -81,12 +81,13 @@ def self_stress(atoms: Atoms) -> NDArray[np.float64]:
     Parameters
     ----------
     atoms : ase.Atoms
-        With its PairCalculator; what its supports and guides carry need not balance.
+        With its PairCalculator; forces that supports and guides carry need not balance.
 
     Returns
     -------
     ndarray, shape (states, bonds)
-        Tensions of the bonds in the order of `atoms.calc.bonds`; of each state the sum of squares is 1, and its sign is free.
+        Tensions of the bonds in the order of `atoms.calc.bonds`. In each state the sum of squares is 1, and the sign is
+        arbitrary.
 
     Examples
     --------

@@ -76,7 +76,7 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: Model | None = 
     mode : int
         Number of the branch from below, from 0; in the triangular lattice shear is 0 and longitudinal 1.
     model : {'complete', 'conventional'}, optional
-        D0 + D*, or D0 alone; that of the calculator if not given.
+        D0 + D*, or D0 alone; by default the model of the calculator.
 
     Examples
     --------

@@ -79,13 +79,13 @@ def test_other_files_are_not_replaced(few_values, tmp_path, capsys):
         page.write('my title')
     before = (tmp_path / 'edited.html').read_bytes()
     assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 2
-    assert 'is not a page as "magphonon explore" wrote it' in capsys.readouterr().err
+    assert 'is not an unchanged page of "magphonon explore"' in capsys.readouterr().err
     assert (tmp_path / 'edited.html').read_bytes() == before
     (tmp_path / 'edited.html').unlink()
     (tmp_path / 'mine.html').write_text('<html>my own page</html>')
     os.mkfifo(tmp_path / 'pipe.html')
-    for name, words in (('mine.html', 'is not a page as "magphonon explore" wrote it'),
-                        ('pipe.html', 'is no regular file'), ('mine.toml', 'must be the name of a page, ending in .html'),
+    for name, words in (('mine.html', 'is not an unchanged page of "magphonon explore"'),
+                        ('pipe.html', 'is not a regular file'), ('mine.toml', 'must be the name of a page, ending in .html'),
                         ('', 'must be the name of a page')):
         assert main(['explore', 'square', '-o', str(tmp_path / name)]) == 2
         assert words in capsys.readouterr().err

@@ -277,8 +277,8 @@ def test_results_of_a_table_can_be_computed_again_from_the_scene_among_them(name
 
 
 @pytest.mark.parametrize(('named', 'words'), [
-    ('./bands.csv', 'has the name of a result'), ('sub/law.csv', 'in another folder than the scene'),
-    ('../{name}/law.csv', 'in another folder than the scene')])
+    ('./bands.csv', 'has the same name as a result'), ('sub/law.csv', 'not in the folder of the scene'),
+    ('../{name}/law.csv', 'not in the folder of the scene')])
 def test_a_table_that_the_copy_of_the_scene_would_not_find_is_refused(named, words, tmp_path, capsys):
     for name in ('law.csv', 'bands.csv', 'sub/law.csv'):
         table_of_forces(tmp_path / name)

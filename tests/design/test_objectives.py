@@ -223,11 +223,11 @@ def test_what_is_refused():
         Level(free, held, 0.5, 0.01).value(system)
     plain = lattices.triangular(10.0, 0.7)
     plain.calc = MagneticRepulsion(plain, LAW, foundation=0.1)
-    with pytest.raises(Crossing, match='meets another one'):
+    with pytest.raises(Crossing, match='has the same frequency as another one'):
         GroupVelocity(np.zeros(3), 0, np.array([1.0, 0])).value(LinearSystem.of(plain))
     with pytest.raises(ValueError, match='the cell has 2 branches'):
         BandEdge(np.zeros((1, 3)), 2, 'bottom').value(LinearSystem.of(plain))
-    with pytest.raises(ValueError, match="take the amplitude out for the conventional one"):
+    with pytest.raises(ValueError, match="leave out the amplitude for the conventional model"):
         BurstEnergy(free, (free.particle,), (0.0, 10.0), 0.5, 3, 0.01, amplitude=0.1).value(
             Variables(atoms, {'strength': (0.9, 1.1)}).rest(np.zeros(18), 'conventional'))
 

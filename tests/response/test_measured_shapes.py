@@ -134,7 +134,7 @@ def test_a_match_far_off_in_frequency_gets_a_word(factor, told, patch, tmp_path)
     found = modes(patch)
     table = written(tmp_path, patch.positions[:, :2], found.shapes[:3], frequencies=factor * found.frequencies_Hz[:3])
     lines = matches(compared(table, patch, found), found)
-    assert [('too far in frequency' in line) for line in lines[1:]] == [told] * 3
+    assert [('too far apart in frequency' in line) for line in lines[1:]] == [told] * 3
 
 
 @pytest.mark.parametrize(('factor', 'own'), [(1.0, True), (1.2, True), (3.0, False)])

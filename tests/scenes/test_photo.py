@@ -230,7 +230,7 @@ def test_relaxing_what_stands_at_rest_warns(tmp_path):
     rng = np.random.default_rng(0)
     quiet = photographed(tmp_path, row(0.9 * farthest), rng, keys='relaxed = true')
     assert quiet.lattice.positions is None
-    with pytest.warns(UserWarning, match='for the feet of the pillars and moves the particles by up to 0.0132 mm to rest'):
+    with pytest.warns(UserWarning, match='as the feet of the pillars and moves the particles by up to 0.0132 mm to rest'):
         photographed(tmp_path, row(1.1 * farthest), rng, keys='relaxed = true')
     photographed(tmp_path, row(5e-4), rng, keys='positions = "anchors"')  # whoever says so knows
 

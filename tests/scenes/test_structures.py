@@ -200,7 +200,7 @@ def test_columns_of_tables_mean_nothing_to_ase(column, tmp_path):
     Scene.model_validate(tables, context={'folder': tmp_path})
     atoms.set_array(column, np.array([0, 1]))
     ase.io.write(tmp_path / 'mine.extxyz', atoms)
-    with pytest.raises(ValueError, match=f'has the column {column}, which is one of tables'):
+    with pytest.raises(ValueError, match=f'has the column {column}, which only tables'):
         Scene.model_validate(tables, context={'folder': tmp_path})
 
 

@@ -118,7 +118,7 @@ def test_a_patch_leans_as_its_lattice_does():
     ({'lattice': {'kind': 'fcc'}, 'patch': None, 'bands': None, 'frf': None, 'burst': None, 'vibrometer': None, 'plan': None},
      'is no perfect lattice of magnets on a plane'),
     ({'foundation': {'pillar': {'youngs_modulus_Pa': 71e9, 'radius_m': 1e-4, 'height_m': 0.15, 'lean': True}}},
-     'lean so much that the magnets would turn over'),
+     'lean so much that the magnets would tip over'),
 ])
 def test_refusals(changes, message):
     with pytest.raises(ValueError, match=message):

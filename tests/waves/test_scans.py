@@ -410,7 +410,7 @@ def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
         names, d.places.tolist(), strict=True))]) + '\n')
     words = ['spectrum', '--verbose', str(tmp_path / 'scan.csv'), str(tmp_path / 'my.toml'), '-o', str(tmp_path / 'out')]
     assert main(words) == 2
-    assert 'it does not say where its points are; add the columns x_m and y_m' in capsys.readouterr().err
+    assert 'the scan does not say where its points are; add the columns x_m and y_m' in capsys.readouterr().err
     assert main([*words, '--geometry', str(tmp_path / 'points.csv')]) == 0
     shown = capsys.readouterr().out
     assert 'scan.csv: 17 points on 20 places of the row, 400 frames\nvelocities were integrated over time' in shown
