@@ -1,12 +1,12 @@
-"""What a structure may have beyond masses, bonds and constant springs, and which tools take it.
+"""Traits: features of a structure beyond masses, bonds and constant springs, and which tools accept them.
 
     @takes('gyration', 'constraints')
     def tool(atoms, ...):
 
-A tool takes the traits that it declares and refuses all others, so a new trait is refused everywhere on its first day.  All
-linear theory goes through `LinearSystem.of` and `LinearSystem.nearest`, which ask once more for the tool that runs, and refuse a
-new trait for tools that declare nothing.  The tables of the documentation and the test of every tool with every trait read
-`TRAITS` and `TOOLS`.
+A tool accepts the traits that it declares and refuses all others, so a new trait is refused everywhere at first. All linear
+theory goes through `LinearSystem.of` and `LinearSystem.nearest`. They check the traits again for the tool that is running, and
+refuse a new trait for tools that declare nothing.  The tables of the documentation and the test of every tool with every trait
+read `TRAITS` and `TOOLS`.
 """
 
 from __future__ import annotations
@@ -66,14 +66,14 @@ _running: ContextVar[Tool | None] = ContextVar('the declared tool that runs', de
 
 
 def takes(*names: str, **mends: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Declare that a tool takes structures with these traits, and no others; of its arguments the first among HOLDERS is asked.
+    """Declare that a tool accepts structures with these traits, and no others; the first argument named in HOLDERS is checked.
 
     Parameters
     ----------
     *names : str
         Of `TRAITS`.
     **mends : str
-        What to do instead where the tool refuses a trait, in place of what the trait says; '_' stands for a space.
+        Advice to give where the tool refuses a trait, instead of the advice of the trait itself; '_' stands for a space.
     """
     taken = frozenset(names)
 
@@ -127,7 +127,7 @@ def refuse_of(atoms: Any, calc: Any, tool: Tool) -> None:
 
 
 def refusal(calc: Any, tool: Tool, trait: Trait) -> str:
-    """The words with which a tool refuses a trait, and which tools near to it take it."""
+    """The message with which a tool refuses a trait; it names related tools that accept the trait."""
     def apart(other):
         """First those of the same file, then of the same room."""
         return other.module != tool.module, other.module.split('.')[1] != tool.module.split('.')[1], other.name

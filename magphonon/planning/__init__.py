@@ -1,7 +1,7 @@
 """The cheapest method that answers a question within a tolerance: each has a predicted cost and error.  Experimental.
 
-`plan` is the choice itself, `peak` and `waveform` know the methods for the highest peak of a frequency response and for a
-waveform; `scene` plans both for a scene file.  Bands need no plan: `shells = "auto"` counts as many neighbours as matter.
+`plan` makes the choice; `peak` and `waveform` have the methods for the highest peak of a frequency response and for a waveform;
+`scene` plans both for a scene file.  Bands need no plan: `shells = "auto"` counts as many neighbours as matter.
 """
 
 import lazy_loader

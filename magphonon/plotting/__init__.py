@@ -1,10 +1,10 @@
 """Results drawn on matplotlib axes; each function takes a result, and an axis if there is one.
 
-A figure that a function makes itself has the style of the house, as pictures of the commands have; in axes that you pass, such as
-`ax=plt.figure().gca()`, your style and matplotlib's own stay.
+A figure that a function makes itself has the style of this package, like the pictures of the commands. Axes that you pass, such
+as `ax=plt.figure().gca()`, keep your own style.
 
-A file draws what is named like it: `bands`, `zone`, `modes`, `response`, `density`, `waves`, `records`, `fits`, `sweeps`,
-`structures`.  `animation` makes films, `explorer` the page with sliders; `axes` is what all pictures share.
+Each module is named after what it draws: `bands`, `zone`, `modes`, `response`, `density`, `waves`, `records`, `fits`, `sweeps`,
+`structures`. `animation` makes films, `explorer` the page with sliders; `axes` has what all pictures share.
 """
 
 import lazy_loader

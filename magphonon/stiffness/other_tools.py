@@ -1,4 +1,4 @@
-"""Atoms for tools that suppose eV, Angstrom and atomic mass units: what they call Angstrom is mm, what they call THz is Hz.
+"""Atoms for tools that assume eV, Angstrom and atomic mass units: the numbers that they call Angstrom are in mm, and THz are Hz.
 
 A frequency is the root of a stiffness by a mass, and a tool prints `15.633 sqrt(K/m)` for numbers K in eV/Angstrom^2 and m in
 amu, whatever they mean.  With K in N/mm it is that of Hz if 1 g counts as `GRAM`; stiffness and mass may be multiplied by any
@@ -57,17 +57,17 @@ class _Rescaled(Calculator):
 
 
 @takes('all neighbours', 'site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike',
-       constraints='the supercells of other tools do not keep constraints; take analytic_bands, finite_displacements or modes, '
+       constraints='the supercells of other tools do not keep constraints; use analytic_bands, finite_displacements or modes, '
                    'or remove them with atoms.set_constraint()')
 def for_ase_tools(atoms: Atoms) -> Atoms:
-    """The same atoms for tools that expect eV, Angstrom and amu: what they call Angstrom is mm, what they call THz is Hz.
+    """The same atoms for tools that expect eV, Angstrom and amu: the numbers that they call Angstrom are in mm, and THz are Hz.
 
-    For whatever takes ASE's atoms with a calculator and computes vibrations, bands or a relaxation from its forces: ASE itself,
-    janus-core, matcalc, phonopy and what is built on it.  Any supercell of a tool's own will do.
+    Use them with any tool that takes ASE's atoms with a calculator and computes vibrations, bands or a relaxation from its
+    forces: ASE itself, janus-core, matcalc, phonopy and programs built on it. Such a tool may make supercells of its own.
 
     Times that a tool calls ps are s, speeds in Angstrom/ps are mm/s.  Masses are those of the chemical symbols, so that tools
-    which look masses up are right too, and energies are multiplied by a number to suit them.  Heat capacities and all else that
-    needs Planck's constant are wrong: `magphonon.bands.thermal_properties` has them.  The stress is that of the bonds alone.
+    which look masses up are right too, and energies are scaled to match. Heat capacities and everything else that involves
+    Planck's constant come out wrong: use `magphonon.bands.thermal_properties`.  The stress is that of the bonds alone.
 
     Tools that impose the acoustic sum rule erase the foundation.
 

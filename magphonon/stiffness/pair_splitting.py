@@ -1,7 +1,7 @@
 """D0 and D* of a structure with any ASE calculator that sums over pairs: its pair law is read off two atoms.
 
-An energy that is written in lengths of pairs, `E = sum phi(r_ij)`, has the stiffness D0 + D* of each pair (Eq. 4).  An energy of
-many bodies has no D* of its own: the six distances among four points in a plane obey one equation, and a multiple of it, added to
+An energy that is written in lengths of pairs, `E = sum phi(r_ij)`, has the stiffness D0 + D* of each pair (Eq. 4).  A many-body
+energy has no unique D*: the six distances among four points in a plane obey one equation. A multiple of this equation, added to
 the energy, changes the force in each pair and so D*, but no force on any point.
 """
 
@@ -74,16 +74,16 @@ class PairOf:
 
 
 def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
-    """The same structure with a calculator that knows D0 and D* apart, for any ASE calculator that is a sum over pairs.
+    """The same structure with a calculator that separates D0 and D*, for any ASE calculator that is a sum over pairs.
 
-    Every tool of this package takes the result: bands of both models, its Hessian by parts, sound speeds, the verdict.
+    Every tool of this package accepts the result: bands of both models, the Hessian by parts, sound speeds, the verdict.
 
     Parameters
     ----------
     atoms : ase.Atoms
         In ASE's units (Angstrom, eV, amu), with a calculator: Lennard-Jones, Morse, pair potentials of matscipy or LAMMPS.
     cutoff : float, optional
-        Distance in Angstrom within which atoms interact; found from the forces of two atoms if they end.
+        Distance in Angstrom within which atoms interact; by default the distance at which the force between two atoms ends.
 
     Returns
     -------
@@ -187,6 +187,7 @@ def _refuse_many_bodies(atoms, tags, laws, reach):
         np.add.at(sums, i[mine], (law.dphi(r[mine] * MM) / r[mine])[:, None] * R[mine])
     largest, apart = abs(forces).max(), abs(forces - sums)[probed].max()
     if apart > SAME * largest:
-        raise ValueError(f'{type(atoms.calc).__name__} is no sum over pairs: when the atoms are shaken by {SHAKEN:.0%} of their '
+        raise ValueError(f'{type(atoms.calc).__name__} is not a sum over pairs: when the atoms are shaken by {SHAKEN:.0%} of '
+                         f'their '
                          f'distance, its forces differ from those of all pairs within {reach / MM:.4g} Angstrom by up to '
                          f'{apart / largest:.2g} of the largest. D* is defined for energies written in lengths of pairs only')

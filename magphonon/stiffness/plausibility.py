@@ -1,4 +1,4 @@
-"""Whether numbers can be meant: frequencies, densities, masses and springs of the right order, forces that are finite."""
+"""Whether numbers are plausible: frequencies, densities, masses and springs of the right order, forces that are finite."""
 
 from __future__ import annotations
 

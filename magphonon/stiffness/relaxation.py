@@ -44,7 +44,7 @@ MEND = 'hold its rim or give it a foundation (magphonon.critical_foundation)'
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A relaxed structure, and its distance from the one before.
+    """A relaxed structure, and how far it moved.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     Parameters
     ----------
     atoms : ase.Atoms
-        With its PairCalculator, of any model: static forces are those of the complete one.  Constraints remain in force.
+        With its PairCalculator of either model, because static forces are the same in both. Constraints remain in force.
     tolerance : float
         Largest force that may remain, as a fraction of the largest bond force.
     steps : int
@@ -110,8 +110,8 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     Raises
     ------
     ValueError
-        If the forces do not vanish in so many steps, particles leave their neighbours, or every equilibrium found is
-        unstable: the structure buckles or slides.
+        If the forces do not vanish within this number of steps, if particles leave their neighbours, or if every equilibrium
+        found is unstable, because the structure buckles or slides.
 
     Examples
     --------

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 class Repulsion(Restartable):
     """Particles that repel each other, on a foundation: the base of `PairCalculator` and `AllNeighbours`.
 
-    Bands, speeds of sound, phonopy's finite displacements and buckling use only what is named here, and accept both calculators.
-    Every Bloch matrix already contains the foundation.
+    Bands, speeds of sound, phonopy's finite displacements and buckling use only the attributes and methods of this class, so they
+    accept both calculators. Every Bloch matrix already contains the foundation.
 
     Attributes
     ----------
@@ -93,11 +93,11 @@ class Repulsion(Restartable):
 
     @property
     def sites(self) -> Sites:
-        """What each site has of its own; frozen: `changed(sites=...)` makes a calculator with other sites."""
+        """The properties of each site. They are frozen: `changed(sites=...)` makes a calculator with other sites."""
         return self._sites
 
     def set(self, **parameters: Any) -> dict[str, Any]:
-        """Change what `default_parameters` names; cached results are deleted."""
+        """Change the parameters that `default_parameters` names; cached results are deleted."""
         for name in parameters:
             one_of('parameter', name, tuple(self.default_parameters))
         own = {f.name: f.metadata['checked'](parameters[f.name], self.reference, self.dim) for f in fields(Sites)
@@ -112,9 +112,10 @@ class Repulsion(Restartable):
 
     def changed(self, reference: Atoms | None = None, bonds: Bonds | None = None, sites: Sites | None = None, *,
                 laws: Any = None, model: Model | None = None, dim: int | None = None) -> Any:
-        """A calculator with another reference, other bonds, sites, laws or another model: every one that is made from another.
+        """A calculator with another reference, other bonds, sites, laws or another model. All calculators derived from another
+        are made here.
 
-        What is not given stays, particle by particle; bonds are measured again at the reference.
+        Everything not given stays the same, particle by particle; bonds are measured again at the reference.
         """
         raise NotImplementedError
 
@@ -128,7 +129,7 @@ class Repulsion(Restartable):
         """The pair law of every bond, for arrays of distances whose first axis is that of the bonds.
 
         A `magphonon.interactions.bond_laws.BondLaws`; or the law itself, if all bonds have the same law and all strengths are 1.
-        Of magnets that leave their plane it is the law in the plane.
+        For magnets that leave their plane it is the law in the plane.
         """
         found = self.interaction.central(self.dim)
         found = self.interaction.central(2) if found is None else found
@@ -147,7 +148,7 @@ class Repulsion(Restartable):
     def foundation(self) -> Foundation:
         """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim).
 
-        ValueError where there are other ties than constant springs: what takes these too asks `site_stiffness`.
+        Raises ValueError for ties other than constant springs; tools that accept these use `site_stiffness`.
         """
         return self.tie.springs()
 
@@ -177,7 +178,7 @@ class Repulsion(Restartable):
 
     @property
     def turning(self) -> float:
-        """The largest rate in rad/ms at which forces by the velocity turn it, zero where there are none."""
+        """The largest rate in rad/ms at which velocities are turned by forces that depend on them; zero without such forces."""
         rate = self.rate
         return float(np.sqrt((rate**2).sum(axis=(1, 2)) / 2).max()) if np.ndim(rate) else 0.0
 
@@ -203,7 +204,7 @@ class Repulsion(Restartable):
         return self.dim == 3 and not self.reference.pbc.all() and flat
 
     def in_plane(self) -> Any:
-        """The same calculator of a layer without motion out of its plane; of a planar structure, itself."""
+        """For a layer, the same calculator without motion out of its plane; for a planar structure, the calculator itself."""
         if not self.layer:
             return self
         springs = each_spring(self.foundation, len(self.reference), self.dim).reshape(-1, self.dim)[:, :2]

@@ -1,4 +1,4 @@
-"""The one door to linear theory: a structure about its rest, `LinearSystem`.
+"""A structure about its rest, `LinearSystem`. All linear results go through it.
 
 A particle has three positions: its anchor, where its foundation spring is slack; its position in the reference of the
 calculator, from which displacements are measured; and its present position.  In a perfect lattice they coincide.  Linear
@@ -75,10 +75,10 @@ class LinearSystem:
     def of(cls, atoms: Atoms | LinearSystem, *also: str) -> LinearSystem:
         """The system about the present positions; a system is returned unchanged.
 
-        Traits that the tool that calls does not declare (`magphonon.traits.takes`) are refused.  A caller without a declaration
-        takes what masses and stiffness describe, and the traits that it names `also`, such as 'gyration'.
+        Traits that the calling tool does not declare (`magphonon.traits.takes`) are refused. A caller without a declaration
+        accepts structures described by masses and stiffness, and the traits that it names in `also`, such as 'gyration'.
 
-        With AllNeighbours, whose stiffness is not known bond by bond, it has only `bloch` matrices.
+        With AllNeighbours, whose stiffness is not known bond by bond, the system has only `bloch` matrices.
 
         Raises
         ------
@@ -118,8 +118,8 @@ class LinearSystem:
     def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None, *also: str) -> LinearSystem:
         """The system about the rest of a moving structure, whose positions are its state; the forces need not balance there.
 
-        The rest is the reference if the forces balance there; the present positions, if the forces are smaller there, or if they
-        are another rest, well away from the reference.
+        The rest is the reference if the forces balance there. It is the present positions if the forces are smaller there, or if
+        these are another rest, well away from the reference.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class LinearSystem:
         mend = 'relax it with an optimiser of ASE, and make AllNeighbours at the relaxed positions'
         if calc.pairwise:
             mend = ('relax it, with magphonon.relaxed(atoms).atoms in Python or positions = "anchors" in the table [lattice] of '
-                    'a scene whose particles are in a file, or, if it stands at rest in truth, as in a photo, give it the '
+                    'a scene whose particles are in a file, or, if these positions are truly at rest, as in a photo, add the '
                     'constant forces that hold it, atoms.calc.balanced(particles) or positions = "rest"')
         raise NotAtRest('the structure is not at rest, and linear theory holds only about rest: a net static force of '
                         f'{self.left[k]:.4g} N acts on particle {k}, {self.left[k] / (self._largest[0] or np.inf):.3g} times '
@@ -234,7 +234,7 @@ class LinearSystem:
     def free(self) -> sparse.csr_array:
         """Orthonormal directions P in which the constraints let particles move, shape (particles * dim, free).
 
-        One direction of one particle in each column.  Directions held by constraints other than FixAtoms, FixedLine and
+        Each column is one direction of one particle.  Directions held by constraints other than FixAtoms, FixedLine and
         FixedPlane count as free.
         """
         n, dim = len(self), self.dim
@@ -312,7 +312,9 @@ class LinearSystem:
 
     @cached_property
     def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Eigenvalues of K, ascending, and its eigenvectors in columns; of small structures, since it takes directions^3."""
+        """Eigenvalues of K, ascending, and its eigenvectors in columns; only for small structures, since the time grows as
+        directions^3.
+        """
         squares, vectors = np.linalg.eigh(self.K.toarray())
         return squares, vectors
 
@@ -340,7 +342,7 @@ class LinearSystem:
     def growth(self, damping: ArrayLike = 0.0) -> float:
         """Rate in 1/ms of the mode that grows fastest, zero if none does: gyration may hold what stiffness alone does not.
 
-        Losses (1/ms, of all sites or of each) undo that, however small.
+        Losses (1/ms, of all sites or of each), however small, destroy such stability by gyration.
         """
         return 0.0 if self.stable else float(growth(self.B(damping).toarray(), self.K.toarray()))
 

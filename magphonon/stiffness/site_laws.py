@@ -1,8 +1,9 @@
-"""What ties particles to their places: springs, springs that a wave modulates, laws of the site.
+"""The ties of particles to their places: springs, springs modulated by a wave, and other laws of the site.
 
 A foundation is a number, an array of spring constants, or a law; `tie_of` makes a law of each, `Springs` or one derived from it.
-A calculator, which does not know the time, answers for the law that stays the same; time steps add what is `pumped`.  What
-assumes constant springs asks `calc.foundation`, which refuses here in words; what takes any site asks `calc.site_stiffness`.
+A calculator does not know the time, so it uses the constant part of the law; time steps add the forces that are `pumped`. Code
+that assumes constant springs uses `calc.foundation`, which refuses other laws with a message; code that accepts any site uses
+`calc.site_stiffness`.
 """
 
 from __future__ import annotations
@@ -166,8 +167,9 @@ def site_blocks(stiffness: Any, particles: int, dim: int) -> NDArray[np.float64]
 class Travelling(Springs):
     """Springs modulated by a wave: `k_i(t) = k [1 + eps cos(W t - kap.R_i)]`, with R_i the anchor of particle i.
 
-    Waves that run with the modulation and against it meet other partners, so that bands open gaps on one side only [1]_; where
-    the frequencies of two waves add up to W, they grow together.  `floquet_bands` finds both; time steps move it.
+    Waves that run with the modulation and against it couple to different waves, so that gaps open on one side only [1]_. Where
+    the frequencies of two waves add up to W, both waves grow. `floquet_bands` finds gaps and growth; time steps follow the
+    modulation.
 
     Parameters
     ----------
@@ -228,9 +230,10 @@ class Travelling(Springs):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OnSite(Springs):
-    """Energy V(d) of each particle by its displacement d from its anchor: several wells, a tensor, a magnet below.
+    """Energy V(d) of each particle as a function of its displacement d from its anchor: several wells, a tensor, a magnet below.
 
-    Linear tools take V'' at rest, time steps the whole law.  A function of the time makes it `g(t) V(d)`: electromagnets.
+    Linear tools use V'' at rest, time steps the whole law. With a function of the time g, as for electromagnets, the energy is
+    `g(t) V(d)`.
 
     Parameters
     ----------
@@ -238,14 +241,15 @@ class OnSite(Springs):
         V in mJ, V' in N and V'' in N/mm, of shapes (particles,), (particles, dim) and (particles, dim, dim), of displacements in
         mm, shape (particles, dim).  `OnSite.along` and `OnSite.tensor` make them.
     k : float or array_like
-        Springs beside it, as a foundation.
+        Additional springs, given like a foundation.
     g : callable, optional
-        One number, or one for each particle, by the time in ms.  A calculator, which knows no time, takes 1; linear tools refuse.
+        Function of the time in ms that returns one number, or one for each particle. A calculator, which does not know the time,
+        uses g = 1; linear tools refuse such a law.
 
     K : array_like, optional
         Of `OnSite.tensor`.
     share : float or array_like, shape (particles,)
-        What V is multiplied by at each site.
+        Factor of V at each site.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""What each site of a structure has of its own, `Sites`: the strength of its particle, its spring, its load, its gyration; and
-what is refused: positions that are not those of a calculator or out of its plane, numbers that are not finite, missing units.
+"""The properties of each site of a structure, `Sites`: the strength of its particle, its spring, its load, its gyration. Checks
+refuse positions that do not belong to a calculator or lie out of its plane, numbers that are not finite, and missing units.
 
-Where all sites are alike the foundation stays a single number, and the computation is as fast as with one spring for all.
+If all sites are alike the foundation stays a single number, and computations are as fast as with one spring for all.
 """
 
 from __future__ import annotations

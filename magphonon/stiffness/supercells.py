@@ -1,4 +1,4 @@
-"""Supercells of others: which site of the lattice each particle is, in any order, displaced, wrapped into the cell or not.
+"""Supercells made by other tools: finds the lattice site of each particle, in any order, displaced, wrapped into the cell or not.
 
 Tools of phonons give the calculator of a cell to displaced supercells whose particles are in an order of their own, without
 masses, tags and constraints.  A cell that is a whole multiple T of the reference, with as many times as many particles, is such a

@@ -1,7 +1,7 @@
 """A structure is a sum of terms: each adds its part to the forces about a rest, and to M u'' + B u' + K u = f.
 
-The bonds are one term, kept apart because their parts are those of pairs.  The others are terms of single sites, each made of one
-property of `Sites` where any site has it.  Calculators and `LinearSystem` know the sums alone.
+The bonds are one term, which is kept apart because it is a sum over pairs. The others are terms of single sites, each made from
+one property of `Sites` if any site has it. Calculators and `LinearSystem` use only the sums.
 """
 
 from __future__ import annotations

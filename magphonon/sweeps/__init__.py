@@ -1,4 +1,4 @@
-"""One question asked of a scene, or of a function, at many values of its parameters; the answers as an xarray Dataset.
+"""Sweeps evaluate a question about a scene, or a function, at many values of its parameters; the answers are an xarray Dataset.
 
 `dataset` spreads the points over processes and keeps the journal; `questions` holds what can be asked of a scene.
 """

@@ -1,4 +1,4 @@
-"""Sweeps: a scene or a function asked at every point of a grid, the answers as an xarray Dataset.
+"""Sweeps: questions about a scene, or a function, evaluated at every point of a grid; the answers are an xarray Dataset.
 
 The journal of a sweep is a text of lines: the first tells what was asked, each further one is the answer at one point.  Each
 begins with a checksum of itself, and a line whose checksum is wrong is not believed: its point is computed again.
@@ -44,31 +44,33 @@ _limited = False  # whether linear algebra in this process is limited to one thr
 def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask: str | Sequence[str] = (), *,
           workers: int | None = None, executor: Executor | None = None, journal: str | PathLike[str] | RawIOBase | None = None,
           name: str | None = None, units: Mapping[str, str] | None = None) -> Dataset:
-    """Ask a scene, or any function, at every point of a grid.
+    """Evaluate questions about a scene, or any function, at every point of a grid.
 
     The answers have the same bits wherever they are computed, on processors of one kind: linear algebra uses one thread.
 
     Parameters
     ----------
     asked : Scene or callable
-        A function is called with one number for each axis by its name, and returns a number, an array of numbers, or a dict of
-        these.  A ValueError, an ArithmeticError or a MemoryError says that a point is bad; another error ends the sweep.
+        A scene, or a function that takes one number for each axis as a keyword and returns a number, an array of numbers, or a
+        dict of these. If it raises a ValueError, an ArithmeticError or a MemoryError the point is marked as bad; any other error
+        ends the sweep.
     over : dict of str to array_like
         The axes: keys of the scene, such as 'law.a', or arguments of the function, and the values that they take.
     ask : str or sequence of str
-        What is asked of a scene: see `magphonon.sweeps.observables()`.
+        The questions about a scene: see `magphonon.sweeps.observables()`.
     workers : int, optional
         Processes on this machine, -1 for one on each core; by default all is computed in this process, or where
         `joblib.parallel_config` says, such as ``with joblib.parallel_config(backend='dask')``.
     executor : Executor, optional
-        In place of workers, any of `concurrent.futures`, such as `mpi4py.futures.MPIPoolExecutor`.
+        Any executor of `concurrent.futures` to use in place of workers, such as `mpi4py.futures.MPIPoolExecutor`.
     journal : path-like or file, optional
         A file to which every answer is added as soon as it is known.  If the process is killed, the same sweep with the same
-        journal goes on where it stopped; the file is never replaced or deleted.  A new file may be given open, as
-        `open(path, 'xb', buffering=0)` makes it.
+        journal continues where it stopped; the file is never replaced or deleted. A new file may also be given already open, from
+        `open(path, 'xb', buffering=0)`.
     name : str, optional
-        What a function computes, which a journal of it needs: a sweep goes on from a journal of the same name, the same axes and
-        the same version of magphonon.  Give another name whenever the function gives other numbers; nothing else can tell.
+        A name for what a function computes; required with a journal. A sweep continues from a journal with the same name, the
+        same axes and the same version of magphonon. Choose a new name whenever the function changes, because the journal cannot
+        notice that by itself.
     units : dict of str to str, optional
         Units of the axes and answers of a function; those of a scene are known.
 
@@ -81,7 +83,7 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     Raises
     ------
     ValueError
-        For an axis, a key or a question that is none, or a journal that is none of this sweep.
+        For an invalid axis, an unknown key or question, or a journal of another sweep.
     ImportError
         Without joblib, threadpoolctl or xarray; `pip install 'magphonon[sweep]'`.
     RuntimeError

@@ -1,4 +1,4 @@
-"""The quantities that a sweep can compute of a scene: each has a name, a unit and a function of the scene.
+"""The quantities that a sweep can compute for a scene: each has a name, a unit and a function of the scene.
 
 Frequencies are computed for stable lattices only, because a lattice that buckles leaves the positions about which it would
 vibrate.  Quantities that show where it buckles are computed on both sides of the border.

@@ -2,8 +2,8 @@
 
 `wave_source` places the source and the row and sends a burst; `vibrometer` samples the record as a scanning laser does.
 `scan_tables` reads measured scans, `scans` makes one record of them, `rows` finds which row of the lattice was measured.
-`spectrum` transforms a record and finds the ridge, `wave_analysis` does so for each polarisation and compares the ridges with
-the bands; `ridge_tables` writes and reads them.  `fields` does all of it for points of the plane.
+`spectrum` transforms a record and finds the ridge, `wave_analysis` does so for each polarisation and compares the ridges with the
+bands; `ridge_tables` writes and reads ridges. `fields` does all of this for points that cover the plane.
 """
 
 import lazy_loader

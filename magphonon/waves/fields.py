@@ -4,17 +4,17 @@ With windows h over the points and g over time, the motion u_j of the point on t
 
     G(k, omega) = sum_j h_j e^{i k.R_j} sum_t g_t u_j(t) e^{-i omega t}
 
-of which each branch takes its part, e.G with its polarisation e(k): across or along on lines of symmetry, whatever the law.  Of
-several particles to the cell each kind has its own sum, and e is that of all of them.  The points need no grid: a direct sum over
-a thousand of them takes a second.  The record is cut into segments whose powers are added (Welch 1967), so that noise alone, of
-the base or thermal, shows bands too.  Both directions of a wave count, k and -k.
+and each branch contributes its component e.G with the polarisation e(k). On lines of symmetry this is transverse or longitudinal
+whatever the law. If a cell has several particles, each kind has its own sum, and e spans all of them.  The points need no grid: a
+direct sum over a thousand of them takes a second.  The record is cut into segments whose powers are added (Welch 1967), so that
+noise alone, of the base or thermal, shows bands too.  Both directions of a wave count, k and -k.
 
-A cell of the map collects what is near it, so that it knows the centre of gravity of its power (Auger and Flandrin 1995):
+A cell of the map collects power from its surroundings, whose centre of gravity follows from (Auger and Flandrin 1995):
 
     omega_centre = omega - Im(sum G_g' G^*)/sum |G|^2        k_centre = k + Im(sum G_h' G^*)/sum |G|^2
 
-A point there lies on its branch if that is straight within the lobe of the windows.  How far a curved one is off is computed from
-the bands of the scene, and subtracted; half of that is part of the uncertainty.
+This centre lies on the branch if the branch is straight within the lobe of the windows. The shift due to curvature is computed
+from the bands of the scene and subtracted; half of it is added to the uncertainty.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class Field:
     def transforms(self, top: float) -> Iterator[tuple[NDArray[np.float64], list[NDArray[np.complex128]]]]:
         """Of each segment its angular frequencies up to `top`, and the motions over these with a Hann window and its derivative.
 
-        Divided by half the sum of the window: a wave of the amplitude A has the peak A.
+        They are divided by half the sum of the window, so that a wave of the amplitude A has the peak A.
         """
         window, slope = hann(self.frames)
         omega: Any = 2 * np.pi * np.fft.rfftfreq(PAD * self.frames, self.dt)
@@ -354,22 +354,22 @@ def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
 def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field', source: str | None = None) -> RidgePoints:
     """Points of the bands along a path: at wavevectors that share no noise, the strongest frequency of each branch.
 
-    What a branch moves there must be its own: more than the other branch at that frequency, above the background, within 20 dB of
-    the strongest point, within a quarter of the bands of the scene in either model, and with the centre of gravity within a bin,
-    for power that leaks from afar has its centre there.  The uncertainty adds up that between the
-    segments (the jackknife), what neighbouring points scatter more than that about a smooth curve, half of what the
-    curvature of the branch shifts, and half a percent for the unevenness of a specimen.
+    A point is kept if its power is larger than that of the other branch at that frequency, above the background, within 20 dB of
+    the strongest point, and within a quarter of the bands of the scene in either model. Its centre of gravity must lie within a
+    bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of four parts: the scatter
+    between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half of the shift due to the
+    curvature of the branch, and half a percent for the unevenness of a specimen.
 
     Parameters
     ----------
     field : Field
     cell : ase.Atoms
-        With its PairCalculator; its bands tell the curvature.
+        With its PairCalculator; its bands give the curvature.
     path : ase.dft.kpoints.BandPath
     name : str
         Of the record.
     source : {'row', 'point', 'field'}, optional
-        What sent the waves, 'field' for noise; by default noise if it goes on for the whole record, else a point.
+        The source of the waves, 'field' for noise; by default 'field' if the motion lasts for the whole record, else 'point'.
     """
     q, leg, legs = _apart(path, cell, field.bin_k)
     (omega, *_), parts = zip(*_collected(field, cell, q, centres=True), strict=True)
@@ -506,7 +506,7 @@ def field_at(field: Field, cell: Atoms,
     power : ndarray, shape (wavevectors, wavevectors)
         At (k_y, k_x), of both components of the motion, in mm^2.
     shape : ndarray of complex, shape (points, 2)
-        In mm: the motion that most of the power of all segments has in common, of zero phase where it is largest.
+        In mm: the coherent motion with the largest share of the power of all segments; its phase is zero where it is largest.
     """
     half = np.pi / field.dt
     if not 0 < omega < half:

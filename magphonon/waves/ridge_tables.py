@@ -1,4 +1,4 @@
-"""Tables of ridge points: what `spectrum` and `burst` write, and what a fit of the lattice reads."""
+"""Tables of ridge points, which `spectrum` and `burst` write and a fit of the lattice reads."""
 
 from __future__ import annotations
 
@@ -51,13 +51,14 @@ class RidgePoints(InHertz):
     Attributes
     ----------
     names, motions : tuple of str
-        Record and motion of each ridge, and its motion alone: 'transverse', 'longitudinal', or another word where it is neither.
+        `names` has record and motion of each ridge, `motions` its motion alone: 'transverse', 'longitudinal', or another word if
+        it is neither.
     ridge : ndarray of int, shape (points,)
         The ridge of each point.
     q : ndarray, shape (points, 3)
         Wavevectors in fractions of the reciprocal vectors.
     xi, sigma_xi : ndarray, shape (points,)
-        Phase per step along the row and its standard uncertainty, in rad; q goes in proportion.
+        Phase per step along the row and its standard uncertainty, in rad; q is proportional to xi.
     omega, sigma_omega : ndarray, shape (points,)
         Angular frequencies and their standard uncertainties in rad/ms.
     power : ndarray, shape (points,)
@@ -65,9 +66,9 @@ class RidgePoints(InHertz):
     line : ndarray, shape (points,)
         Distance of the frequency lines of the record in rad/ms; zero where points share no noise.
     sources : tuple of str, optional
-        What sent each ridge, 'row' or 'point'; taken for a point where it is not known.
+        The source of each ridge, 'row' or 'point'; an unknown source counts as 'point'.
     bin_xi : ndarray, shape (points,), optional
-        Resolution of the row in rad, 2 pi over its places; that of 30 places where it is not known.
+        Resolution of the row in rad, 2 pi over its number of places; if unknown, that of 30 places is assumed.
     """
 
     names: tuple[str, ...]
@@ -91,7 +92,9 @@ class RidgePoints(InHertz):
 
     @property
     def from_points(self) -> np.ndarray:
-        """Whether each point is of waves from a point source, or from one that the table does not name, shape (points,)."""
+        """Whether each point belongs to waves from a point source, or from a source that the table does not name, shape
+        (points,).
+        """
         return np.array([source == 'point' for source in self.sources or ('point',) * len(self.names)])[self.ridge]
 
     @property
@@ -106,10 +109,11 @@ class RidgePoints(InHertz):
 
     @property
     def independent(self) -> RidgePoints:
-        """Those that share no noise: of each ridge the strongest points first, each 2.5 lines from all before.
+        """The points that share no noise: the strongest points of each ridge are taken first, each 2.5 lines away from all
+        before.
 
-        Neighbouring lines share two thirds of an error through the Hann window: as if independent, they would make intervals
-        1.6 times too narrow.  A third of the points, far apart, tells all but a tenth of what all of them do.
+        Through the Hann window neighbouring lines share two thirds of an error: treated as independent, they would make intervals
+        1.6 times too narrow. A third of the points, far apart, contains all but a tenth of the information of all of them.
         """
         kept: list[int] = []
         for k in np.argsort(-self.power, kind='stable'):
@@ -168,14 +172,14 @@ def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
     Parameters
     ----------
     *paths : path-like
-        Texts with the columns xi_rad, sigma_xi_rad, frequency_Hz, sigma_frequency_Hz, q1 and q2.  A table by hand may leave out
-        the others: record and motion, which tell ridges apart; power_m2 and bin_Hz, without which all points are independent;
-        source, which is taken for a point; bin_xi_rad, which is taken for that of 30 points.
+        Texts with the columns xi_rad, sigma_xi_rad, frequency_Hz, sigma_frequency_Hz, q1 and q2.  A table written by hand may
+        omit the others: record and motion, which distinguish ridges; power_m2 and bin_Hz, without which all points count as
+        independent; source, which is then assumed to be a point; bin_xi_rad, which is then assumed to be that of 30 points.
 
     Returns
     -------
     RidgePoints
-        Of all tables; ridges of one name in two tables are two.
+        The points of all tables; ridges with the same name in two tables stay separate.
 
     Examples
     --------

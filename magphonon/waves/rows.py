@@ -1,4 +1,4 @@
-"""Straight rows of measured points: which row of the lattice they are, and at which of its steps they stand."""
+"""Straight rows of measured points: which row of the lattice was measured, and at which of its steps each point lies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Scans of a real instrument: points of its own numbering, some missing or dead, displacements or velocities, as one record.
+"""Scans of a real instrument: points with its own numbering, some missing or dead, displacements or velocities, made into one
+record.
 
 Missing samples, and samples at unequal times, are interpolated by a spline through the samples of the same point, unless the
 gap is too long.  The error of this spline is measured, not assumed: the same interpolation, at the same times, is applied to a

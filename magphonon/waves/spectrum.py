@@ -5,19 +5,18 @@ length enters.  The wave of the paper is e^{i(k.R + omega t)}; here a wave that 
 appears at positive xi (numpy's `fft2` would put it into the quadrant omega > 0, k < 0).
 
 A burst has a source spectrum, and the record ends: at a fixed frequency the peak over xi is pulled towards the
-carrier, by half a bin and more.  Each cell of the map therefore knows the centre of gravity of what it has collected
+carrier, by half a bin and more.  For each cell of the map the centre of gravity of the collected power is therefore computed
 (reassignment, Kodera 1976, Auger and Flandrin 1995).  For window h and transform G_h(xi, omega),
 
     omega_centre = omega - Im(G_h'/G_h)        xi_centre = xi + Im(G_h'/G_h)        h' along time, along the row
 
-Whatever spectrum weights a narrow piece of a branch, both centres are weighted alike: their point lies on the branch.
+Whatever the source spectrum, it weights both centres of a narrow piece of a branch alike, so their point lies on the branch.
 
-That holds for a single plane wave.  Near a source fronts are curved, a beam of finite width spreads, and a dead particle
-scatters: then the phase per step changes along the row.  The row itself tells by how much: its two halves are analysed each
-for itself, and where they disagree the whole is uncertain by half of their difference (the jackknife with two blocks).
-Waves that come back from the rim may be too close in wavenumber to be told apart, in the halves too.  They add up at one
-frequency and cancel at the next, so that the ridge jumps from line to line: how far neighbouring points lie from a smooth
-curve is the other part of the uncertainty.
+This holds for a single plane wave. Near a source fronts are curved, a beam of finite width spreads, and a dead particle scatters:
+then the phase per step changes along the row. The row itself shows by how much: its two halves are analysed separately, and where
+they disagree the whole is uncertain by half of their difference (the jackknife with two blocks). Waves reflected from the rim may
+be too close in wavenumber to be resolved, even in the halves.  They add up at one frequency and cancel at the next, so that the
+ridge jumps from line to line: how far neighbouring points lie from a smooth curve is the other part of the uncertainty.
 """
 
 from __future__ import annotations
@@ -76,7 +75,8 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
     xi_centre, omega_centre : ndarray, shape (frequencies, wavenumbers)
         Where the power in each cell comes from; NaN where there is none.
     xi_spread, omega_spread : ndarray, shape (frequencies, wavenumbers)
-        How far noise as strong as the wave would spread these: sqrt(2) times their standard deviation, per noise to signal.
+        How far noise as strong as the wave would spread these centres: sqrt(2) times their standard deviation, per noise to
+        signal.
     xi_change : ndarray, shape (frequencies, wavenumbers)
         How much larger xi_centre is in the second half of the row than in the first; zero for a single plane wave.
     bin_xi, bin_omega : float
@@ -101,14 +101,14 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
 
     @property
     def loudest(self) -> float:
-        """Angular frequency of that cell in rad/ms."""
+        """Angular frequency of the strongest cell in rad/ms."""
         return self.omega[FIRST * PAD + int(self.power[FIRST * PAD :].max(axis=1).argmax())]
 
 
 def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike | None = None) -> Spectrum:
     """Wavenumber-frequency map of one displacement component along a row, Hann windows in time and space.
 
-    Each particle may be offset from its rest and drift steadily: both are taken off first, see `without_drift`.
+    Each particle may be offset from its rest and drift steadily: both are subtracted first, see `without_drift`.
 
     Where points of the row are missing, each cell of the map is the plane wave fitted by least squares, with the window as
     weights, to the points that are there (the periodogram of Lomb): a missing point has no weight.
@@ -252,22 +252,22 @@ class Ridge(InHertz):
 
 
 def ridge(spectrum: Spectrum) -> Ridge:
-    """Crest of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
+    """Ridge of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
 
     With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity uncertain
     by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins: the imaginary part is how far away the cell is, and the real part is not zero
     where the wave grows or decays within the window, as a pulse does that passes early or late in the record.  B is taken
     from the median over the frequency line, so that leakage and other waves count as noise too.
 
-    What is no plane wave makes the halves of the row disagree by D: the whole is uncertain by D/2, less the share that
-    noise has in it.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
-    background), so that noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each
-    point gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger.
-    To this mean that of `_jumps` from line to line is added, likewise less noise and widened.
-    More than a bin is no uncertainty of one wave: there a half has found another, which the whole would show apart.
+    If the motion is not a plane wave, the halves of the row disagree by D, and the whole is uncertain by D/2, less the
+    contribution of noise to D.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
+    background), so that noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each point
+    gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger. To this
+    mean that of `_jumps` from line to line is added, likewise less noise and widened. A difference of more than a bin is not an
+    uncertainty of one wave: one half has then found another wave, which the whole row would resolve.
 
-    A wave that runs one way and disperses is surer than that: in a long row its halves hear it at other times, at which other
-    parts of its branch are strong.
+    For a dispersive wave that runs one way this overestimates the uncertainty: in a long row it reaches the halves at different
+    times, at which different parts of its branch are strong.
 
     Examples
     --------

@@ -1,12 +1,12 @@
-"""Stiffness of waves from thermal motion: what a wave of the wavevector q resists, k(q) = kT/<|u_q|^2>.
+"""Stiffness of waves from thermal motion: a wave with the wavevector q has the stiffness k(q) = kT/<|u_q|^2>.
 
 With the window h over the particles and the modes e of the linear lattice, of which D(q) is the Bloch matrix,
 
     u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
 
-Forces that turn velocities do no work: <u u> does not know them, and these are frequencies without them.  Equipartition says no
-more than this: harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows anharmonic ones, as kT
-grows.  Three things spoil the number, and are taken off or told:
+Forces that turn velocities do no work, so <u u> does not depend on them, and these are frequencies without them. Equipartition
+says that harmonic forces have C = kT D^-1 at any temperature; a deviation that grows with kT shows anharmonic forces. Three
+things bias the result, and are subtracted or reported:
 
 - few frames: the inverse of a mean of M frames is too large by some n/M.  The frames, in order, are cut into segments longer than
   they remember, and the record without each of them gives this bias, and the error (jackknife).
@@ -57,11 +57,12 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     q : ndarray, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     omega : ndarray, shape (wavevectors, branches)
-        In rad/ms, without the bias; those for B = 0, as heat does not know forces that turn velocities.
+        In rad/ms, after subtracting the bias. They are those for B = 0, because thermal averages do not depend on forces that
+        turn velocities.
     error : ndarray, shape (wavevectors, branches)
         One standard error of omega.
     bias : ndarray, shape (wavevectors, branches)
-        What was taken off, by few frames, window and time step together.
+        The bias that was subtracted, due to few frames, window and time step together.
     linear : ndarray, shape (wavevectors, branches)
         Of the linear lattice, for comparison.
     """
@@ -81,7 +82,7 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        The supercell or the patch that moved, with its PairCalculator; counted from its rest, wherever it is now.
+        The supercell or the patch that moved, with its PairCalculator; its present positions do not matter.
     displacements : array_like, shape (frames, particles, dim)
         From rest, in mm, in thermal equilibrium from the first frame.
     temperature_mJ : float
@@ -91,12 +92,12 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors of the cell; of a periodic supercell those that fit into it.
     dt : float
-        Time step in ms of the run of velocity Verlet that made the record; 0 of a measurement.
+        Time step in ms of the velocity Verlet run that made the record; 0 for a measurement.
     particles : array_like of int, optional
-        Those that were recorded; all if not given.  Of a patch, or if not all are, a Hann window reaches from edge to edge.
+        The recorded particles; all if not given. For a patch, or if some are missing, a Hann window extends from edge to edge.
     still : array_like, shape (frames, particles, dim), optional
-        What harmonic forces would have made of the same noise: chance, window and time step are then those of both records, and
-        only what is anharmonic remains.
+        The motion of harmonic forces under the same noise. The effects of chance, window and time step are then the same in both
+        records and cancel, so that only the anharmonic part remains.
 
     Examples
     --------
@@ -197,9 +198,10 @@ def _compliant(system, waves):
 @takes(*LINEAR)
 def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: ArrayLike, steps: int = STEPS,
                 seed: int = 0) -> ThermalBands:
-    """The thermal bands of a planar lattice, from a run of a supercell in a bath, and one in a bath that is all but cold.
+    """The thermal bands of a planar lattice, from a run of a supercell in a bath, and a second run in a bath of nearly zero
+    temperature.
 
-    Both have the same noise, so that most of what is chance in one is chance in the other.
+    Both have the same noise, so that most of the statistical error is common to both and cancels.
 
     Parameters
     ----------
@@ -212,7 +214,7 @@ def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: Array
     q : array_like, shape (wavevectors, 3)
         Waves that fit into the supercell.
     steps : int
-        Of DAMPED/w_max each, after a tenth of them into equilibrium.
+        Number of steps, after a tenth as many to reach equilibrium.
     seed : int
 
     Examples

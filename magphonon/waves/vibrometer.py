@@ -9,12 +9,12 @@ from ..errors import finite, not_negative, positive
 
 
 def sampled(motion: Motion, rate: float, noise: float = 0.0, seed: int = 0) -> Motion:
-    """A simulated motion as a vibrometer sees it: at its own sampling rate, with its noise; displacements alone.
+    """A simulated motion as a vibrometer records it, with its own sampling rate and noise; only displacements are returned.
 
     Parameters
     ----------
     motion : Motion
-        With at least ten frames to a period: between them goes a cubic spline.
+        With at least ten frames per period, because it is interpolated by a cubic spline.
     rate : float
         Samples per ms (kHz).
     noise : float

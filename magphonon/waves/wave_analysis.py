@@ -1,16 +1,16 @@
 """Waves along a row of particles, simulated or measured: map and ridge of each polarisation, compared with the bands.
 
-A row shows more than the waves along it if they come from a point.  Waves of all directions leave a point; along a row of the
-lattice vector R those arrive whose group velocity points along R.  Let xi = k.R be the phase per step, and s a shift of the
-wavevector, in units of the primitive reciprocal vector across R, that leaves xi as it is.  The velocity has no component away
-from the row where
+A row near a point source shows more than the waves that propagate along it. A point source sends waves in all directions, and
+those whose group velocity points along the lattice vector R arrive along the row.  Let xi = k.R be the phase per step, and s a
+shift of the wavevector, in units of the primitive reciprocal vector across R, that leaves xi as it is.  The velocity has no
+component away from the row where
 
     d omega(xi, s) / ds = 0
 
-so that the row shows every extremum of omega over s; by symmetry the wave along the row, s = 0, is one of them.  Of the others,
-oblique waves, only the energy runs along the row.  Two waves nearer than the main lobe of the Hann window make one peak on a map,
-somewhere between them.  The ridge is then off at all frequencies in the same sense, so that neither noise, nor the halves of the
-row, nor jumps from line to line show it: `Wave.blur` is how far it may be.
+so that the row shows every extremum of omega over s; by symmetry the wave along the row, s = 0, is one of them.  The others are
+oblique waves, of which only the energy runs along the row. Two waves closer together than the main lobe of the Hann window make
+one peak on a map, somewhere between them.  The ridge is then off at all frequencies in the same sense, so that neither noise, nor
+the halves of the row, nor jumps from line to line show it: `Wave.blur` is how far it may be.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: Model | None = 
         (0, 1, 0) for plane waves from a row of sources along R1 (Gamma-M), (1/2, 1, 0) for the waves from a
         point source (Gamma-K).
     mode : int
-        Number of the branch from below, from 0; in the triangular lattice shear is 0 and longitudinal 1.
+        Number of the branch, counted from 0 by frequency; in the triangular lattice shear is 0 and longitudinal 1.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
 
@@ -129,8 +129,8 @@ class Misfit:
 def compare(ridge: Ridge, branch: Branch) -> Misfit:
     """Distance between a ridge and a branch along either axis.
 
-    A branch that nowhere reaches a frequency is met where it comes nearest: there the wave is evanescent, and the
-    real part of its wavenumber stays at that of the band edge.
+    If a branch does not reach a frequency, its nearest point is used: the wave is evanescent there, and the real part of its
+    wavenumber stays at that of the band edge.
 
     Examples
     --------
@@ -233,7 +233,7 @@ def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
 
     Waves from a point source move the row both across and along its line: a ridge of one motion may follow the branch of the
     other.  A branch that falls with the wavenumber, such as shear in a square lattice on springs, carries backward waves (phase
-    and group velocity of opposite sign): in a row that is known to begin at the source, as here, no ridge is found for them.
+    and group velocity of opposite sign): because this row is known to begin at the source, no ridge is found for them.
 
     Parameters
     ----------
@@ -259,8 +259,8 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     source : {'row', 'point'}
         Fronts along R1, or across the measured row.
     row : Row, optional
-        By default the row of the lattice on which the points stand, begun at the end from which the phases of the stronger waves
-        come; for backward waves that is the far end, and their ridge is found.
+        By default the row of the lattice on which the points lie. It begins at the end from which the phases of the stronger
+        waves come; for backward waves that is the far end, so that their ridge is found, too.
 
     Examples
     --------

@@ -92,7 +92,7 @@ def test_an_energy_of_a_learned_kind_is_refused_by_as_much_as_its_network_bends(
     said = []
     for bend in (1.0, 0.01):
         argon.calc = Network(seed, bend)
-        with pytest.raises(ValueError, match=r'Network is no sum over pairs.* D\* is defined') as refused:
+        with pytest.raises(ValueError, match=r'Network is not a sum over pairs.* D\* is defined') as refused:
             split(argon, argon.calc.reach)
         said.append(float(re.search(r'by up to (\S+) of the largest', str(refused.value))[1]))
     assert said[0] > 10 * said[1] > 1e-5
@@ -207,7 +207,7 @@ def test_a_row_that_resists_bending_is_refused_although_its_angles_are_straight(
 def test_many_body_energies_are_refused_with_the_difference():
     copper = bulk('Cu', 'fcc', a=3.6)
     copper.calc = EMT()
-    with pytest.raises(ValueError, match=r'EMT is no sum over pairs.*up to 0\.\d+ of the largest'):
+    with pytest.raises(ValueError, match=r'EMT is not a sum over pairs.*up to 0\.\d+ of the largest'):
         split(copper)
     argon = bulk('Ar', 'fcc', a=5.3)
     for many, refused in ((0.0, False), (1e-2, True)):
