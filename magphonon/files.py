@@ -1,4 +1,4 @@
-"""Writing of files that appear only when complete: under a temporary name first, which is then changed.
+"""Writing of files that appear only when complete: they are written under a temporary name and then renamed.
 
 Files of users are read in a limited size and from regular files only.
 """
@@ -160,7 +160,7 @@ def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple
 
 def not_saved(path: str | PathLike[str], kind: str, fault: str) -> ValueError:
     """The error for a file that does not hold results of this `kind`."""
-    return ValueError(f'{path} is no complete file of {kind} ({fault}); compute them again and save()')
+    return ValueError(f'{path} is not a complete file of {kind} ({fault}); compute them again and save()')
 
 
 def _wrong_unit(told, units, arrays):

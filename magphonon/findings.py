@@ -1,8 +1,8 @@
-"""Reports as lists of small functions, each of which finds one thing about a case and says it in words.
+"""Reports as lists of small functions, each of which finds one fact about a case and states it in words.
 
 A report is a `Findings`; a function of the case joins it by its decorator `check`, or `remark` if what it finds cannot be a
-fault.  The words are told in the order in which the functions stand in their file.  One function may be the `answer`, whose words
-stand first: a command prints them and the faults, and with --verbose everything.
+fault.  The words appear in the order of the functions in their file. One function may be the `answer`, whose words come first: a
+command prints these and the faults, and with --verbose everything.
 
 Examples
 --------

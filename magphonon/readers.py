@@ -1,7 +1,7 @@
-"""Files of instruments by their format: one reader for each suffix, here or in another package.
+"""Readers of instrument files: one for each suffix, here or in another package.
 
-A reader takes a path and gives what the file holds, in one of three forms, which `magphonon.tables` and whoever reads records
-understand:
+A reader takes a path and returns the contents of the file in one of three forms, which `magphonon.tables` and the functions that
+read records understand:
 
 - a text: a table with a header, such as CSV;
 - columns by name, a dict of arrays: {'r [mm]': ..., 'f_N': ...}; an array of two dimensions has a column for each point;

@@ -1,4 +1,4 @@
-"""How results show themselves: what they hold in a line, and in a notebook in a table, instead of all their numbers."""
+"""How results are displayed: a summary in one line, or a table in a notebook, instead of all their numbers."""
 
 from __future__ import annotations
 

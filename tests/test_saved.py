@@ -133,7 +133,7 @@ def test_every_array_that_lacks_is_infinite_or_cut_is_refused(kind, prototype, t
             spoiled.append(arrays | {name: array[1:]})
         for content in spoiled:
             np.savez(tmp_path / 'y.npz', **content)
-            with pytest.raises(ValueError, match=r'no complete file of .* compute them again'):
+            with pytest.raises(ValueError, match=r'not a complete file of .* compute them again'):
                 kind.load(tmp_path / 'y.npz')
 
 

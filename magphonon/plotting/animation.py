@@ -32,7 +32,8 @@ FRAMES = 24  # frames of one period of a mode
 
 
 def mode_frames(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:
-    """One period of a mode, as `animate` takes it: the displacements `Re shape e^{-2 pi i t/T}`, shape (frames, particles, dim).
+    """One period of a mode, as an argument of `animate`: the displacements `Re shape e^{-2 pi i t/T}`, shape (frames, particles,
+    dim).
 
     Parameters
     ----------
@@ -55,22 +56,22 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
             centre: ArrayLike | None = None, defects: ArrayLike = ()) -> float:
     """Write a film of moving particles; every frame has the same scale, and the title states the magnification.
 
-    Particles are coloured by their displacement along the axis along which most of the motion is.  Of a wave there must be 12
-    frames a period, or its crests seem to run backwards.
+    Particles are coloured by their displacement along the axis with most of the motion. A wave needs at least 12 frames per
+    period, or its crests seem to run backwards.
 
     Parameters
     ----------
     path : path-like
-        Ends in `.gif`, or in `.mp4`, for which ffmpeg or the package imageio-ffmpeg must be there.
+        Ends in `.gif`, or in `.mp4`, which needs ffmpeg or the package imageio-ffmpeg.
     atoms : ase.Atoms
-        A planar structure with its PairCalculator, at the places from which displacements count.
+        A planar structure with its PairCalculator, at the positions from which displacements are measured.
     displacements : array_like, shape (frames, particles, dim), or mapping from titles to such arrays
-        In mm: of a mode from `mode_frames`, of a wave from `propagate` or a `Recorder`.  Those of a mapping, such as both models,
-        move side by side, 500 pixels each.
+        In mm: of a mode from `mode_frames`, of a wave from `propagate` or a `Recorder`.  The films of a mapping, such as both
+        models, run side by side, 500 pixels each.
     times : array_like, shape (frames,), optional
         In ms, shown in s.
     magnification : float, optional
-        Factor of the displacements; if not given, the largest one in all frames is drawn a third of the shortest bond long.
+        Factor of the displacements; by default the largest displacement is drawn with a third of the length of the shortest bond.
     title : str
     fps : float
         Frames per second.

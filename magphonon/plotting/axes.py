@@ -47,12 +47,12 @@ IN_FORCE: list[str] = []  # the styles within which we are
 def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
     """Draw and save pictures for a column of Physical Review B, 3.4 inches wide.
 
-    Make the figure, draw on it and save it within the `with`: matplotlib asks for the settings at each of these steps.
+    Make the figure, draw on it and save it within the `with` block, because matplotlib reads the settings at each of these steps.
 
     Parameters
     ----------
     *sheets : path-like
-        Style sheets of matplotlib, whose settings replace those of the house.
+        Style sheets of matplotlib, whose settings replace those of this package.
 
     Examples
     --------
@@ -87,12 +87,12 @@ def _load(sheet):
     try:
         rc_file(str(sheet), use_default_template=False)
     except UnicodeDecodeError:
-        raise ValueError(f'{sheet} is no style sheet of matplotlib: it is no text in UTF-8') from None
+        raise ValueError(f'{sheet} is not a style sheet of matplotlib: it is not text in UTF-8') from None
     finally:
         logger.removeHandler(collector)
     if not faults.empty():
         fault = faults.get().getMessage().strip().splitlines()[0]
-        raise ValueError(f'{sheet} is no style sheet of matplotlib: {fault}')
+        raise ValueError(f'{sheet} is not a style sheet of matplotlib: {fault}')
 
 
 def in_house_style(draw: Draw) -> Draw:
@@ -168,10 +168,10 @@ def end_frequencies(figure: Figure, highest_Hz: float) -> None:
 
 @in_house_style
 def new_axes(width: float | None = None, height: float | None = None) -> Axes:
-    """Axes of a figure of its own, `width` x `height` in inches, by default as large as the style in force has it.
+    """Axes of a new figure, `width` x `height` in inches, by default the size of the current style.
 
-    This is the style of the house, or that of a `print_style` around it.  For matplotlib's own, or yours, pass axes that you made
-    to the functions that draw: ``plot_bands(bands, ax=plt.figure().gca())``.
+    The current style is that of this package, or of an enclosing `print_style`. To draw in matplotlib's style, or yours, pass
+    your own axes to the functions that draw: ``plot_bands(bands, ax=plt.figure().gca())``.
 
     Examples
     --------
@@ -184,7 +184,7 @@ def new_axes(width: float | None = None, height: float | None = None) -> Axes:
 
 @in_house_style
 def new_figure(width: float | None = None, height: float | None = None) -> Figure:
-    """A figure that pyplot never sees, whose axes leave room for their labels; its size and style as in `new_axes`."""
+    """A figure unknown to pyplot, whose axes leave room for their labels; its size and style are as in `new_axes`."""
     from matplotlib import rcParams
     from matplotlib.figure import Figure
 
@@ -195,7 +195,8 @@ def new_figure(width: float | None = None, height: float | None = None) -> Figur
 @in_house_style
 def panels(rows: int, columns: int, width: float | None = None,
            height: float | None = None) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure with `rows x columns` panels, as wide as a column of the journal for one column of panels, or as its page.
+    """A figure with `rows x columns` panels. By default it is as wide as a column of the journal for one column of panels,
+    otherwise as wide as its page.
 
     Parameters
     ----------
@@ -225,7 +226,9 @@ def panels(rows: int, columns: int, width: float | None = None,
 
 @in_house_style
 def letter_panels(axes: NDArray[np.object_] | Sequence[Axes], names: Sequence[str] = ()) -> None:
-    """Put (a), (b), ... above the left corner of each panel, row by row, before its name: one of `names`, or the one it has."""
+    """Put (a), (b), ... above the left corner of each panel, row by row, before its name from `names`, or else its present
+    one.
+    """
     flat = np.ravel(np.asarray(axes))
     for letter, ax, name in zip(ascii_lowercase, flat, names or [ax.get_title(loc='left') for ax in flat], strict=False):
         ax.set_title(f'({letter}) {name}'.rstrip(), loc='left')
@@ -240,7 +243,7 @@ def legend_above(ax: Axes, **options: Any) -> Legend:
 
 @in_house_style
 def legend_of_set(figure: Figure, **options: Any) -> Legend:
-    """One legend above all panels of a figure, in which each name of their curves stands once."""
+    """One legend above all panels of a figure, which lists the name of each curve once."""
     named = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     options = {'loc': 'outside upper center', 'handles': list(named.values()), 'labels': list(named), 'frameon': False} | options
 

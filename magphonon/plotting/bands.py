@@ -1,7 +1,7 @@
 """Band diagrams and mode shapes, drawn in SI on matplotlib axes.
 
-Every function takes a result and `ax`, and returns the axes.  Without `ax` it makes a figure of its own, which
-pyplot never sees: `ax.figure.savefig('bands.png')`.  To show it on a screen, pass `ax=plt.figure().gca()`.
+Every function takes a result and `ax`, and returns the axes.  Without `ax` it makes a figure of its own, unknown to pyplot: save
+it with `ax.figure.savefig('bands.png')`.  To show it on a screen, pass `ax=plt.figure().gca()`.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None
 
 
 def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | None = None) -> Axes:
-    """Bands of a strip, in which the waves along its edges are marked: arrows in colour for those of either edge.
+    """Bands of a strip, in which waves along the edges are marked by arrows, with one colour for each edge.
 
     Parameters
     ----------

@@ -25,9 +25,10 @@ DECADES = 3  # range of a spectral function that is shown, in powers of ten belo
 
 @in_house_style
 def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
-    """Share of all modes per Hz over the frequency, so that a lattice and a patch can be compared; shaded: two standard errors.
+    """Share of all modes per Hz over the frequency, so that a lattice and a patch can be compared. The shaded band is two
+    standard errors.
 
-    Where a flat branch makes a peak that would hide all else, the axis ends below it and its height is written there.
+    If a flat branch makes a peak that would dwarf everything else, the axis ends below its top and the height is written there.
 
     Parameters
     ----------

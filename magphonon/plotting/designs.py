@@ -1,4 +1,6 @@
-"""A structure of which every magnet was designed: its parts in colour, the way to them, and how exactly each must be built."""
+"""Pictures of a structure in which every magnet was designed: its parts in colour, the convergence of the design, and the
+tolerance of each part.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ WIDE = 2.2  # diameter of a particle that is coloured, in that of one that is no
 @in_house_style
 def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str, Dof] | None = None, *,
                ax: Axes | None = None, **look: Any) -> Axes:
-    """One number of each site in colour, and the names of some places; grey where the number is not known.
+    """One number for each site in colour, and the names of some places; grey where the number is not known.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str,
         With its MagneticRepulsion.
     values : array_like, shape (particles,)
     label : str
-        Of the bar of colours, with the unit.
+        Label of the colour bar, with the unit.
     places : mapping of str to Dof, optional
     ax : matplotlib.axes.Axes, optional
     **look
@@ -112,7 +114,7 @@ def plot_levels(frequencies_Hz: ArrayLike, levels: Mapping[str, Mapping[str, Arr
     ----------
     frequencies_Hz : array_like
     levels : mapping of str to mapping of str to array_like
-        Of each state, such as 'before', and each place, in mm/N.
+        Levels by state, such as 'before', and by place, in mm/N.
     marks : array_like
         Frequencies in Hz to be marked.
 

@@ -72,8 +72,8 @@ class Explorer:
 
     def __post_init__(self) -> None:
         if np.ndim(self.atoms.calc.foundation):
-            raise ValueError('the foundation differs from particle to particle or has a part along z, but the page has one '
-                             'slider for all of it; give one number')
+            raise ValueError('the foundation differs from particle to particle or has a part along z, but the page has a single '
+                             'slider for it; give one number')
         if not self._force(1.0) > 0:
             raise ValueError(f'at the spacing of {self.spacing:g} mm no force acts between nearest neighbours, so that there is '
                              'nothing to explore; change the spacing')

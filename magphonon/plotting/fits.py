@@ -79,8 +79,8 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, Disper
 def plot_fit(forces: Forces, fit: Fit) -> Figure:
     """Measured forces and the fitted law on logarithmic axes, over the residuals in standard deviations of the noise.
 
-    The zeros of force and distance, hysteresis and backlash that the fit found are taken out of the points; forces that are not
-    positive then stand in the lower panel only.  The bar is the interval of 95 % of the force at the spacing.
+    The points are corrected for the zeros of force and distance, hysteresis and backlash that the fit found. Forces that are then
+    not positive appear in the lower panel only. The bar is the interval of 95 % of the force at the spacing.
 
     Parameters
     ----------

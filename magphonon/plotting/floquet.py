@@ -20,7 +20,7 @@ GROWING = 1e-9  # imaginary part, as a fraction of the largest frequency, from w
 
 @in_house_style
 def plot_floquet(bands: FloquetBands, along: NDArray[np.float64], *, ax: Axes | None = None) -> Axes:
-    """Quasi-frequencies, each dot the larger the more of its wave is at that wavevector; those that grow in colour.
+    """Quasi-frequencies as dots, larger the larger the share of the wave at that wavevector; growing waves are in colour.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Mode shapes drawn on their lattice or patch, and how far the modes of a patch reach."""
+"""Mode shapes drawn on their lattice or patch, and how far the modes of a patch extend."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     q : str or int
         Name of a special point on the path, or index of a wavevector of the path.
     mode : int
-        Branch by ascending frequency, from 0; it is printed from 1.
+        Number of the branch by ascending frequency, counted from 0 here and from 1 in the picture.
     ax : matplotlib.axes.Axes, optional
 
     Examples
@@ -91,9 +91,9 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
 @in_house_style
 def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = None, title: str = '',
                centre: ArrayLike | None = None, defects: ArrayLike = ()) -> Axes:
-    """Shape of a mode of a patch: an arrow on every particle, and darker the more of the kinetic energy it has.
+    """Shape of a mode of a patch: an arrow on every particle, which is darker the larger its share of the kinetic energy.
 
-    Of a complex mode with its orbit, and the arrows at the time of the largest displacement.
+    For a complex mode the orbits are drawn too, and the arrows belong to the time of the largest displacement.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     ax : matplotlib.axes.Axes, optional
     title : str
     centre : array_like, shape (2,), optional
-        Place in mm about which a periodic structure is drawn; that of the particle with the most energy by default.
+        Place in mm about which a periodic structure is drawn; by default the particle with the most energy.
     defects : array_like, shape (defects, 2), optional
         Places in mm to be marked by a cross.
     """
@@ -135,7 +135,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
 
 @in_house_style
 def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
-    """How many particles take part in each mode, over its frequency; shaded: where the lattice has bands.
+    """How many particles take part in each mode, over its frequency; bands of the lattice are shaded.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, *, ax: Axes
 
 @in_house_style
 def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None = None) -> Axes:
-    """Bars of the standard deviation that each parameter causes alone, correlated ones together, and of all.
+    """Bars of the standard deviation that each parameter causes alone (correlated ones together), and of the total.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     response : FrequencyResponse
         Response of one particle, shape (frequencies,).
     natural : array_like
-        Natural frequencies in rad/ms; unstable ones, which are negative, are left out.
+        Natural frequencies in rad/ms; unstable ones, which are negative, are omitted.
     axes : array of two matplotlib.axes.Axes, optional
         From `response_axes`, with other responses to draw over.
     label : str, optional

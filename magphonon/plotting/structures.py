@@ -1,4 +1,4 @@
-"""Particles where they stand: the lattice with its primitive vectors, and the patch with its held rim, its source and its row."""
+"""Particles at rest: the lattice with its primitive vectors, and the patch with its held rim, its source and its row."""
 
 from __future__ import annotations
 

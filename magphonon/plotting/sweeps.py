@@ -22,8 +22,8 @@ WIDE = 30.0  # answers that are positive, the largest more than this multiple of
 def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     """Draw one answer of a sweep: over one axis as a line, over two as a map.
 
-    Axes of one value and all beyond the first two stand in the title, at their first value.  Bad points are hatched.  Where the
-    answer changes its sign, a line marks the zero.
+    Axes with one value, and all axes after the first two, are given in the title with their first value. Bad points are hatched.
+    Where the answer changes its sign, a line marks the zero.
 
     Parameters
     ----------

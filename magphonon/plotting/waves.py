@@ -85,7 +85,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     Parameters
     ----------
     table : sequence of sequence of Wave
-        One row of panels each; of None only the name is written, and that it is too weak.
+        One row of panels each; None gives an empty panel with its name and a note that the wave is too weak.
     names : sequence of str, optional
         Of the panels, row by row.
     carriers_Hz : sequence of float, optional
@@ -95,7 +95,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     -------
     matplotlib.figure.Figure
     ndarray of matplotlib.axes.Axes, shape (rows, columns)
-        `legend_of_set` takes in what is drawn over them later.
+        Call `legend_of_set` again after drawing more on them.
     """
     figure, axes = panels(len(table), len(table[0]), height=2.3)
     letter_panels(axes, names)
@@ -169,7 +169,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
     patch : ase.Atoms
         Structure whose calculator stores the rest positions.
     field : Motion
-        That of all particles of the patch.
+        The motion of all particles of the patch.
     frame : int
     site : BurstSetup
     ax : matplotlib.axes.Axes, optional
@@ -177,8 +177,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
     Returns
     -------
     matplotlib.axes.Axes
-        Coloured by the component u_x or u_y in which most of the motion of all frames is, so that the pictures of one push can be
-        compared, on a scale that is symmetric about zero.
+        Particles are coloured by the component u_x or u_y with most of the motion in all frames, so that the pictures of one push
+        can be compared. The scale is symmetric about zero.
     """
     ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in)) if ax is None else ax
     axis = main_axis(field.displacements)
@@ -192,7 +192,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
 
 @in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
-    """One moment of a burst in several simulations, each on its own scale: when the first has reached the middle of the row.
+    """One moment of a burst in several simulations, each on its own scale: the time at which the first has reached the middle of
+    the row.
 
     Parameters
     ----------

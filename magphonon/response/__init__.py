@@ -1,8 +1,8 @@
 """Linear response without time steps: normal modes, frequency response, exact propagation, densities of states.
 
-`normal_modes` are the vibrations of a structure about its rest, `frf` is its steady response to a harmonic force (Fig. 2 of the
-paper), `propagation` its exact motion under any force, `spectral_density` its density of states.  The last three use the
-series of `chebyshev` where a structure is large.  `stepped` measures the frequency response from time steps instead.
+`normal_modes` computes the vibrations of a structure about its rest, `frf` its steady response to a harmonic force (Fig. 2 of the
+paper), `propagation` its exact motion under any force, `spectral_density` its density of states. For large structures the last
+three use the series of `chebyshev`.  `stepped` measures the frequency response from time steps instead.
 """
 
 import lazy_loader

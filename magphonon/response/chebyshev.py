@@ -1,15 +1,15 @@
 """Functions and densities of a large symmetric matrix K by products with the matrix alone.
 
 Each linear answer is a function of K, the stiffness divided by the roots of the masses, without what the constraints hold
-(`magphonon.stiffness.rest`).  A small K is diagonalised; of a large one, a function that is smooth on an interval around all
-its eigenvalues is a Chebyshev series,
+(`magphonon.stiffness.rest`).  A small K is diagonalised. For a large K, a function that is smooth on an interval around all
+eigenvalues is expanded in a Chebyshev series,
 
     f(K) s = sum_n c_n T_n(X) s        X = (K - centre)/radius        T_{n+1} = 2 X T_n - T_{n-1}
 
 The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of
 a response.
 
-The kernel polynomial method gives the density of the squared frequencies.  Of a start vector s the Chebyshev moments `mu_n =
+The kernel polynomial method gives the density of the squared frequencies.  For a start vector s, the Chebyshev moments `mu_n =
 s.T_n(X) s` describe how its energy is spread over the spectrum.  A product gives two of them,
 
     mu_2n = 2 t_n.t_n - mu_0        mu_2n+1 = 2 t_n+1.t_n - mu_1        t_n = T_n(X) s

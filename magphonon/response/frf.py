@@ -69,7 +69,7 @@ class Dof:
         object.__setattr__(self, 'direction', finite('direction', self.direction, (3,)))
 
     def force(self, particles: int) -> NDArray[np.float64]:
-        """A unit force there, zero on all other of the `particles`; shape (particles, 3)."""
+        """A unit force at this place and zero on all other `particles`, shape (particles, 3)."""
         if not 0 <= self.particle < particles:
             raise ValueError(f'there is no particle {self.particle}: the {particles} particles are counted from 0')
         force = np.zeros((particles, 3))
@@ -77,7 +77,7 @@ class Dof:
         return force
 
     def seen(self, displacements: NDArray[Any]) -> NDArray[Any]:
-        """The component of displacements, shape (..., particles, dim), that is measured there."""
+        """The component of displacements, shape (..., particles, dim), that is measured at this place."""
         return displacements[..., self.particle, :] @ self.direction[: displacements.shape[-1]]
 
 
@@ -85,17 +85,17 @@ class Dof:
 class FrequencyResponse(InHertz, Saved, kind='frequency responses', units={
     'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
 }):
-    """Displacement per force over frequency, whatever the road to it.
+    """Displacement per force over frequency, by whatever method.
 
     Attributes
     ----------
     omega : ndarray, shape (frequencies,)
         In rad/ms.
     response : ndarray of complex, shape (frequencies, ...)
-        In mm/N: of one place to a force at one, shape (frequencies,); of particles to a drive with a pattern of forces, in N per
-        N of the drive, shape (frequencies, particles, 3).
+        In mm/N. For a force at one place and a response at one place, shape (frequencies,). For a drive with a pattern of forces,
+        in N per N of the drive, the response of all particles, shape (frequencies, particles, 3).
     transient : float
-        Largest relative error that what had not yet decayed can have left; zero in closed form.
+        Largest relative error due to a transient that had not yet decayed; zero for closed forms.
     """
 
     omega: np.ndarray
@@ -113,7 +113,7 @@ class FrequencyResponse(InHertz, Saved, kind='frequency responses', units={
 def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: ArrayLike) -> FrequencyResponse:
     """Steady response to a harmonic force, by direct solution of the linear equations of motion at each frequency.
 
-    Within the directions that the constraints leave free; u = 0 along all others.
+    Only directions that the constraints leave free respond; u = 0 along all others.
 
     Parameters
     ----------
@@ -214,11 +214,11 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
                        walls: ArrayLike | None = None) -> FrequencyResponse:
     """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
-    A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
-    about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer, and where the damping
-    differs from particle to particle or particles gyrate, so that the response is no function of one matrix.  So also where the
-    wave has died out at all of the `particles`: there modes and series leave round-off of the motion at the source, while a
-    direct solution keeps its digits.
+    A small structure is solved by its modes, a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose
+    length is about `omega_max/gamma` times the wanted digits. Each frequency is solved directly in three cases: where this is
+    cheaper; where the damping differs from particle to particle or particles gyrate, so that the response is not a function of
+    one matrix; and where the wave has died out at all of the `particles`, because modes and series would give only the round-off
+    of the motion at the source there.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     particles : array_like of int, optional
         Where the response is wanted; everywhere if not given.
     tolerance : float
-        At each frequency, of the largest displacement of the `particles`.
+        Allowed error at each frequency, as a fraction of the largest displacement of the `particles`.
     walls : array_like of complex, shape (particles, 3), optional
         Amplitudes in mm of held particles that move, zero for all others: F = -H_fh u_h drives those that are free.
 
@@ -306,7 +306,7 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
 @takes(*LINEAR)
 def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], answer: Dof, omega: ArrayLike,
                damping: ArrayLike, gyration_seen_from: str = 'bench') -> FrequencyResponse:
-    """Displacement of one particle per harmonic force on one, each along its own direction.
+    """Displacement of one particle per harmonic force on one particle, each along its own direction.
 
     Parameters
     ----------
@@ -320,13 +320,14 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
     answer : Dof
         Where the effect is seen.
     gyration_seen_from : {'bench', 'floor'}
-        What gyration turns on a shaken bench: w', as of gyroscopes on pillars; or all motion seen from the floor, as on a bench
-        that turns and of charges in a field.  Then + M g J d u_b' is added on the right.
+        The velocity that gyration turns on a shaken bench. With 'bench' it is w', as for gyroscopes on pillars. With 'floor' it
+        is the velocity seen from the floor, as on a rotating bench or for charges in a field, and + M g J d u_b' is added on the
+        right.
 
     Returns
     -------
     FrequencyResponse
-        Its `response` has the shape (frequencies,).  Of a shaken bench it is a Transmissibility.
+        Its `response` has the shape (frequencies,). For a shaken bench it is a Transmissibility.
 
     Examples
     --------
@@ -421,7 +422,7 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     u : ndarray of complex, shape (frequencies, particles, dim)
         In mm.
     error : ndarray, shape (frequencies,)
-        Estimate of the error of any displacement by the end of the series and by round-off, mm.
+        Estimated error of any displacement in mm, due to truncation of the series and round-off.
     products : int
         Matrix-vector products taken.
     """

@@ -2,9 +2,9 @@
 
     MAC = |a*.b|^2 / (|a|^2 |b|^2)      over the places and directions that were measured
 
-It is 1 for equal shapes, of any amplitude and phase.  Of whole orthogonal shapes only one can have more than a half with a
-measured one.  Few measured directions are alike by chance: of n real numbers at random the MAC has the distribution
-Beta(1/2, (n - 1)/2).
+The MAC is 1 for equal shapes, whatever their amplitude and phase. If all directions are measured, only one of the orthogonal
+computed shapes can have a MAC above one half. With few measured directions shapes may agree by chance: for n random real numbers
+the MAC has the distribution Beta(1/2, (n - 1)/2).
 """
 
 from __future__ import annotations
@@ -47,10 +47,11 @@ class Comparison:
     mac : ndarray, shape (measured, modes)
         Modal assurance criterion with each computed mode.
     least : ndarray, shape (measured,)
-        The MAC that a match needs: more than `ALIKE`, and than chance gives with so few measured directions; 1 with one.
+        The MAC that a match needs: more than `ALIKE`, and more than chance gives with this number of measured directions; 1 for a
+        single direction.
     best : ndarray of int, shape (measured,)
-        The computed mode of each: the most alike of those within `FAR` of the measured frequency where one of them matches, else
-        of all.
+        The most similar computed mode for each measured shape, among those within `FAR` of the measured frequency if one of them
+        matches, otherwise among all.
     """
 
     names: tuple[str, ...]

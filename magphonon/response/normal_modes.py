@@ -1,5 +1,5 @@
-"""Normal modes of a structure about its rest, `K y = omega^2 y` (`magphonon.stiffness.rest`): all of them, the lowest, those in a
-gap of the lattice, which are local modes of defects, walls and edges; and how far each of them extends.
+"""Normal modes of a structure about its rest, `K y = omega^2 y` (`magphonon.stiffness.rest`): all modes, the lowest ones, or
+those in a gap of the lattice, which are local modes of defects, walls and edges; and how far each mode extends.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Modes(InHertz, Saved, kind='modes', units={
     Attributes
     ----------
     omega : ndarray, shape (modes,)
-        Ascending, in rad/ms; that of an unstable mode is minus its growth rate.
+        Ascending, in rad/ms; for an unstable mode, minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
         Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, where
         forces turn velocities.  Positive at the first particle and axis that moves by more than a third of the largest motion.
@@ -59,9 +59,8 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     atoms : ase.Atoms or LinearSystem
         With PairCalculator.
     count : int, optional
-        The lowest ones only, found in a large structure without diagonalising it, and counted so that none is missed; all of
-        them
-        if not given.
+        Number of lowest modes to compute; by default all. In a large structure they are found without diagonalising it, and
+        counted so that none is missed.
 
     Examples
     --------
@@ -179,13 +178,13 @@ class Localisation(InHertz, Saved, kind='extents of modes', units={
     Attributes
     ----------
     omega : ndarray, shape (modes,)
-        Ascending, in rad/ms; that of an unstable mode is minus its growth rate.
+        Ascending, in rad/ms; for an unstable mode, minus its growth rate.
     participation : ndarray, shape (modes,)
-        Number of particles that take part, `1/sum share^2`: 1 if one moves alone, their number if all move alike.
+        Number of particles that take part, `1/sum share^2`: 1 if one moves alone, the number of particles if all move alike.
     centre : ndarray, shape (modes, dim)
         Centre of the shares, in mm.
     length : ndarray, shape (modes,)
-        Localisation length in mm: the l of a decay e^{-r/l} of the displacement that has the same second moment of the shares.
+        Localisation length l in mm: a displacement that decays as e^{-r/l} has the same second moment of the shares.
         For a mode that extends over the whole structure it is about the size of the structure.
     along : ndarray, shape (modes, dim)
         Share of the motion along each axis.

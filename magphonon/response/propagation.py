@@ -1,8 +1,8 @@
 """The exact linear transient: `u(t) = int G(t - t') f(t') dt'` without time steps.
 
-The flow of `y'' + gamma y' + K y = g(t)` from t' to t is a function of K.  A drive is a sum of time courses times patterns of
-force s; of each, the response is `sum_n c_n(t) T_n(X) s` at every time t, where the c_n(t) are those of single oscillators at
-the Chebyshev points.  Free motion is two more such sums, of initial displacements and velocities.
+The flow of `y'' + gamma y' + K y = g(t)` from t' to t is a function of K.  A drive is a sum of products of a time course and a
+pattern of forces s. The response to each is `sum_n c_n(t) T_n(X) s` at every time t, where the c_n(t) follow from single
+oscillators at the Chebyshev points.  Free motion is two more such sums, of initial displacements and velocities.
 
 Single oscillators, `y'' + gamma y' + w2 y = f(t)`, are solved exactly for many w2 at once.  With W^2 = w2 - gamma^2/4, the free
 motion over a time t is made of
@@ -11,8 +11,8 @@ motion over a time t is made of
 
     y(t) = (c + gamma/2 s) y(0) + s y'(0) + int_0^t s(t - t') f(t') dt'
 
-which are smooth in w2 through critical damping (W = 0), overdamped and unstable oscillators (W imaginary).  The integral
-is Gauss's, on panels short enough for the fastest oscillator and for the force.
+which are smooth in w2 through critical damping (W = 0), overdamped and unstable oscillators (W imaginary).  The integral uses
+Gauss's rule on panels short enough for the fastest oscillator and for the force.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Transient(Motion, kind='transients', units=MOTION_UNITS | {'error': ('mm',
     Attributes
     ----------
     error : float
-        Estimate, rather too high, of the error of any displacement by the end of its series and by round-off, mm.
+        Estimated error of any displacement in mm, rather too high, due to truncation of the series and round-off.
     products : int
         Matrix-vector products taken.
     """
@@ -182,23 +182,23 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
               particles: ArrayLike | None = None, tolerance: float = 1e-9) -> Transient:
     """Motion of the linearised structure from its present state at t = 0, at any later times.
 
-    Its cost is that of about `omega_max t/2` products with the matrix of stiffness, where velocity Verlet takes ten times as
-    many for an error of a percent.  An unstable structure moves as its linear equations say: its modes grow.
+    It costs about `omega_max t/2` products with the stiffness matrix; velocity Verlet takes ten times as many for an error of a
+    percent. An unstable structure follows its linear equations: its modes grow.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        With PairCalculator; displacements from rest and momenta are the initial state.  Rest is the reference of the
-        calculator where the forces balance, the Constant drives among them; otherwise it is where the atoms are, if these
-        have found another rest (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
+        With PairCalculator; displacements from rest and momenta are the initial state.  Rest is the reference of the calculator
+        if the forces balance there, including Constant drives; otherwise it is the present positions, if the atoms have found
+        another rest (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
     times : array_like, shape (times,)
         Increasing, in ms.
     drives : sequence of drives
         See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
-        It should be smooth but for kinks and steps, and have no pulse shorter than the shortest period.  So should the course of
-        a Wall, whose velocity is left at zero, as that of all held particles.
+        It should be smooth except for kinks and steps, and have no pulse shorter than the shortest period. The same holds for the
+        course of a Wall; its velocity is reported as zero, as for all held particles.
     damping : float or array_like, shape (particles,)
-        gamma in 1/ms; where it differs from particle to particle, or forces turn velocities, the motion takes four times as many
+        gamma in 1/ms. If it differs from particle to particle, or forces turn velocities, the motion takes four times as many
         products.
     particles : array_like of int, optional
         The particles whose motion is returned; all if not given.

@@ -1,4 +1,4 @@
-"""Densities of states of a large structure, with any disorder: total, local, and resolved by the wavevector.
+"""Densities of states of a large structure with any disorder: total, local, and resolved by wavevector.
 
 They are computed by the kernel polynomial method (`magphonon.response.chebyshev`).  It keeps only a few vectors in
 memory, and its time is proportional to the number of particles.
@@ -28,17 +28,17 @@ ASTRAY = 0.3
 @takes(*STIFF)
 def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = None, moments: int = 512, vectors: int = COLUMNS,
                       seed: int = 0) -> DensityOfStates:
-    """Density of states of a finite or periodic structure, of any disorder, by random start vectors.
+    """Density of states of a finite or periodic structure with any disorder, from random start vectors.
 
-    The mean over start vectors with random signs is the trace; with R of them in a structure of n free directions its relative
-    error is about sqrt(2/(R m)), where m is the number of modes within a resolved width.
+    The mean over start vectors with random signs estimates the trace. With R vectors its relative error is about sqrt(2/(R m)),
+    where m is the number of modes within a resolved width.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     omega : array_like, shape (frequencies,), optional
-        Increasing, in rad/ms; if not given, over all frequencies, in steps of half the resolved width.
+        Increasing, in rad/ms; by default all frequencies in steps of half the resolved width.
     moments : int
         An even number.  The width of a resolved peak is `pi/(2 moments)` of the highest frequency, or less.
     vectors : int
@@ -115,8 +115,8 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
 
         e^{i k.R} / sqrt(sites)    on the free sites of one sort, along one direction
 
-    with the places R of the anchors, so that those of a perfect lattice make up its Bloch waves.  In a patch of the length l a
-    wave has a width of at least about 2 pi/l in wavevector.  In a periodic structure take wavevectors that fit its period.
+    with the places R of the anchors, so that in a perfect lattice they combine to its Bloch waves. In a patch of length l a wave
+    has a width of at least about 2 pi/l in wavevector. In a periodic structure use wavevectors that fit its period.
 
     Parameters
     ----------

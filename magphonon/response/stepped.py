@@ -1,6 +1,7 @@
 """Frequency responses from time steps, at finite amplitude: lock-in on a steady signal, or one impulse for all frequencies.
 
-Many small structures stand in one Atoms, each at a frequency of its own, so that one run is a whole response.
+One Atoms object holds many copies of a small structure, each driven at its own frequency, so that one run gives the whole
+response.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ HEADSTART = 1e3
 @takes(*SPRUNG)
 def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, damping: float, force: float,
                      dt: float) -> FrequencyResponse:
-    """The response at a finite force, in time: a replica of the structure for each frequency, run until it is steady.
+    """The response to a finite force from time steps: one replica of the structure for each frequency, run until the motion is
+    steady.
 
     Parameters
     ----------
@@ -67,18 +69,19 @@ def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, d
 
 
 def replicas(structures: Sequence[Atoms]) -> Atoms:
-    """Structures of one law and model in one Atoms, one after the other, which do not feel each other.
+    """Put several structures with the same law and model into one Atoms, one after the other, without any interaction between
+    them.
 
     Parameters
     ----------
     structures : sequence of ase.Atoms
-        With their PairCalculator, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may stand at one place
-        and may be the same: only the bonds within each act.  Periodic ones have one cell.
+        With their PairCalculator, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may be at the same place or be
+        the same object, because only bonds within each structure act. Periodic structures must have the same cell.
 
     Returns
     -------
     ase.Atoms
-        With the places, momenta and rests of all of them.
+        With the positions, momenta and rest positions of all of them.
 
     Examples
     --------
@@ -138,8 +141,8 @@ def _joined(constraints, first):
 def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) -> NDArray[np.complex128]:
     """Complex amplitude of a recorded signal at a frequency, `signal = Re(U e^{i omega t})` plus a constant.
 
-    Least squares under a Hann window: a steady oscillation is returned exactly, whatever part of a period the window
-    ends with, and what oscillates elsewhere is suppressed.
+    It is a least-squares fit under a Hann window. The amplitude of a steady oscillation is exact even if the window ends within a
+    period, and other frequencies are suppressed.
 
     Parameters
     ----------
@@ -204,9 +207,9 @@ def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float
 
 def steady_amplitudes(dyn: DrivenVerlet, recorder: Recorder, omega: ArrayLike, axis: int,
                       tolerance: float = 1e-4) -> tuple[NDArray[np.complex128], float]:
-    """Run harmonically driven particles until their motion is steady; their complex amplitudes by lock-in.
+    """Run harmonically driven particles until their motion is steady, and return their complex amplitudes by lock-in.
 
-    Window after window of `LEAST_PERIODS` periods of the slowest, until `remaining_transient` says that it is enough.
+    It records windows of `LEAST_PERIODS` periods of the slowest drive until `remaining_transient` is small enough.
 
     Parameters
     ----------
@@ -217,7 +220,7 @@ def steady_amplitudes(dyn: DrivenVerlet, recorder: Recorder, omega: ArrayLike, a
     omega : array_like, shape (particles,)
         Angular frequency of the drive that each of these particles follows, in rad/ms.
     axis : {0, 1}
-        The component to look at.
+        The component that is recorded.
     tolerance : float
         Largest share of an amplitude that the transient may still have.
 
@@ -275,9 +278,9 @@ def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
 def impulse_response(signal: ArrayLike, dt: float, impulse: float, omega: ArrayLike) -> FrequencyResponse:
     """Frequency response from the free decay after one impulse at t = 0.
 
-    The Fourier integral of the record, with the trapezoidal rule's end correction for the kink at t = 0: the error is of
-    fourth order in omega dt.  The record ends where the vibration has not quite died: a mode has by then the
-    share e^{-gamma T/2} left, which is the relative error at its peak and, to a factor of about 2, elsewhere.
+    It is the Fourier integral of the record by the trapezoidal rule, with an end correction for the kink at t = 0, so that the
+    error is of fourth order in omega dt. The vibration has not quite died out at the end of the record: a fraction e^{-gamma T/2}
+    of a mode is left, which is the relative error at its peak and, to a factor of about 2, elsewhere.
 
     Parameters
     ----------

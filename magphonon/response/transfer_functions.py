@@ -1,7 +1,8 @@
 """Measured transfer functions: tables of text, universal files (dataset 58), and raw records of a drive and its answer.
 
 Whatever was measured, displacement, velocity or acceleration, a TransferFunction is a displacement per force, or per displacement
-of a shaken bench: H of a velocity is divided by i w, H of an acceleration by -w^2.  `order` remembers it, as noise is even there.
+of a shaken bench: H of a velocity is divided by i w, H of an acceleration by -w^2. `order` keeps what was measured, because noise
+is white in that quantity.
 """
 
 from __future__ import annotations
@@ -61,10 +62,11 @@ class TransferFunction:
     order : {0, 1, 2}
         Displacement, velocity or acceleration was measured.
     answer, drive : Dof, ndarray or None
-        Where it is seen and driven: a Place of a structure; or as it was read, x and y in mm and the direction in rad, shape
-        (3,).  None: as the scene says.  The drive of a fit may be the direction in which the bench is shaken, shape (3,).
+        Where the motion is measured and driven: a Dof of a structure; or, as it was read, x and y in mm and the direction in rad,
+        shape (3,); or None if the scene says where.  The drive of a fit may be the direction in which the bench is shaken, shape
+        (3,).
     shaken : bool
-        Whether it is a response to the motion of the bench.
+        Whether the response is to the motion of the bench.
     coherence : ndarray, shape (frequencies,), optional
     """
 
@@ -88,12 +90,12 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
         The columns of a table are listed in its error messages and on the page "Files".  A universal file holds functions of the
         type 4 in dataset 58, the places of its nodes in dataset 15 or 2411.
     estimator : {'H1', 'H2'}
-        Of raw records, see `estimated`.
+        Estimator for raw records, see `estimated`.
 
     Raises
     ------
     ValueError
-        The message names the file, the column or the node, and the mend.
+        The message names the file and the column or node, and says how to correct it.
 
     Examples
     --------
@@ -132,14 +134,14 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
               segment: int | None = None) -> tuple[NDArray[Any], NDArray[np.complex128], NDArray[Any], NDArray[Any]]:
     """A transfer function and its coherence from records of a drive and its answer, by spectra of `scipy.signal`.
 
-    H1 = S_xy/S_xx is not biased by noise of the answer, H2 = S_yy/S_yx not by that of the drive; with both, the truth lies
-    between them.
+    H1 = S_xy/S_xx is not biased by noise in the answer, and H2 = S_yy/S_yx is not biased by noise in the drive. With noise in
+    both, the truth lies between them.
 
     Parameters
     ----------
     drive, answer : array_like, shape (frames,) or (records, frames)
-        Several records are hits or shots, each of which has died down at its end; one record goes on and is divided into
-        segments under a Hann window.
+        Several records are separate hits, each long enough for the motion to die out. A single record is continuous and is
+        divided into segments under a Hann window.
     dt : float
         Time between frames in ms.
     estimator : {'H1', 'H2'}
@@ -264,8 +266,8 @@ def _of_datasets(path, sets):
         shaken = what == per and what in QUANTITIES
         known = one['abscissa_spec_data_type'] in (0, FREQUENCY_AXIS) and what in QUANTITIES
         if not known or not (shaken or per in (0, *FORCES)):
-            raise ValueError(f'{path}: the function of node {one["rsp_node"]} is no displacement, velocity or acceleration per '
-                             f'force, nor per the same of the bench (types {what} and {per}); export it as one of these')
+            raise ValueError(f'{path}: the function of node {one["rsp_node"]} is not a displacement, velocity or acceleration '
+                             f'per force or per motion of the bench (types {what} and {per}); export it as one of these')
         order = 0 if shaken else QUANTITIES[what]
         unit = 1.0 if shaken else u.m * u.s**-order / metre / (u.N / newton)
         ends = [_end(path, one, end, places) for end in ('rsp', 'ref')]

@@ -50,13 +50,13 @@ class BandFits:
     scene : Scene
         Where the fit started: spacing, masses and what is fixed are known from it.
     points : RidgePoints
-        Those that share no noise and were fitted.
+        The points that were fitted, which share no noise.
     fits : dict of DispersionFit
         By model, 'complete' and 'conventional'.
     priors : dict
-        What was known of parameters from elsewhere: value in SI and standard uncertainty.
+        Prior knowledge about parameters: value in SI and standard uncertainty.
     left_out : tuple of str
-        Ridges that were taken out of the fit, and whose distance from it widens the intervals.
+        Ridges that were left out of the fit; their distance from it widens the intervals.
     """
 
     scene: Scene
@@ -72,12 +72,12 @@ class BandFits:
 
     @property
     def evidence(self) -> float:
-        """How surely the data need D*, in sigmas: the root of the difference of chi2, negative if D0 alone fits better.
+        """Evidence for D* in sigmas: the root of the difference of chi2, negative if D0 alone fits better.
 
         Without D* the static forces vanish while the stiffness stays free: for an inverse power that is one parameter less, and
-        by Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model holds.  Where the points scatter
-        more than their uncertainties say, it is counted in that scatter.  Where not even the better model follows the points
-        (`DispersionFit.follows`) it means nothing.
+        by Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model holds.  If the points scatter
+        more than their uncertainties say, the difference is measured in units of that scatter. If not even the better model
+        follows the points (`DispersionFit.follows`), the evidence means nothing.
         """
         difference = self.fits['conventional'].chi2 - self.fits['complete'].chi2
         return float(np.sign(difference) * np.sqrt(abs(difference)) / self.better.scatter)
@@ -89,18 +89,20 @@ class BandFits:
 
     @property
     def biased(self) -> bool:
-        """Whether ridges of a point source are fitted without knowing from elsewhere how fast the force falls, or the foundation.
+        """Whether ridges of a point source are fitted without prior knowledge of the exponent or of the foundation.
 
-        Their intervals hold the truth, but the values lie to one side of it.
+        The intervals then contain the truth, but the values lie to one side of it.
         """
         alone = [name for name in self.names if name not in (*self.priors, 'force')]
         return bool(self.points.from_points.any() and alone)
 
     @cached_property
     def causes(self) -> dict[str, DispersionFit]:
-        """What may make the points scatter, each with the fit of the better model in which it is put right; the best one first.
+        """Possible causes of the scatter of the points, each with a fit of the better model in which the cause is removed; the
+        best fit comes first.
 
-        Each of the ridges that the model misses most is left out, by its name; NEIGHBOURS count as many as matter.
+        The ridges that the model misses most are left out one by one and listed by name; under NEIGHBOURS as many neighbours are
+        counted as matter.
         """
         off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
         tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
@@ -116,7 +118,9 @@ class BandFits:
 
     @property
     def stated(self) -> tuple[float, float] | None:
-        """The force at the spacing in N with its standard deviation, as [uncertainty] of the scene states it; None if nowhere."""
+        """The force at the spacing in N with its standard deviation, as stated in [uncertainty] of the scene; None if not
+        stated.
+        """
         if self.scene.uncertainty is None or 'force' not in self.names or 'force' in self.priors:
             return None
         known, law = self.scene.uncertainty.tolerances(self.scene), self.scene.law.potential()
@@ -191,7 +195,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
               priors: Mapping[str, tuple[float, float]] | None = None, without: Sequence[str] = ()) -> BandFits:
     """Force, exponent and foundation of a lattice from measured points of its bands, with D* and without.
 
-    Mass and spacing are those of the scene, whose other parameters are where the fit starts.  The uncertainties show which
+    Mass and spacing are taken from the scene; its other parameters are the start of the fit.  The uncertainties show which
     parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  The shape
     of a
     law of magnets or of a table of forces stays, and its strength is fitted; intervals allow for an `exponent` in [uncertainty].
@@ -200,19 +204,19 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     ----------
     scene : Scene
     points : RidgePoints
-        Of any number of ridges; those that share noise are left out.
+        Points of any number of ridges; points that share noise are left out.
     fixed : sequence of str
         Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation', or 'foundation_x' and
         'foundation_y' of a scene with both.
     priors : dict, optional
-        Parameters that are known from elsewhere: value in SI and standard uncertainty, as {'force': (0.288, 0.01)}.
+        Prior knowledge about parameters: value in SI and standard uncertainty, such as {'force': (0.288, 0.01)}.
     without : sequence of str
-        Names of ridges that are not fitted; by how much the fit misses them widens all intervals.
+        Names of ridges that are not fitted; all intervals are widened according to how far the fit misses them.
 
     Raises
     ------
     ValueError
-        If two springs are to be fitted to ridges of a point source without priors, which would be 80 % off.
+        If two springs are to be fitted to ridges of a point source without priors, because the result could be 80 % off.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """Consistency of the tables of a scene with each other; `Scene` calls `check` when all its tables are read.
 
-A check that fails raises ValueError with the key in front, the value and how to mend it.
+A check that fails raises ValueError with the key in front, its value and how to correct it.
 """
 
 from __future__ import annotations
@@ -215,8 +215,8 @@ def _file(scene: Scene) -> None:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
                 'periods, and [{0}] needs a lattice; take the table out, or give the file a cell')
     if scene.patch is not None and (lattice.cell().constraints or np.ptp(lattice.cell().get_tags())):
-        raise ValueError(f'patch: the cell in {lattice.file} holds particles or has several kinds of them, and a patch holds its '
-                         'rim and tags it; cut it in Python, and save it with magphonon.write_scene')
+        raise ValueError(f'patch: the cell in {lattice.file} holds particles or has several kinds of them, but a patch uses '
+                         f'constraints and tags for its rim; cut the patch in Python, and save it with magphonon.write_scene')
     for name, given in (('foundation', scene.foundation is not None), ('lattice.mass_kg', lattice.mass_kg is not None),
                         ('lattice.cutoff_m', lattice.cutoff_m is not None), ('patch', scene.patch is not None)) if saved else ():
         if given:

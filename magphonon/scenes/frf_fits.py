@@ -43,7 +43,7 @@ class FrfFits:
     Attributes
     ----------
     scene : Scene
-        Where the fit started; what is not fitted is known from it.
+        The scene at which the fit started; parameters that are not fitted are taken from it.
     functions : list of TransferFunction
     fits : dict of TransferFit
         By model, 'complete' and 'conventional'.
@@ -69,13 +69,13 @@ class FrfFits:
 
     @property
     def endless(self) -> bool:
-        """Whether the complete model ends at the largest change of its force: it wants no static forces."""
+        """Whether the fit of the complete model ends at the limit of its force, because the data want no static forces."""
         fit = self.fits['complete']
         return 'force' in fit.names and bool(np.log(fit.factors[fit.names.index('force')]) < -0.99 * np.log(MOST_FACTOR))
 
     @property
     def verdict(self) -> str | None:
-        """The model for which the data speak; None where they cannot decide, or where the lattice is neither."""
+        """The model that the data support; None if they cannot decide, or if neither model fits."""
         better, (complete, conventional) = self.better, (self.fits[model].square for model in MODELS)
         if not better.follows:
             return None
@@ -85,7 +85,7 @@ class FrfFits:
         return 'conventional' if self.endless and self.ratio < 1 else None
 
     def fitted(self, model: Model = 'complete') -> Scene:
-        """The scene with the parameters of the fit; the gain is that of the instrument and stays out."""
+        """The scene with the parameters of the fit, without the gain, which belongs to the instrument."""
         return _with(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
 
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
@@ -112,15 +112,15 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     Parameters
     ----------
     scene : Scene
-        With [frf], whose damping is where the fit starts; its force and response are those of functions that do not name theirs.
+        With [frf]. The fit starts from its damping; its force and response apply to functions that do not name their own.
     functions : sequence of TransferFunction
         As `read_transfer` gives them.
     fixed : sequence of str
         Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation' (or 'foundation_x' and
         'foundation_y'), 'damping'.
     priors : dict, optional
-        Parameters that are known from elsewhere: value in SI and standard uncertainty.  'mass', of all particles alike, is
-        fitted only with one.
+        Parameters that are known from elsewhere: value in SI and standard uncertainty.  'mass', common to all particles, is
+        fitted only if it has a prior.
     gain_sigma : float
         Relative standard uncertainty of the calibration; with zero it counts as exact.
 
@@ -180,19 +180,19 @@ def responses_of(scene: Scene, model: Model, functions: Sequence[TransferFunctio
 
 
 def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:
-    """What transfer functions look like if their file does not say what was measured: a wrong unit, phase or quantity.
+    """The most likely mistake in a file of transfer functions: a wrong unit, phase or quantity.
 
     Parameters
     ----------
     scene : Scene
-        With [frf], known to some ten percent.
+        With [frf], known to about ten percent.
     functions : sequence of TransferFunction
         As `with_dofs` returns them.
 
     Returns
     -------
     str or None
-        In words; None where nothing else fits better than what the file says.
+        The mistake in words; None if nothing fits better than what the file says.
 
     Examples
     --------
@@ -216,14 +216,15 @@ def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[Trans
     Parameters
     ----------
     scene : Scene
-        With [frf], whose force and response are those of functions that do not name theirs.
+        With [frf], whose force and response apply to functions that do not name their own.
     functions : sequence of TransferFunction
         As `read_transfer` gives them.
 
     Raises
     ------
     ValueError
-        For a place outside the patch or on its rim, and where one is driven by a force and the other by the bench.
+        If a place is outside the patch or on its rim, or if a function is driven by a force and the scene by the bench, or vice
+        versa.
     """
     atoms, source, answer = scene.shaken(bench=True)
     found = []

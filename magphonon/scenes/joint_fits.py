@@ -1,7 +1,8 @@
 """One law, one foundation and one mass from several records of a lattice: forces, ridges of waves, transfer functions.
 
-All records share the law of a `LawFamily`, any smooth one or near the magnets that the scene names: its force and exponent at the
-spacing and its five bends, which no record of a lattice may leave out, since each neighbour knows another part of the law.
+All records share the law of a `LawFamily`: any smooth law, or one near that of the magnets in the scene. Its parameters are force
+and exponent at the spacing and five bends. Every record of a lattice needs all of them, because each neighbour feels another part
+of the law.
 """
 
 from __future__ import annotations
@@ -159,7 +160,7 @@ class JointFits:
     Attributes
     ----------
     specimen : Specimen
-        Where the fit started, and the family of laws.
+        The start of the fit, and the family of laws.
     joints : dict of Joint
         By model.
     ridges : dict of DispersionFit
@@ -212,7 +213,7 @@ class JointFits:
 
     @property
     def evidence(self) -> float:
-        """How surely all records together need D*, in sigmas; of transfer functions, whose sites scatter, only by the others."""
+        """Evidence of all records together for D*, in sigmas; transfer functions, whose sites scatter, do not count."""
         more = 0.0
         for model, joint in self.joints.items():
             chi2 = sum(record.chi2(joint.x) for record in joint.records if record.name not in (RIDGES, RESPONSES))
@@ -222,7 +223,9 @@ class JointFits:
         return float(np.sign(more) * np.sqrt(abs(more)))
 
     def next_records(self) -> list[tuple[str, str, float, float]]:
-        """What to measure next: in words, the parameter that gains most, and its relative uncertainty now and then."""
+        """What to measure next: the measurement in words, the parameter that gains most from it, and its relative uncertainty now
+        and afterwards.
+        """
         joint, found = self.joints['complete'], []
         plans = {f'repeat what "{one.name}" holds, with a new set-up': one.information for one in joint.records[:-1]}
         plans |= {f'know {name} to 1 %': 1e4 * np.outer(v, v) for name, v in self.along().items() if name != 'bond stiffness'}
@@ -236,9 +239,9 @@ class JointFits:
         return sorted(found, key=lambda one: one[3] / one[2])[:3]
 
     def weights(self) -> dict[str, float]:
-        """Weights of simpler lattices against that of the fit, each of which it holds as a special case (Savage and Dickey).
+        """Weights of simpler lattices relative to the fitted one, which contains each as a special case (Savage and Dickey).
 
-        One spring against two, which differ by 20 % or so, and the inverse power against any smooth law.
+        They compare one spring with two, which differ by 20 % or so, and the inverse power with any smooth law.
         """
         from scipy.stats import multivariate_normal as normal
 
@@ -266,23 +269,23 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     Parameters
     ----------
     scene : Scene
-        Spacing and mass are known from it; force, exponent and springs are where the fit starts.  The law is any smooth one, or,
-        if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] counts.
+        Spacing and mass are taken from it; its force, exponent and springs are the start of the fit.  The law is any smooth one,
+        or, if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] counts.
     forces : dict of Forces, optional
-        By name; each table has shared errors of its own.
+        Tables of forces by name; each has its own shared errors.
     ridges : RidgePoints, optional
         All measured ridges. They share the shift of their specimen, so they are one record.
     shared : SharedErrors, optional
-        Of each table of forces.
+        Shared errors of each table of forces.
     pair_sigma : float
         Relative standard deviation of the force of a pair from the mean of the lattice; for strengths that scatter by s it is
         sqrt(2) s.
     priors : dict, optional
-        What is known from elsewhere of 'force', 'a', the springs or 'mass': value in SI and standard uncertainty.
+        Prior knowledge about 'force', 'a', the springs or 'mass': value in SI and standard uncertainty.
     functions : sequence of TransferFunction
-        Of a patch of these magnets, whose sites scatter: its mean is that of the lattice but for this scatter.
+        Transfer functions of a patch of these magnets. Its sites scatter, so its mean differs from the lattice by this scatter.
     gain_sigma : float
-        Relative standard uncertainty of the calibration of these.
+        Relative standard uncertainty of the calibration of the transfer functions.
 
     Examples
     --------

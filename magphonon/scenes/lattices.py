@@ -63,8 +63,8 @@ class Lattice(Table):
     relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = Field(
         None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: of gyroscopes, twice the rate of '
-        'a bench that turns anticlockwise, or charge times magnetic field over mass', examples=[15.0])
+        0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: that of gyroscopes, twice the rate '
+                         'of a bench that rotates anticlockwise, or charge times magnetic field over mass', examples=[15.0])
 
     @model_validator(mode='after')
     def _one_mass_each(self):
@@ -136,8 +136,8 @@ class Pillar(Table):
     height_m: Length = Field(description='the height in m')
     density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = Field(
         None, description='the density in kg/m3; with it 33/140 of the mass of a pillar moves with its particle')
-    lean: Flag = Field(False, description='whether the magnets turn with the tips of their pillars, which softens them a little; '
-                       'height_m is then that of the magnets', examples=[True])
+    lean: Flag = Field(False, description='true if the magnets tilt with the tips of their pillars, which softens the pillars a '
+                                          'little; height_m is then the height of the magnets', examples=[True])
 
     @property
     def stiffness_N_per_m(self) -> float:

@@ -68,7 +68,7 @@ def test_files_whose_arrays_do_not_fit_are_refused(name, spoil, words, tmp_path)
         arrays = dict(data)
     arrays[name] = spoil(arrays)
     np.savez(file, **arrays)
-    with pytest.raises(ValueError, match=rf'no complete file of bands \(.*{words}.*\); compute them again'):
+    with pytest.raises(ValueError, match=rf'not a complete file of bands \(.*{words}.*\); compute them again'):
         Bands.load(file)
 
 

@@ -74,7 +74,7 @@ def test_sheets_of_the_user_replace_single_settings(tmp_path):
 def test_a_file_that_is_no_style_sheet_is_refused_and_changes_nothing(tmp_path, text):
     own, before = tmp_path / 'own.mplstyle', dict(mpl.rcParams)
     own.write_bytes(text.encode('latin1'))
-    with pytest.raises(ValueError, match='is no style sheet of matplotlib'), print_style(own):
+    with pytest.raises(ValueError, match='is not a style sheet of matplotlib'), print_style(own):
         pass
     assert dict(mpl.rcParams) == before
 

@@ -200,7 +200,7 @@ def test_a_row_that_resists_bending_is_refused_although_its_angles_are_straight(
     row.calc = Bent()
     split(row)  # the control
     row.calc.bend = 0.1
-    with pytest.raises(ValueError, match='no sum over pairs'):
+    with pytest.raises(ValueError, match='not a sum over pairs'):
         split(row)
 
 
@@ -213,7 +213,7 @@ def test_many_body_energies_are_refused_with_the_difference():
     for many, refused in ((0.0, False), (1e-2, True)):
         argon.calc = Pairs({frozenset({'Ar'}): 50.0}, 4.0, 7.0, many)
         if refused:
-            with pytest.raises(ValueError, match='no sum over pairs'):
+            with pytest.raises(ValueError, match='not a sum over pairs'):
                 split(argon)
         else:
             split(argon)
