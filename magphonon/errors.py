@@ -22,7 +22,7 @@ SMALL = 2**28  # bytes that are not asked for: every machine has them
 
 
 class PhysicsError(ValueError):
-    """The physics of a structure forbids what was asked: it buckles, is not at rest, or a run of it went wrong.
+    """The physics of a structure forbids the computation: it buckles, is not at rest, or a run diverged.
 
     Its kinds are `Unstable`, `NotAtRest` and `Diverged`.  All are ValueErrors, as are those of wrong arguments.
 

@@ -1,7 +1,7 @@
-"""Error against cost: what each method that can answer a question pays for its accuracy, as a table and a chart.
+"""Error against cost: what each method that answers a question costs for its accuracy, as a table and a chart.
 
 A candidate is a method at one setting.  Its `run` takes a counter, does all that a user would wait for, and returns
-the answer; its cost in operations, which no machine changes, it adds to the counter::
+the answer; it adds its cost in operations, which do not depend on the machine, to the counter::
 
     def verlet(dt, cost):
         cost['force evaluations'] += round(END / dt)
@@ -266,4 +266,4 @@ def save_chart(chart, out, name):
     """Write `name`.png and `name`.csv into the directory `out`; returns the entry for `Outcome.pictures`."""
     write_table(out / f'{name}.csv', chart.measurements, notes=[chart.title, chart.reading])
     figure = (chart.draw or work_precision)(chart)
-    return save_picture(figure, out / f'{name}.png', f'{chart.title}; {name}.csv says at its foot what it tells.')
+    return save_picture(figure, out / f'{name}.png', f'{chart.title}; the conclusion is at the end of {name}.csv.')

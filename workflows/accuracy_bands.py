@@ -1,4 +1,6 @@
-"""The band diagram: of one magnet by closed form, Bloch matrix and finite differences; of hundreds by their lowest branches."""
+"""The band diagram: for a cell of one magnet by closed form, Bloch matrix and finite differences; for hundreds of magnets by
+their lowest branches.
+"""
 
 import tempfile
 from functools import partial

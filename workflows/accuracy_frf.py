@@ -1,4 +1,6 @@
-"""What does a frequency response cost: steady motion in time, one impulse, modes, factorisations, and one series for all."""
+"""The cost of a frequency response: steady motion in time, one impulse, modes, factorisations, and one series for all
+frequencies.
+"""
 
 from collections import Counter
 from dataclasses import dataclass, replace

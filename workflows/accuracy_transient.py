@@ -1,4 +1,4 @@
-"""What does a tone burst in a linear lattice cost: time steps of several orders, modes, series in the stiffness matrix."""
+"""The cost of a tone burst in a linear lattice: time steps of several orders, modes, series in the stiffness matrix."""
 
 from collections import Counter
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
-"""On the bench: intervals that the commands state, judged by a laboratory's lattice that shares nothing with the package.
+"""On the bench: intervals that the commands state, judged with a simulated laboratory that shares no code with the package.
 
-Each path is what a group would do with data of its own.  The lattice is that of `bench_lattice`: discs whose force is integrated
-over their faces, all neighbours, magnets, places and pillars scattered, a vibrometer's faults.  The control of each path is the
-same with nearest neighbours alone, and that of forces the same without the errors that all rows share.
+Each path is what a group would do with its own data. The lattice is that of `bench_lattice`: discs whose force is integrated over
+their faces, all neighbours, scattered magnets, places and pillars, and a vibrometer with faults. The control of each path is the
+same analysis with nearest neighbours alone; for forces it is the analysis without the errors that all rows share.
 """
 
 import tempfile

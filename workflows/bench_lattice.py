@@ -1,6 +1,6 @@
-"""A laboratory's lattice, which shares nothing with the package: every pair of magnets, pillars, scatter, a vibrometer's faults.
+"""A simulated laboratory that shares no code with the package: all pairs of magnets, pillars, scatter, a vibrometer with faults.
 
-Statements about measured lattices are judged by it, so it imports nothing of magphonon: forces of any law from a table, all
+It judges statements about measured lattices, so it imports nothing from magphonon: forces of any law from a table, all
 pairs within a reach, leapfrog steps, and the exact second derivatives of the same table for modes, responses and Bloch waves.
 Everything is in SI: m, kg, s, N; angular frequencies in rad/s.
 

@@ -1,4 +1,5 @@
-"""Judges lattices of magnets on pillars by numpy alone, in SI: all pairs within a distance, at rest, responses and Bloch waves.
+"""Judges lattices of magnets on pillars with numpy alone, in SI: all pairs within a distance, rest positions, responses and Bloch
+waves.
 
 It shares no code with the package.  `python -m workflows.bench_magnets demultiplexer.csv` judges a table of a demultiplexer.
 """

@@ -1,4 +1,4 @@
-"""Tone bursts through the ideal lattice, each model over the branches of both."""
+"""Tone bursts through the ideal lattice: the ridges of each model over the branches of both."""
 
 import numpy as np
 

@@ -87,8 +87,8 @@ CHAPTERS = (
     Chapter('frf', 'paper', 'the closed form of a damped oscillator with the stiffness of Eq. 4', 'Fig. 2'),
     Chapter('chain', 'paper', 'the closed form of a chain of springs on a foundation'),
     Chapter('ideal_bands', 'paper', FORMULAS, 'Figs. 3 and 4'),
-    Chapter('bursts', 'paper', 'the branches of Eq. 18, which the time steps know nothing of; one bin is the resolution of the '
-            'measured row', 'Figs. 5 and 6'),
+    Chapter('bursts', 'paper', 'the branches of Eq. 18, which the time steps do not use; one bin is the resolution of the '
+                               'measured row', 'Figs. 5 and 6'),
     Chapter('vibrometer', 'paper', 'the branches of Eq. 18, the linear response and the complex wavenumber; the measured data of '
             'the paper are not published', 'Figs. 7 and 8'),
     Chapter('prototype_bands', 'paper', FORMULAS, 'Figs. S1 and S4'),
@@ -103,14 +103,14 @@ CHAPTERS = (
     Chapter('nonlinearity', 'beyond', 'perturbation theory in closed form'),
     Chapter('noise', 'beyond', 'closed forms of the branches, and a Laplace integral of 36 magnets'),
     Chapter('design', 'beyond', "the paper's prototype, and closed forms of the spacing"),
-    Chapter('design_sites', 'beyond', 'a solver of its own, time steps, and Bloch waves in numpy alone'),
+    Chapter('design_sites', 'beyond', 'an independent solver, time steps, and Bloch waves in numpy alone'),
     Chapter('sites', 'beyond', 'closed forms of chains, the theory written out for small supercells, transfer matrices'),
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),
     Chapter('losses', 'beyond', 'closed forms of the prototype and of a chain'),
     Chapter('walls', 'beyond', 'closed forms of the prototype, the solitary wave of Toda'),
     Chapter('signs', 'beyond', 'the closed form of a chain of springs'),
-    Chapter('gyration', 'beyond', 'closed forms, and a program of its own for gaps, Chern numbers and the strip'),
-    Chapter('modulation', 'beyond', 'coupled modes and the speed of a front in closed form, and an integration of its own'),
+    Chapter('gyration', 'beyond', 'closed forms, and an independent program for gaps, Chern numbers and the strip'),
+    Chapter('modulation', 'beyond', 'coupled modes and the speed of a front in closed form, and an independent integration'),
     Chapter('bench', 'beyond', 'a simulated laboratory that shares no code with the package'),
     Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),
     Chapter('speed_accuracy', 'tests', 'closed forms, higher precision and independent integrators'),

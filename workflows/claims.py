@@ -1,4 +1,4 @@
-"""What the paper says of D* in words: when it vanishes, that amplitude does not matter, what a frozen direction costs."""
+"""The paper's statements about D*: when it vanishes, that amplitude does not matter, what a frozen direction costs."""
 
 from dataclasses import dataclass
 
@@ -218,7 +218,7 @@ def elastic_rim(out):
             *(Reported(f'rim on beams: change along the measured row at {carrier:g} Hz, over the largest amplitude', change)
               for carrier, change in zip(scene.burst.carriers_Hz, off, strict=True))], \
         save_picture(figure, out / 'elastic_rim.png', (
-            'The prototype with its rim held ideally, as everywhere else here, and on elastic beams of 1/4 inch, '
+            'The prototype with a rigidly held rim, as everywhere else here, and with a rim on elastic beams of 1/4 inch, '
             f'{BEAM} times as stiff as a pillar, which static repulsion bends outwards by {sag / units.mm:.2g} mm.'))
 
 

@@ -1,4 +1,4 @@
-"""Design: the prototype found again from two of its frequencies, and stability as a constraint where it is active."""
+"""Design: the prototype recovered from two of its frequencies, and a design limited by stability."""
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def draw(out, scene, found, soft, held, verge):
     legend_of_set(figure)
     return save_picture(figure, out / 'design.png',
                         'Spacings found for a wanted shear edge. For a below 3 the static forces buckle the lattice at small '
-                        'spacings; the conventional model knows nothing of that, nor of the true spacing of the other.')
+                        'spacings; the conventional model does not show this, and gives a wrong spacing for the other law.')
 
 
 def shear(scene, spacing, k, model):

@@ -1,4 +1,4 @@
-"""Design of every magnet: what D0 promised of four devices, what is true of them, and the same designed with D0 + D*."""
+"""Design of every magnet: what D0 promises for four devices, what they really do, and the same devices designed with D0 + D*."""
 
 import os
 from concurrent.futures import ProcessPoolExecutor

@@ -1,4 +1,4 @@
-"""The oscillator's frequency response: every angle and frequency in one run, against the closed form."""
+"""The oscillator's frequency response: all angles and frequencies in one run, compared with the closed form."""
 
 import numpy as np
 from ase.constraints import FixedLine

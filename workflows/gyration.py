@@ -170,5 +170,5 @@ def waves(out, gaps):
         ax.set(aspect='equal', xlabel='$x/L$', ylabel='$y/L$', title=name)
     figure.colorbar(dots, ax=axes, shrink=0.8, label='amplitude, share of the largest in (a)')
     return save_picture(figure, out / 'gyration_wave.png',
-                        'The same burst of 60 cycles on one magnet of the rim (star), at the middle of the gap of either model: '
+                        'The same burst of 60 cycles on one magnet of the rim (star), in the middle of the gap of each model: '
                         '(a) D0 alone sends it one way round the rim; (b) with the static forces nothing travels.')

@@ -102,7 +102,7 @@ def draw_ratios(out, complete, conventional):
     figure.colorbar(ScalarMappable(scale, filled.cmap), ax=axes, label=r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$')
     return save_picture(figure, out / 'ratio.png',
                         'How far D* lowers the branches over the zone: shear by half towards M, the longitudinal one by some '
-                        'percent. The shift selects a mode.')
+                        'percent. So the shift is specific to one mode.')
 
 
 def draw_contours(out, complete, conventional):

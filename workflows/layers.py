@@ -1,4 +1,4 @@
-"""Out of the plane: a branch of the supports and D* alone, of grains, of upright magnets, and of a plasma crystal."""
+"""Motion out of the plane: a branch due to supports and D* alone, for grains, upright magnets, and a plasma crystal."""
 
 import numpy as np
 from scipy.optimize import brentq

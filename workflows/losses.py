@@ -1,4 +1,4 @@
-"""Losses: a wave decays twice as fast as D0 alone says, because D* makes it slow."""
+"""Losses: a wave decays twice as fast as D0 alone predicts, because D* makes it slow."""
 
 import numpy as np
 
@@ -114,4 +114,4 @@ def picture(out, cell):
     ax.set(xlabel='frequency (Hz)', ylabel='decay per row', ylim=(0, None))
     ax.legend()
     return save_picture(ax.figure, out / 'losses.png', (
-        'Decay of shear waves of the prototype along Γ-M, losses 4 /s: D* makes them slow, and so they lose more on the way.'))
+        'Decay of shear waves of the prototype along Γ-M, losses 4 /s: D* makes them slow, so they lose more on the way.'))

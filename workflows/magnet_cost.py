@@ -1,4 +1,4 @@
-"""What the accuracy of a force between two magnets costs: sums over rims, magpylib's field on faces, magpylib's mesh."""
+"""The cost of an accurate force between two magnets: sums over rims, magpylib's field on faces, magpylib's mesh."""
 
 from functools import partial
 

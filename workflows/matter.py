@@ -1,4 +1,4 @@
-"""Other matter, same theory: colloids, plasma and Wigner crystals, crystals in space, steel balls, two masses by turns."""
+"""Other matter, same theory: colloids, plasma and Wigner crystals, crystals in space, steel balls, chains of two masses."""
 
 import numpy as np
 
@@ -130,7 +130,7 @@ def _draw_bands(out):
     lines = axes[0, 0].lines
     legend_of_set(figure, handles=[lines[0], lines[-1]], labels=['complete, $D^0+D^*$', 'conventional, $D^0$'])
     return save_picture(figure, out / 'matter.png',
-                        'Other matter, same theory: D* softens shear the more, the slower the force falls; '
+                        'Other matter, same theory: the slower the force falls with distance, the more D* softens shear; '
                         'in steel balls, where it is 1e-4 of D0, the two models are one line.')
 
 
@@ -146,5 +146,5 @@ def _draw_shares(out, ratios):
     ax.grid(axis='y')
     ax.set(xlim=(3e-5, 3), ylim=(-0.6, len(order) - 0.4), xlabel="$D^*/D^0$ of nearest neighbours, $-(\\varphi'/r)/\\varphi''$")
     return save_picture(ax.figure, out / 'matter_shares.png',
-                        'How much static stiffness there is to neglect: 1/a for a force r^-a, next to nothing in a contact of '
-                        'hard balls.')
+                        'The static stiffness that the conventional model neglects: 1/a for a force r^-a, almost nothing for a '
+                        'contact of hard balls.')

@@ -1,4 +1,6 @@
-"""Foundations that change: a gap for waves of one direction, growth and its threshold, and a front through two wells."""
+"""Foundations that change: a gap for waves in one direction, growth and its threshold, and a front through sites with two
+wells.
+"""
 
 import numpy as np
 from scipy.integrate import solve_ivp

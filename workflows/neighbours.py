@@ -1,4 +1,6 @@
-"""All neighbours: exact lattice sums, what the nearest-neighbour assumption costs, and the rest of truncated lattices."""
+"""All neighbours: exact lattice sums, the error of the nearest-neighbour assumption, and the rest positions of truncated
+lattices.
+"""
 
 import numpy as np
 
@@ -137,8 +139,9 @@ def _draw_shells(out):
     ax.set_xticks([], minor=True)
     ax.set(xlabel='neighbours up to (spacings)', ylabel='error of the shear frequency at M', ylim=(1e-12, 3))
     legend_above(ax, ncols=2)
-    return save_picture(ax.figure, out / 'shells.png', 'Shells of neighbours against all of them: forces that fall like r^-a '
-                        'leave an error of R^(1-a), screened ones an exponential.')
+    return save_picture(ax.figure, out / 'shells.png', 'The error of counting neighbours up to a distance R instead of all: '
+                                                       'R^(1-a) for forces that fall like r^-a, exponentially small for '
+                                                       'screened forces.')
 
 
 def _draw_prototype(out):

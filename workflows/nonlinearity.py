@@ -5,13 +5,13 @@ A chain of bonds phi'', phi''' carries u = A cos(k n - w t).  To second order in
     second harmonic, forced     u_2 = B sin(2 k n - 2 w t),  B = -phi'''/(4 phi'') A^2 cot(k/2)
     strain under a burst        e_0 = -phi'''/phi'' A(x)^2        (phi''' < 0: the burst pushes the chain apart)
 
-each with free waves that make up for the start from a linear wave.  For f ~ r^-a, -phi'''/phi'' = (a + 1)/L0.
+each with free waves, because the motion starts from a linear wave.  For f ~ r^-a, -phi'''/phi'' = (a + 1)/L0.
 
 In the triangular lattice without a foundation, a = 4, shear at M softens, dw/w = -285/16 (A/L0)^2, and the waves that rotate at K
-stiffen, +475/36 (A/L0)^2: there each particle is one in the potential of Henon and Heiles.
+stiffen, +475/36 (A/L0)^2: there each particle moves in the potential of Henon and Heiles.
 
-In a row of nine that move along it, ends held, the middle one of half the mass, a vibration of the middle one lasts up to some
-6 % of L0; waves beside it then feed on it, and beyond some 24 % no more.
+In a row of nine that move along it, ends held, the middle one of half the mass, a vibration of the middle one is stable up to
+about 6 % of L0. Above that, waves next to it grow at its expense, and beyond about 24 % it is stable again.
 """
 
 import numpy as np
@@ -314,7 +314,7 @@ def draw_path(out, measured):
     return save_picture(ax.figure, out / 'amplitude.png',
                         'How the frequency of waves of the triangular lattice (a = 4, no foundation) shifts with their '
                         'amplitude: perturbation theory (lines), time steps (circles). At the poles the second harmonic is '
-                        'a wave too.')
+                        'itself a free wave.')
 
 
 def draw_local_mode(out, family, seen, rates):
@@ -333,8 +333,8 @@ def draw_local_mode(out, family, seen, rates):
         legend_above(ax, ncols=2)
     return save_picture(figure, out / 'local_mode.png',
                         'A light particle in a row vibrates: (a) its frequency, (b) how fast disturbances grow, in time '
-                        'steps over some ten of their beats. Between some 6 % and 24 % of the spacing two waves of the row feed '
-                        'on it.')
+                        'steps over some ten of their beats. Between about 6 % and 24 % of the spacing two waves of the row '
+                        'grow at its expense.')
 
 
 def draw_waves(out, harmonic, slow):

@@ -1,6 +1,6 @@
-"""Other people's papers: ions, Wigner crystals, gyroscopes, tensegrity, strings and foams, each number beside what D0 alone says.
+"""Other people's papers: ions, Wigner crystals, gyroscopes, tensegrity, strings and foams, each number next to that of D0 alone.
 
-Every reference is a closed form written out here, a printed number, or one that public code holds; none comes from the package.
+Every reference is a closed form written out here, a printed number, or a number from public code; none comes from the package.
 Those marked `(printed)` or `(IonSim.jl's tests)` were read there, those `(from memory)` were not; all others are closed forms of
 the theory that a paper uses, written from knowledge of the field and not copied from its pages.
 
@@ -359,4 +359,5 @@ def _draw(out, rows):
     ax.set_yticks(range(len(papers)), [paper.split(' (')[0] for paper in papers])
     ax.set_xlabel('computed / published')
     legend_of_set(ax.figure, ncols=2)
-    return save_picture(ax.figure, out / 'papers.png', "Other people's numbers: D0 + D* (bars, at 1) and D0 alone (rings).")
+    return save_picture(ax.figure, out / 'papers.png', "Other people's numbers, compared with D0 + D* (bars, at 1) and with D0 "
+                                                       "alone (rings).")

@@ -1,7 +1,7 @@
-"""Plans judged: do the chosen methods meet the tolerance, and is none taken where a simpler one would surely have met it?
+"""Plans judged: do the chosen methods meet the tolerance, and would a simpler one surely have met it?
 
-`python -m workflows.planning` judges hundreds on a grid and two hundred drawn at random, in some minutes;
-`python -m workflows planning` a few of each sort.
+`python -m workflows.planning` judges hundreds of plans on a grid and two hundred drawn at random, in a few minutes; `python -m
+workflows planning` judges a few of each sort.
 """
 
 import sys
@@ -151,9 +151,10 @@ def draw(out, verdicts):
         regions.text(*place, name, ha='center')
     regions.set(xscale='log', yscale='log', xlim=amplitudes[[0, -1]], ylim=(1e-5, 1),
                 xlabel=r'amplitude at the peak / $L_0$', ylabel='tolerance of the peak frequency')
-    return save_picture(figure, out / 'planning.png', '(a) The errors that the plans tell against the true ones. Marks far above '
-                        'the line are upper bounds: the true error was smaller than the plan could know. (b) The least model '
-                        'for the resonance of the oscillator.')
+    return save_picture(figure, out / 'planning.png', '(a) The errors that the plans predict, against the true ones. Marks far '
+                                                      'above '
+                        'the line are upper bounds: the true error was smaller than the plan could know. (b) The simplest '
+                        'sufficient model for the resonance of the oscillator.')
 
 
 if __name__ == '__main__':

@@ -73,4 +73,4 @@ def draw_foundation(out, cell):
     ax.set_axis_off()
     return save_picture(ax.figure, out / 'foundation.png', (
         'Fig. S1 of the paper: the lattice on its elastic foundation. The grey lines are the repulsion between nearest '
-        'neighbours, the springs the pillars, of which each ties a magnet to the ground along both directions of the plane.'))
+        'neighbours, the springs are the pillars, each of which ties a magnet to the ground along both directions of the plane.'))

@@ -1,4 +1,4 @@
-"""A number beside its reference, a picture, and what a workflow hands back."""
+"""A number with its reference, a picture, and the result of a workflow."""
 
 import math
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Every site its own: local modes, a magnet missing, disorder, pressure and moduli."""
+"""Sites that differ: local modes, a missing magnet, disorder, pressure and moduli."""
 
 import numpy as np
 from ase.constraints import FixAtoms, FixedLine

@@ -1,9 +1,9 @@
-"""Hundreds of small scenes whose true errors are found by other means than those that estimate them.
+"""Hundreds of small scenes whose true errors are found by methods independent of those that estimate them.
 
     peaks       the oscillator's motion at finite amplitude from one first integral and adaptive integration
-    waveforms   velocity Verlet with short steps, extrapolated to none
+    waveforms   velocity Verlet with short steps, extrapolated to zero step
 
-Each has a `plan` for a tolerance, and the `truth` about a method: its error in what is asked.
+Each has a `plan` for a tolerance, and the `truth` about a method: its error in the wanted quantity.
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Speed against accuracy: what each method pays for its accuracy, one chart for each question that users ask."""
+"""Speed against accuracy: what each method costs for its accuracy, one chart for each question that users ask."""
 
 from importlib import import_module
 

@@ -1,4 +1,6 @@
-"""Where it holds and where it does not: maps of buckling, complete beside conventional, and the time step of integrators."""
+"""Where a lattice is stable: maps of buckling for the complete and the conventional model, and stable time steps of
+integrators.
+"""
 
 import warnings
 
@@ -131,7 +133,7 @@ def _draw_maps(out, needed, fates):
     legend_of_set(figure, handles=[axes[0, 0].lines[0], grown, stayed], labels=names)
     return save_picture(figure, out / 'stability_map.png',
                         'Foundation that each lattice needs. Only the triangular one can hold itself, for a > 3; below the '
-                        'border the shaded motion grows. With D0 alone every point is stable: the model hides all of it.')
+                        'border the shaded motion grows. With D0 alone every point is stable: that model shows none of this.')
 
 
 # --- the oscillator --------------------------------------------------------------------------------------------------
@@ -197,8 +199,8 @@ def _draw_oscillator(out):
              'runs away along the vertical']
     legend_of_set(figure, handles=handles, labels=names, ncols=2)
     return save_picture(figure, out / 'stability_oscillator.png',
-                        'The oscillator runs away sideways above the black closed form, and along its line below the blue one, '
-                        'at exponents below 2; with D0 alone (dotted) never.')
+                        'The oscillator runs away sideways above the black line (closed form), and vertically below the blue '
+                        'line, at exponents below 2. With D0 alone (dotted) it never does.')
 
 
 # --- integrators -----------------------------------------------------------------------------------------------------
@@ -308,4 +310,4 @@ def _draw_steps(out, measured, laws):
     legend_of_set(figure, handles=handles, labels=[line.get_label() for line in handles], ncols=4)
     return save_picture(figure, out / 'stability_steps.png',
                         'Growth in one time step (hatched: unstable). The exact decay keeps the limit omega dt = 2 at every '
-                        'damping; damping among the forces fails beyond 2/zeta once zeta exceeds one.')
+                        'damping; damping treated as a force fails beyond 2/zeta once zeta exceeds one.')

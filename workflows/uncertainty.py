@@ -93,8 +93,8 @@ def draw_bands(out):
                          'The prototype with tolerances of half a percent or so (chosen: the paper gives none): the shear '
                          'branches of the two models lie far outside the ribbons of each other, the longitudinal ones touch.'),
             save_picture(bars.figure, out / 'uncertainty_contributions.png',
-                         'What causes it: the spacing moves all bands most, the radius of the pillars the cut-off. '
-                         'a and b are correlated and count as one.')]
+                         'The causes of the uncertainty: the spacing moves all bands most, the radius of the pillars the '
+                         'cut-off. The correlated parameters a and b count as one.')]
 
 
 def error_of_linear(scene, sigma):
@@ -114,8 +114,8 @@ def draw_limit(out, scene):
     ax.set(xlabel='standard deviation of the spacing (%)', ylabel='linear deviation, relative error', ylim=(1e-4, None))
     legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'uncertainty_limit.png',
-                        'Linear propagation against lattices drawn at random: below 3 % of spacing it is right to what chance '
-                        'lets one see; beyond, its error grows with the square.')
+                        'Linear propagation against lattices drawn at random: below 3 % of spacing it is right within sampling '
+                        'noise; beyond, its error grows with the square.')
 
 
 def draw_response(out, response, sampled):
@@ -132,4 +132,4 @@ def draw_response(out, response, sampled):
     legend_above(ax, ncols=1)
     return save_picture(ax.figure, out / 'uncertainty_response.png',
                         "The oscillator's response at 30 degrees, its spacing known to 0.2 % and its mass to 0.1 %: "
-                        'on the flanks of the peak the amplitude is uncertain, on its top to first order not at all.')
+                        'on the flanks of the peak the amplitude is uncertain; at its top, to first order, it is not.')

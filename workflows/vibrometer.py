@@ -87,8 +87,8 @@ def draw_maps(out, table, carriers_Hz, gamma_m):
     for ax in axes[:, 1]:
         overlay(ax, gamma_m, 'complete, Γ-M')
     legend_of_set(figure, ncols=5)
-    caption = ('Fig. 8 of the paper: transverse motion along the measured row, which waves from a point reach along Gamma-K; '
-               'Gamma-M, which S4 draws, is bins off from 50 Hz on.')
+    caption = ('Fig. 8 of the paper: transverse motion along the measured row. Waves from a point source run along it on '
+               'Gamma-K; the branch on Gamma-M, drawn in S4, is several bins away above 50 Hz.')
     return save_picture(figure, out / 'vibrometer.png', caption)
 
 
@@ -149,8 +149,8 @@ def both_motions(scene, out):
     figure.set_size_inches(PAGE_in, HEIGHT_in * len(axes))
     return checks, save_picture(figure, out / 'vibrometer_both.png', (
         'Fig. 8 of the paper, both motions of one record: waves from a row of sources pushed at 60°. D* moves the shear ridge by '
-        'four bins and the longitudinal one by a fraction of a bin. A burst at 120 Hz has next to nothing below 58.2 Hz, where '
-        'shear ends.'))
+        'four bins and the longitudinal one by a fraction of a bin. A burst at 120 Hz has almost no power below 58.2 Hz, where '
+        'the shear branch ends.'))
 
 
 def separations(wave):
@@ -191,7 +191,7 @@ def gap(scene, out):
     return checks, save_picture(figure, out / 'evanescent.png',
                                 'Below the cut-off of 26.55 Hz a burst does not travel: its amplitudes are those of linear '
                                 'response with D0 + D*. The grey lines have the slope of the complex wavenumber: (a) around a '
-                                'point that is reached far away, (b) behind a row at once.')
+                                'point source the decay reaches this slope only far away, (b) behind a row of sources at once.')
 
 
 def shaken(scene, cell, source, force, motion):

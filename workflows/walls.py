@@ -116,7 +116,8 @@ def picture(out, steady, true):
     ax.plot(n, abs(true), '-', color='black', label='$|e^{i\\xi n}|$')
     ax.set(xlabel='rows behind the shaken side', ylabel='amplitude per that of the side', ylim=(0, 1.02))
     ax.legend()
-    return save_picture(ax.figure, out / 'walls.png', 'A side of the prototype shaken along itself at 40 Hz, losses 4 /s.')
+    return save_picture(ax.figure, out / 'walls.png', 'A side of the prototype is shaken along its own direction at 40 Hz, with '
+                                                      'losses of 4 /s.')
 
 
 def toda_picture(out, times, found, exact):
@@ -128,4 +129,4 @@ def toda_picture(out, times, found, exact):
     ax.set(xlabel='time (ms)', ylabel='displacement (mm)')
     ax.legend()
     return save_picture(ax.figure, out / 'walls_toda.png', (
-        'A chain of Toda whose end is moved as its solitary wave moves: time steps (marks), exact solution (lines).'))
+        'A Toda chain whose end moves as in its solitary wave: time steps (marks), exact solution (lines).'))

@@ -135,7 +135,7 @@ class Objective:
         return set()
 
     def doubts(self, rest: Rest) -> list[str]:
-        """What may keep this objective from being met, in words."""
+        """Reasons in words why this objective may not be reachable."""
         modes = np.sqrt(abs(rest.spectrum[0][[0, -1]]))
         low, high = modes / (2 * np.pi * units.Hz)
         return [f'{omega / (2 * np.pi * units.Hz):.4g} Hz lies outside the natural frequencies of the structure, {low:.4g} to '
@@ -291,8 +291,7 @@ class Level(Objective):
 
 @dataclass(frozen=True, eq=False)
 class BandEdge(Objective):
-    """Frequency of the edge of a band in rad/ms, of a cell of any number of magnets: a soft extreme over wavevectors and
-    branches.
+    """Frequency of a band edge in rad/ms, for a cell of any number of magnets: a soft extreme over wavevectors and branches.
 
     `exp(sharp omega)` is summed over all wavevectors and all branches on one side of the gap. The sum is smooth even where these
     branches cross; it is not smooth where the two sides of the gap touch.  The soft edge lies inside the gap by up to
@@ -464,7 +463,7 @@ class LocalMode(Objective):
 
 @dataclass(frozen=True)
 class Margin(Objective):
-    """How far a structure is from buckling: soft minimum of the eigenvalues of its statics over mass, in rad^2/ms^2.
+    """Distance of a structure from buckling: soft minimum of the eigenvalues of its static stiffness over mass, in rad^2/ms^2.
 
     It is computed in the complete model, whatever the model of the waves; for a periodic cell only motion that is equal in all
     cells, q = 0, is judged. As a constraint of `optimise` it keeps designs away from buckling.

@@ -1,4 +1,4 @@
-"""Effect of independent scatter of every magnet and every pillar, to first order, with the magnets relaxed again.
+"""First-order effect of independent scatter of every magnet and every pillar, including the change of the rest positions.
 
 With the displacements x and y, and e = C x in the bonds, the stiffness H changes with the strength s_i of one magnet by
 
@@ -10,10 +10,10 @@ One solution w serves all magnets.  The derivative by the logarithm of the stiff
 of the force of the pillar if it is bent at rest; that by the logarithm of a mass is -omega^2 m_i x_i.y_i; that by the place of
 the foot of a pillar is k_i w_i, and that by the place of a held magnet (C^T t - Phi w)_i.
 
-Of positions that were measured at rest, in a photo, nothing moves: w = 0, and the derivative by a position is (C^T t)_i.
+If positions were measured at rest, as in a photo, nothing moves: w = 0, and the derivative by a position is (C^T t)_i.
 
-Any number J, of whatever frequencies, wavevectors and times, depends on the lattice through the stiffness of bonds, springs and
-masses (`Slope`); with G_b = dJ/dK_b in place of e^x (x) e^y one solution w gives its derivative by everything.
+Any number J, at any frequency, wavevector or time, depends on the lattice through the stiffness of bonds, springs and masses
+(`Slope`). With G_b = dJ/dK_b in place of e^x (x) e^y one solution w gives its derivatives by all of these.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ CROSSING = 1e-9
 
 @dataclass(frozen=True)
 class SiteScatter:
-    """Standard deviations of the quantities of each site, relative but for places, and of what all sites have in common.
+    """Standard deviations of the quantities of each site, relative except for positions, and of quantities that all sites share.
 
     All of them scatter independently.
 
@@ -67,11 +67,11 @@ class SiteScatter:
     stiffness : float
         Standard deviation of the stiffness of the foundation under each particle.
     position : float
-        Standard deviation of each coordinate in mm: of the feet of the pillars and of what is held, or of what was measured.
+        Standard deviation of each coordinate in mm: of the feet of the pillars and of held particles, or of measured positions.
     at_rest : bool
         Whether the positions were measured at rest, so that they do not follow strengths and springs.
     alike : dict of str to float
-        Relative standard deviations of 'mass', 'strength', 'stiffness' and 'scale' (of all lengths) of all sites alike.
+        Relative standard deviations of 'mass', 'strength', 'stiffness' and 'scale' (of all lengths) that are common to all sites.
     """
 
     mass: float = 0.0
@@ -93,12 +93,12 @@ class SiteScatter:
 
     @property
     def std(self) -> NDArray[np.float64]:
-        """Those of the three logarithms and of the three coordinates, shape (6,)."""
+        """Standard deviations of the three logarithms and of the three coordinates, shape (6,)."""
         return np.array([self.mass, self.strength, self.stiffness, *3 * [self.position]])
 
     @property
     def std_alike(self) -> NDArray[np.float64]:
-        """Those of what all sites have in common, shape (4,)."""
+        """Standard deviations of quantities that all sites share, shape (4,)."""
         return np.array([self.alike.get(name, 0.0) for name in ALIKE])
 
 
@@ -274,8 +274,8 @@ class ModeScatter(NamedTuple):
 def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int | Modes | None = None) -> ModeScatter:
     """Natural frequencies of a structure, and their standard deviation from one sample to the next.
 
-    For a periodic cell these are the waves whose displacements are equal in all cells; band edges of a supercell of N particles
-    scatter as 1/sqrt(N).
+    For a periodic cell the modes are the waves whose displacements are equal in all cells. Band edges of a supercell of N
+    particles scatter as 1/sqrt(N).
 
     Parameters
     ----------

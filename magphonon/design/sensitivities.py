@@ -44,7 +44,7 @@ ZERO_FRACTION = 1e-6
 
 @dataclass(frozen=True)
 class StiffnessDerivative:
-    """What a lattice changes in proportion to the relative change dp/p of one parameter p.
+    """Changes of a lattice that are proportional to the relative change dp/p of one parameter p.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class StiffnessDerivative:
 
 
 def force_change(law: PairLaw, power: int = 1) -> LawDerivative:
-    """Derivative of a law, or of the laws along the bonds, whose force goes with a `power` of the parameter.
+    """Derivative of a law, or of the laws along the bonds, whose force is proportional to a `power` of the parameter.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def force_change(law: PairLaw, power: int = 1) -> LawDerivative:
 
 
 def spacing_change(law: PairLaw) -> LawDerivative:
-    """Derivative of the law along the bonds as all distances grow in proportion, directions unchanged.
+    """Derivative of the law along the bonds when all distances grow in proportion and directions stay.
 
     Examples
     --------
@@ -109,9 +109,9 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
                             model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies by the logarithms of parameters.
 
-    Where branches cross, degenerate perturbation theory: among the modes of equal frequency those are taken in which
-    the changes are diagonal, the modes of the branches that cross.  A parameter that all particles share keeps the
-    symmetry of the lattice, so such modes exist, and branches that symmetry unites, as at Gamma and K, stay together.
+    Where branches cross, degenerate perturbation theory is used: it takes those modes of equal frequency in which the changes are
+    diagonal, which are the modes of the crossing branches. Such modes exist because a parameter that all particles share keeps
+    the symmetry of the lattice. Branches that are degenerate by symmetry, as at Gamma and K, stay degenerate.
 
     Parameters
     ----------

@@ -1,4 +1,5 @@
-"""A lattice for a wanted wave: every magnet, pillar, mass and foot by the gradient, through the rest that follows them.
+"""A lattice for a wanted wave: every magnet, pillar, mass and foot is designed by exact gradients, which include the change of
+the rest positions.
 
 `optimise` makes an `Objective` as large as it can be within bounds.  The rest is found by Newton's method, always from the first
 positions, so that runs repeat to the last bit; a design whose rest is no minimum of the energy is never returned.  One static
@@ -54,17 +55,17 @@ ROUNDS = 0.3, 0.5, 0.7, 0.85, 0.95, 1.0  # shares of the parameters that are par
 
 @dataclass(frozen=True)
 class Robust:
-    """Scatter against which a design is to hold: it is judged by a soft minimum over lattices that are drawn once.
+    """Scatter that a design must tolerate: it is judged by a soft minimum over lattices that are drawn once.
 
     Attributes
     ----------
     scatter : magphonon.stiffness.Scatter
-        Of strengths, springs and masses, relative, and of places in mm; of all sites, held ones too.
+        Relative scatter of strengths, springs and masses, and scatter of places in mm, at all sites including held ones.
     frequency : float
         Relative standard deviation of the frequencies of all sources.
     draws : int
     width : float
-        Of the soft minimum, in the unit of the objective: towards zero the worst draw alone counts; infinite, the mean.
+        Width of the soft minimum in the unit of the objective: near zero only the worst draw counts, if infinite the mean.
     seed : int
     """
 
@@ -101,7 +102,7 @@ class Draw:
 
 
 class Variables:
-    """What of a lattice may vary, as one vector of numbers between -1 and 1, and the rest for each.
+    """The variable parameters of a lattice as one vector of numbers between -1 and 1, and the rest positions for each vector.
 
     A factor within (low, high) is `exp(middle + x half)` of the logarithms; feet and their bounds are in mm, of a lattice whose
     spacing does not vary.
@@ -115,7 +116,7 @@ class Variables:
         self.springs = np.broadcast_to(self.calc.foundation, (len(atoms), self.calc.dim))
         self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(indices('sites', sites, len(atoms)))
         if not over or not (len(self.sites) or set(over) & set(LATTICE)):
-            raise ValueError('nothing may vary: name a parameter in over=, and at least one site that is free')
+            raise ValueError('nothing may vary: name a parameter in over=, and at least one free site')
         self.groups, group = groups, self.sites if groups is None else finite('groups', groups, (len(atoms),))[self.sites]
         self._group = np.unique(group, return_inverse=True)[1]
         self.over, self._parts, low, high = dict(over), {}, [], []
@@ -147,7 +148,7 @@ class Variables:
 
     @property
     def present(self) -> NDArray[np.float64]:
-        """The parameters of the structure as it was given, or the nearest within the bounds."""
+        """The parameters of the given structure, or the nearest ones within the bounds."""
         return np.clip(-self.middle / self.half, -1, 1)
 
     def slice_of(self, name: str) -> slice:
@@ -183,12 +184,14 @@ class Variables:
         return self.half * found
 
     def still(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Displacements to the rest without scatter, from which that of each draw is not far; shape (particles, dim)."""
+        """Displacements to the rest positions without scatter, which are close to those of each draw; shape (particles, dim)."""
         return self._rest(x, 'complete', Draw(), None)[1]
 
     def rest(self, x: NDArray[np.float64], model: Model = 'complete', draw: Draw | None = None,
              near: NDArray[np.float64] | None = None) -> Rest:
-        """The structure at rest; Unstable if it has none that is stable, near the first positions or displacements from them."""
+        """The structure at rest; raises Unstable if there is no stable rest near the first positions or the given
+        displacements.
+        """
         draw = draw or Draw()
         try:
             return self._rest(x, model, draw, near)[0]
@@ -276,13 +279,14 @@ class SiteDesign:
     model : {'complete', 'conventional'}
         The model of the waves for which it was designed.
     value, before : float
-        Of the objective, without scatter: of this structure, and of the one that was given.
+        Value of the objective without scatter, for this structure and for the given one.
     robust : float
         The soft minimum over the draws; the value itself without them.
     history : tuple of float
         The best value so far at each evaluation, of the best start.
     starts, given_by_starts : tuple of float
-        What each start promised, without scatter, and what it gives in the complete model: how far local optima differ.
+        Value that each start promised, without scatter, and its value in the complete model. They show how far local optima
+        differ.
     slopes : dict
         Derivatives of the value by strength, spring, mass and foot of each site (`SiteSlopes.of`).
     buckled : int
@@ -290,7 +294,7 @@ class SiteDesign:
     conventional : SiteDesign or None
         The same designed with D0 alone.
     given : float
-        The value in truth: that in the complete model, whatever the model of the design.
+        The true value: that in the complete model, whatever the model of the design.
     """
 
     atoms: Atoms
@@ -311,7 +315,9 @@ class SiteDesign:
 
     @property
     def values(self) -> dict[str, Any]:
-        """Factors of strengths, springs, masses and the lattice, and displacements of feet in mm, of what varied."""
+        """Factors of strengths, springs, masses and the lattice, and displacements of feet in mm, for the parameters that
+        varied.
+        """
         return self.variables.values(self.x)
 
     @property
@@ -320,7 +326,7 @@ class SiteDesign:
         return int((1 - abs(self.x) < AT_BOUND).sum())
 
     def drawn(self, robust: Robust, seed: int) -> NDArray[np.float64]:
-        """Values of lattices that scatter, drawn from another seed than that of the design; NaN for one that buckles."""
+        """Values of lattices with scatter, drawn with another seed than that of the design; NaN for a lattice that buckles."""
         found = []
         for draw in replace(robust, seed=seed).drawn(len(self.atoms)):
             try:
@@ -330,10 +336,10 @@ class SiteDesign:
         return np.array(found)
 
     def tolerances(self, robust: Robust, drop: float = 1.0) -> dict[str, NDArray[np.float64]]:
-        """How far each site alone may be off until the value falls by `drop`, shape (particles,): relative, of feet in mm.
+        """How far each site alone may be off before the value falls by `drop`, shape (particles,): relative, or in mm for feet.
 
-        To first order about lattices that scatter, in the root mean square over their draws: at the optimum itself the slopes
-        vanish, but no lattice that is built stands there.
+        They are computed to first order about lattices with scatter, as a root mean square over their draws. At the optimum
+        itself the slopes vanish, but no real lattice is exactly at the optimum.
         """
         squares: dict[str, Any] = {}
         draws = robust.drawn(len(self.atoms))
@@ -368,7 +374,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
              sites: ArrayLike | None = None, groups: ArrayLike | None = None, robust: Robust | None = None, steps: int = 100,
              starts: int = 1, seed: int = 0, start: ArrayLike | None = None, constraints: Sequence[tuple[Objective, float]] = (),
              compare: bool = False, report: Callable[[NDArray[np.float64], float], Any] | None = None) -> SiteDesign:
-    """Make an objective of a structure as large as it can be.
+    """Maximise an objective of a structure.
 
     Parameters
     ----------
@@ -380,15 +386,15 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
         displacements of each `foot` in mm along each axis, and factors of the whole lattice: `spacing`, `exponent` (the force
         over the shortest bond stays), `height` of all pillars.
     model : {'complete', 'conventional'}
-        Of the waves; statics are those of the complete model in either.
+        Model of the waves; statics always follow the complete model.
     sites : array_like of int, optional
-        The sites that vary; all that are free by default.
+        The sites that vary; by default all free sites.
     groups : array_like of int, shape (particles,), optional
-        Sites of one number have the same parameters; see `orbits` for those that a symmetry carries into each other.
+        Sites with the same number have the same parameters; see `orbits` for groups of sites that are equivalent by symmetry.
     robust : Robust, optional
-        Scatter against which the design is to hold.
+        Scatter that the design must tolerate.
     steps, starts : int
-        Iterations of each start, and starts: the structure as it is given, moved at random a little.
+        Number of iterations of each start, and number of starts. Each starts from the given structure with a small random change.
     seed : int
         Of the starts.
     start : array_like, shape (parameters,), optional
@@ -398,7 +404,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     compare : bool
         Design with D0 alone too, `SiteDesign.conventional`.
     report : function, optional
-        Called at each better design with its parameters and value, such as to save them.
+        Called at each better design with its parameters and value, for example to save them.
 
     Raises
     ------
@@ -523,8 +529,8 @@ class _Ascent:
         except (Unstable, Crossing):
             return self.buckling(y)
         if not self.history and len(y) and not slope[self.free].any():
-            raise ValueError('the objective does not depend on anything that varies: its parts cancel, or nothing that varies is '
-                             'within its reach; change the targets, or let something else vary')
+            raise ValueError('the objective does not depend on anything that varies: its parts cancel, or nothing that varies '
+                             'can influence it; change the targets, or let something else vary')
         if value > self.value and kept:
             if not self.task.holds(x):
                 return self.buckling(y)
@@ -569,20 +575,21 @@ def _design(task, x, robust, history, all_starts):
 
 def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust | None = None, steps: int = 20,
              exchanges: int = 60) -> SiteDesign:
-    """The design made of parts that can be bought: those nearest to a part are rounded, the others optimised again, and so on.
+    """The design made of parts that can be bought. Parameters closest to an available part are rounded to it, the others are
+    optimised again, and so on.
 
-    At the end single parts are exchanged, as the slope recommends, as long as the value grows.
+    At the end single parts are exchanged, as suggested by the gradient, as long as the value grows.
 
     Parameters
     ----------
     design : SiteDesign
     parts : dict
-        Allowed factors of each parameter that is to come in parts, such as `{'strength': [0.9, 1.0, 1.1]}`.
+        Available factors of each parameter, such as `{'strength': [0.9, 1.0, 1.1]}`.
     robust : Robust, optional
     steps : int
         Iterations between two rounds.
     exchanges : int
-        Largest number of exchanges that are tried.
+        Largest number of exchanges to try.
     """
     v = design.variables
     allowed = [None] * len(v)
@@ -641,7 +648,7 @@ def _exchanged(task, x, allowed, most):
 
 
 def orbits(atoms: Atoms, operations: Sequence[ArrayLike]) -> NDArray[np.int_]:
-    """Groups of sites that symmetries carry into each other, shape (particles,), for `optimise(groups=...)`.
+    """Groups of sites that are equivalent by symmetry, shape (particles,), for `optimise(groups=...)`.
 
     Parameters
     ----------
@@ -673,7 +680,8 @@ def orbits(atoms: Atoms, operations: Sequence[ArrayLike]) -> NDArray[np.int_]:
 
 def write_build_list(path: str | PathLike[str], design: SiteDesign, tolerances: Mapping[str, NDArray[np.float64]] | None = None,
                      parts: Mapping[str, ArrayLike] | None = None) -> None:
-    """Write what to build as CSV in SI: place of each foot, strength, stiffness, whether held; the part and tolerance of each.
+    """Write the build list as CSV in SI: for each site the place of the foot, strength, stiffness, whether it is held, its part
+    and tolerance.
 
     Strengths are relative to those of the calculator's law, stiffnesses are along x.  Parts are numbered from 1 in the order of
     `parts`, as given to `of_parts`; 0 is none of them.  A tolerance is that of `SiteDesign.tolerances`, relative.

@@ -1,7 +1,7 @@
 """Transfer functions of a patch whose sites differ: a strength, springs and an anchor of its own for each site, in one fit.
 
-The mean lattice cannot follow such data: peaks are narrower than what the sites shift them by.  So every site has unknowns z with
-a normal prior, whose standard deviation is the scatter, and all are fitted with the parameters x of the lattice,
+The mean lattice cannot follow such data, because the sites shift peaks by more than their width. So every site has unknowns z
+with a normal prior, whose standard deviation is the scatter, and all are fitted together with the parameters x of the lattice,
 
     |h - h(x, z)|^2/noise^2 + |z|^2 + what is known of x        dh/dz = -x.(dK/dz) y by bonds, as `transfer_fits`
 
@@ -9,8 +9,8 @@ The sites are eliminated: with residuals r, J of the parameters, A of the sites 
 
     information of x = J^T C^-1 J        z = A^T C^-1 (r - J dx)
 
-which tells of the lattice of which the patch is a sample.  The mean of the sites of this patch, x + M z, is known better: with it
-in the place of x, J stays and A becomes A - J M.  The evidence, with z and x integrated out, tells the scatter.
+which describes the lattice from which the patch is a sample. The mean of the sites of this patch, x + M z, is known better: with
+it in place of x, J stays and A becomes A - J M. The scatter is found by maximising the evidence, with z and x integrated out.
 """
 
 from __future__ import annotations
@@ -323,7 +323,7 @@ class _Problem:
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                        functions: Sequence[TransferFunction],
                        priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
-    """The fit with unknowns of each site, where its residuals exceed the noise, or where that is not stated.
+    """The fit with unknowns of each site, if the residuals exceed the noise or the noise is not stated.
 
     Parameters
     ----------
@@ -333,7 +333,8 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     Returns
     -------
     TransferFit
-        Of the means of the sites of this patch; without information if they would have to scatter by more than MOST_SCATTER.
+        The fit of the means of the sites of this patch; without information if the sites would have to scatter by more than
+        MOST_SCATTER.
     """
     known = all(one.sigma is not None for one in functions)
     if known and fit.chance >= FITS:

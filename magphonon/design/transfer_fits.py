@@ -6,7 +6,8 @@ With the displacements x = G e under a unit force where the response is seen, an
 
 so that one solution for each place serves all parameters.  A shaken bench is the drive F = w^2 M d (`magphonon.response.frf`).
 
-Real magnets and their places scatter, and the mean lattice cannot follow that: `site_unknowns` gives every site its own.
+Real magnets and their places scatter, and the mean lattice cannot follow that: `site_unknowns` gives every site its own
+parameters.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class TransferFit(ParameterFit):
         Scatter from site to site of strengths and of springs, both relative, and of anchors, in shortest bonds; zero where a
         lattice without scatter follows the data to within the noise.
     sites : ndarray, shape (unknowns,)
-        What each site has of its own, in standard deviations of the scatter: as `site_unknowns.Sites` orders them.
+        The unknowns of the sites, in standard deviations of the scatter and in the order of `site_unknowns.Sites`.
     batch : Batch, optional
         The parameters of the lattice of which this patch is a sample; those of the patch, where no sites scatter.
     """
@@ -92,12 +93,14 @@ class TransferFit(ParameterFit):
 
     @property
     def follows(self) -> bool:
-        """Whether the lattice, with strengths that scatter by up to 10 %, follows the data; else its parameters mean little."""
+        """Whether the lattice, with strengths that scatter by up to 10 %, follows the data; otherwise its parameters mean
+        little.
+        """
         return bool(self.site_scatter[0] <= MOST_SCATTER)
 
     @property
     def refused(self) -> TransferFit:
-        """The same, of a lattice that does not follow the data by any scatter."""
+        """The same fit marked as one that no scatter makes follow the data."""
         return replace(self, site_scatter=np.full(3, np.inf))
 
     @property
@@ -112,7 +115,7 @@ class TransferFit(ParameterFit):
 
 
 def responses(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
-    """Responses of a lattice, of all functions, one after the other: in mm/N, or per displacement of the bench.
+    """Responses of a lattice for all functions, one after the other, in mm/N or per displacement of the bench.
 
     Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken;
     `widened` is a damping in 1/ms on top.
@@ -233,14 +236,14 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     Parameters
     ----------
     build : callable
-        Takes a dict of parameter name to factor; returns the lattice.
+        Takes a dict from parameter name to factor; returns the lattice.
     names : tuple of str
         The parameters to fit, as for `transfer_model`.
     functions : sequence of TransferFunction
     model : {'complete', 'conventional'}
         The model of the lattices that `build` returns.
     priors : dict of str to (float, float) or Before, optional
-        What is known of a parameter beforehand: its factor, and relative standard uncertainty; or of all together.
+        Prior knowledge: factors of single parameters and their relative standard uncertainties, or a `Before` for all together.
     start : array_like, shape (parameters,), optional
         Factors at which the fit starts.
 

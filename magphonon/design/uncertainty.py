@@ -1,8 +1,8 @@
 """Uncertainty of frequencies and responses from the tolerances of parameters: to first order, and by Monte Carlo sampling.
 
-With the covariance C of the relative changes dp/p and the slopes S = d value/d ln p, the variance is `S^T C S`.  The
-parameters are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike.  What each of them
-deviates by itself is `magphonon.design.scatter`; to the response of a structure it adds the sum of its squares.
+With the covariance C of the relative changes dp/p and the slopes S = d value/d ln p, the variance is `S^T C S`.  The parameters
+are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike. Individual deviations are
+treated in `magphonon.design.scatter`; for the response of a structure their squares are summed and added to the variance.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Tolerances:
     covariance : ndarray, shape (parameters, parameters)
         Covariance of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
     scatter : SiteScatter
-        What each site deviates by itself besides; nothing by default.
+        Additional independent deviations of each site; none by default.
     """
 
     changes: dict[str, StiffnessDerivative]
@@ -188,8 +188,8 @@ def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, 
     Returns
     -------
     ResponseSpread
-        Of |u|, shape (frequencies,), in mm.  What scatters from site to site is one more parameter, 'each mass' and so on, with
-        the root of the sum of squares over the sites as its slope.
+        Spread of |u|, shape (frequencies,), in mm. Each quantity that scatters from site to site counts as one more parameter,
+        'each mass' and so on, whose slope is the root of the sum of squares over the sites.
     """
     from scipy.linalg import block_diag
 

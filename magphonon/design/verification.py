@@ -1,7 +1,8 @@
-"""Is a design what it promises?  By all neighbours, time steps, and lattices that scatter; beside it what D0 alone promised.
+"""Does a design keep its promise? It is judged with all neighbours, by time steps, and with scatter, and compared with the
+promise of D0 alone.
 
-The time steps know nothing of linear theory: the particles at rest are pushed, in the complete model and through forces that are
-not linear, until the motion is steady or the burst is over, and what is wanted is read off their displacements.
+The time steps do not use linear theory: particles at rest are driven, in the complete model with its nonlinear forces, until the
+motion is steady or the burst is over. The wanted value is then computed from their displacements.
 """
 
 from __future__ import annotations
@@ -32,24 +33,25 @@ SMALL = 1e-6  # largest static deflection by a force of the runs, in shortest bo
 
 @dataclass(frozen=True)
 class Verification:
-    """What a design promises, and what is true of it, in the unit of its objective.
+    """What a design promises and what it achieves, in the unit of its objective.
 
     Attributes
     ----------
     before : float
         Of the structure as it was given.
     promised_by_D0, given_by_D0 : tuple of float
-        What each start of the design with D0 alone promised, and what it gives in the complete model; empty where the design was
+        Value that each start of the design with D0 alone promised, and its value in the complete model; empty if the design was
         made without `compare=True`.
     promised : tuple of float
-        What each start of this design promised.
+        Value that each start of this design promised.
     nearest, value, neighbours : float
-        Of this design with nearest neighbours alone, with those for which it was designed, and with all within eight bonds; NaN
-        where it buckles.
+        Values of this design with nearest neighbours alone, with the neighbours for which it was designed, and with all within
+        eight bonds; NaN where it buckles.
     time_steps : float
-        Of motion through time; NaN of what is no motion from rest: bands, modes, margins, and what has no damping.
+        Value from time steps; NaN for objectives that are not a motion from rest: bands, modes, margins, and responses without
+        damping.
     scattered : ndarray, shape (draws,)
-        Of lattices that scatter, drawn from another seed than the design; NaN for one that buckles.
+        Values of lattices with scatter, drawn with another seed than the design; NaN for a lattice that buckles.
     """
 
     before: float
@@ -63,7 +65,7 @@ class Verification:
     scattered: NDArray[np.float64]
 
     def table(self, unit: str = '', per: float = 1.0, goal: float | None = None) -> str:
-        """One table, of numbers divided by `per`; with a `goal`, how many lattices that scatter reach it.
+        """A table of these values divided by `per`; with a `goal`, it says how many lattices with scatter reach it.
 
         Examples
         --------
@@ -106,7 +108,7 @@ class Verification:
 
 
 def verify(design: SiteDesign, robust: Robust | None = None, seed: int = 1, steps: bool = True) -> Verification:
-    """Judge a design by what was not used to make it.
+    """Judge a design by methods and draws that were not used to make it.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ def verify(design: SiteDesign, robust: Robust | None = None, seed: int = 1, step
     robust : Robust, optional
         Scatter to judge by, drawn from `seed`, which must not be that of the design.
     steps : bool
-        Whether time steps are taken, which costs most.
+        Whether to take time steps, which cost most.
     """
     v, calc = design.variables, design.variables.calc
 
@@ -134,7 +136,7 @@ def verify(design: SiteDesign, robust: Robust | None = None, seed: int = 1, step
 
 
 def by_time_steps(objective: Objective, atoms: Atoms) -> float:
-    """The value of an objective, from motion of the particles through time; NaN where it is none.
+    """The value of an objective from time steps; NaN if the objective is not a motion.
 
     Examples
     --------

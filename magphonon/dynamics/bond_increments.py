@@ -11,7 +11,7 @@ and pulls its far end j (and pushes its near end i) with the force, counted from
     complete      q = 1, t = 1    H = f(r)/r - f(r0)/r0       r = r0 sqrt(1 + e)      g = f(r0)/r0
     conventional  q = 0, t = 0    H = (f(r) - f(r0))/r0       r = r0 (1 + e/2)        g = 0
 
-H has no constant term: nothing large is ever subtracted.  It is fitted through its slope, in which nothing cancels.
+H has no constant term, so no large numbers are ever subtracted.  It is fitted through its slope, in which nothing cancels.
 
 One polynomial serves small motion.  From contact to several spacings the law is cut into pieces: with the measure of length w,
 which is `(r/r0)^2 = 1 + e` where the full length counts and `r/r0 = 1 + e/2` where its projection does, the quotient `H(e)/e`

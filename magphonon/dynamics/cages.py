@@ -1,12 +1,12 @@
-"""The cages of bonded particles: whether a list of bonds that was made at rest is still true.
+"""The cages of bonded particles: whether the list of bonds made at rest is still valid.
 
-Only bonded pairs repel each other.  That stands for the law as long as
+Only bonded pairs repel each other. This is a good approximation of the law as long as
 
     no bond is shorter than CONTACT or longer than BROKEN_BOND times its rest length, and
     no pair without a bond is nearer than the shortest bond at rest.
 
-In the first case particles have collided, or have left each other so far that others fit between them; in the second a
-repulsion as large as any at rest would be missing.  A particle that leaves its cage passes through one of the two.
+If the first condition fails, particles have collided, or are so far apart that others fit between them. If the second fails, a
+repulsion as large as any at rest would be missing. A particle that leaves its cage violates one of the two.
 """
 
 from __future__ import annotations
@@ -173,7 +173,8 @@ class Cages:
             distance = lengths_of(self._vectors[pairs] + step[j] - step[i])
         for b in np.flatnonzero(distance < self.nearest)[:1]:
             raise Diverged(i[b], time, f'is {distance[b]:g} mm from {j[b]}, with which it has no bond, nearer than the '
-                                       f'{self.nearest:g} mm at which bonded particles rest: the bonds do not hold any more')
+                                       f'{self.nearest:g} mm at which bonded particles rest: the list of bonds is no longer '
+                                       f'valid')
 
     def _survey(self, u):
         """List the pairs without a bond near the displacements `u`."""

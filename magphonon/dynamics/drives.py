@@ -152,15 +152,16 @@ class ToneBurst:
 
 @dataclass(frozen=True)
 class PrescribedMotion:
-    """Held particles that move as prescribed, such as a row on a shaker: what a drive is in N, their displacement is in mm.
+    """Held particles that move as prescribed, such as a row on a shaker; their displacement in mm is given by a drive, read in mm
+    instead of N.
 
     Parameters
     ----------
     course : drive or function of the time
-        Displacements from the reference in mm, as those of a Harmonic, a ToneBurst, or a function of the time in ms that returns
-        the shape (particles, 3).
+        Displacements from the reference in mm: a Harmonic, a ToneBurst, or a function of the time in ms that returns the shape
+        (particles, 3).
     particles : array_like of int, optional
-        Which ones, for a plain function.  FixAtoms must hold them: forces on them change nothing.
+        The particles that move, if the course is a plain function. FixAtoms must hold them.
 
     Examples
     --------

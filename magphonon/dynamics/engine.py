@@ -1,4 +1,4 @@
-"""Blocks of steps between two reads of the atoms: displacements and velocities to full precision, advanced by a kernel.
+"""Blocks of steps between two reads of the atoms: a kernel advances displacements and velocities in full precision.
 
 A step that is longer than 2/omega_max, the limit of velocity Verlet, is refused beforehand.
 """
@@ -80,9 +80,9 @@ def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitt
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
-    Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.  Gyration
-    is left out, which the limit of the time step does not depend on; where it alone holds the structure, this is 2 over the
-    longest stable step.
+    If the forces balance nowhere, the frequency is taken about the reference or the present positions, whichever is closer to
+    balance. Gyration is ignored, because the limit of the time step does not depend on it; if only gyration holds the structure,
+    the result is 2 over the longest stable step.
 
     Parameters
     ----------

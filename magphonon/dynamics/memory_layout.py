@@ -1,9 +1,9 @@
 """Memory layout of particles and bonds for blocks of time steps: a grid of constant offsets, or a table.
 
 In a patch made by `repeat` the bonds fall into a few groups of equal j - i and equal rest vector.  Such a group is
-a pair of shifted slices, and no index needs to be looked up.  A patch that was cut from a parallelogram is put back
-onto it (the array 'site', or places found from the rest vectors), with empty slots where particles are missing.  Where rest
-vectors scatter, the groups are of equal j - i only, and each bond has its own.  Everything else goes into a table of bonds, with
+a pair of shifted slices, and no index needs to be looked up.  A patch that was cut from a parallelogram is put back onto it (by
+the array 'site', or by places found from the rest vectors), with empty slots where particles are missing. If rest vectors
+scatter, a group has equal j - i only, and each bond has its own rest vector.  Everything else goes into a table of bonds, with
 the particles renumbered so that neighbours lie close in memory.
 """
 

@@ -1,4 +1,4 @@
-"""Motion of some particles over time: one record, whoever made it (a run, a linear answer, LAMMPS, a vibrometer)."""
+"""Motion of some particles over time: the same record for a run, a linear solution, LAMMPS or a vibrometer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Motion(Saved, kind='motions', units=MOTION_UNITS):
     times : ndarray, shape (times,)
         In ms, ascending.
     particles : ndarray of int, shape (particles,)
-        Their numbers; along a row, in its order.
+        Indices of the particles; for a row, in its order.
     displacements : ndarray, shape (times, particles, dim)
         From rest, in mm.
     velocities : ndarray, shape (times, particles, dim), optional

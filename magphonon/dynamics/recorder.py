@@ -24,7 +24,7 @@ MEMORY = 2**26  # number of bytes of frames kept in memory; more frames go to a 
 
 
 class Recorder:
-    """Observer that keeps the displacements of particles, in float64, as exact as the engine has them.
+    """Observer that keeps the displacements of particles in float64, with the full precision of the engine.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Recorder:
 
     @property
     def motion(self) -> Motion:
-        """What is recorded so far."""
+        """The record so far."""
         return Motion(self.times, self.particles, self.displacements)
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -93,7 +93,7 @@ class Recorder:
                      'particles': ('', 'particles')})
 
     def forget_after(self, time: float) -> None:
-        """Drop the frames later than `time` (ms), those of a run that has gone wrong."""
+        """Drop the frames later than `time` (ms), for example those after a run has diverged."""
         frames = int(np.searchsorted(self._frames, time, side='right'))
         size = 8 * int(np.prod(self._shape)) * frames
         self._file.flush()

@@ -1,9 +1,9 @@
 """Methods that split a time step h into kicks, `v <- v + b_k h F/m`, and drifts, `u <- u + a_k h v`, in turns.
 
 Velocity Verlet is the one of order 2.  Those of order 4 and 6 are the Runge-Kutta-Nystroem splittings SRKN_6^b and SRKN_11^b of
-Blanes and Moan (J. Comput. Appl. Math. 142, 313 (2002), Tables 2 and 3), which begin and end with a kick.  They use that the
-forces depend on the displacements alone; a force that depends on the time is that at the time of its kick, and damping belongs to
-the drift, whose flow is then exact: `u <- u + (1 - e^{-gamma a h})/gamma v`, `v <- e^{-gamma a h} v`.
+Blanes and Moan (J. Comput. Appl. Math. 142, 313 (2002), Tables 2 and 3), which begin and end with a kick.  They require forces
+that depend on the displacements alone; a force that depends on the time is evaluated at the time of its kick, and damping belongs
+to the drift, whose flow is then exact: `u <- u + (1 - e^{-gamma a h})/gamma v`, `v <- e^{-gamma a h} v`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Thermal noise of damped particles: exact half steps of the Ornstein-Uhlenbeck process.
 
-With E what half a step of damping and gyration leaves of a velocity (v_x + i v_y, or a matrix in space), and independent
-normal numbers xi, half a step is
+Let E be the factor of a velocity after half a step of damping and gyration (a number for v_x + i v_y, or a matrix in space), and
+xi independent normal numbers. Half a step is
 
     v <- E v + sqrt((1 - |E|^2) kT/m) xi
 
@@ -9,8 +9,9 @@ which keeps the Maxwell distribution whatever the time step.  Around a step of v
 
     m u'' = F(u) - m gamma u' + sqrt(2 m gamma kT) xi(t)
 
-whose positions have the distribution exp(-V/kT), of harmonic forces with kT/(k (1 - (w dt)^2/4)) for kT/k.  The numbers depend on
-the seed and the number of the step alone: a run cut in two, or by another engine, has the same noise.
+whose positions have the distribution exp(-V/kT); for harmonic forces the time step changes the variance kT/k to kT/(k (1 - (w
+dt)^2/4)). The random numbers depend only on the seed and the number of the step: a run cut in two, or by another engine, has the
+same noise.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Velocity Verlet with external forces and linear damping, on ASE's own; and splittings of higher order.
+"""Velocity Verlet with external forces and linear damping, built on ASE's own integrator; and splittings of higher order.
 
 With the damping gamma, the gyration g of the calculator and the external force f(t), the equation of motion
 `m u'' = F(u) - m gamma u' + m g J u' + f(t)` is split symmetrically around ASE's step, which makes it second order in dt and
-leaves its limit omega dt < 2 untouched (the quadratic form of positions and speeds that a step of Verlet keeps is kept by
-rotations too):
+keeps the limit omega dt < 2 (rotations, too, conserve the quadratic form of positions and speeds that a step of Verlet
+conserves):
 
     v <- E v                     half the decay and the rotation, exact: E = exp(-(gamma + i g) dt/2) on v_x + i v_y
     v <- v + dt/2 f(t)/m         half the kick
@@ -56,19 +56,18 @@ SHOWN = 8 * BLOCK  # largest number of steps after which the atoms follow blocks
 class DrivenVerlet(VelocityVerlet):
     """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs as in any ASE dynamics.
 
-    The engines give observers the same states, equal to round-off (in blocks, the times at which observers look decide how sums
-    are rounded, so that only runs with the same observers agree bit by bit).  'ase' is ASE's own loop, for any calculator;
-    'numpy' and 'compiled' move planar structures with PairCalculator by blocks of steps between two observer
-    calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
-    With PairCalculator a run that diverges stops with Diverged; with other calculators this is not noticed.
+    The engines give observers the same states up to round-off (in blocks, rounding depends on the times at which observers look,
+    so only runs with the same observers agree bit by bit).  'ase' is ASE's own loop, for any calculator; 'numpy' and 'compiled'
+    move planar structures with PairCalculator by blocks of steps between two observer calls, and carry displacements from rest
+    instead of positions: these keep their digits however small they are. With PairCalculator a run that diverges stops with
+    Diverged; with other calculators this is not noticed.
 
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
-    parameters, the damping and the drives may be changed: every engine goes on with what it finds.
+    parameters, the damping and the drives may be changed: every engine continues with the new values.
 
-    A run that was killed goes on from its `trajectory`: make a new DrivenVerlet with `magphonon.restored` of the last frame, and
-    set its `nsteps` to the step of that frame, so that drives continue at the right time.  Frames hold absolute positions:
-    displacements come back
-    to 1e-16 of the size of the structure.
+    A run that was killed can be continued from its `trajectory`: make a new DrivenVerlet with `magphonon.restored` of the last
+    frame, and set its `nsteps` to the step of that frame, so that drives continue at the right time.  Frames hold absolute
+    positions: displacements come back to 1e-16 of the size of the structure.
 
     Parameters
     ----------
@@ -81,17 +80,16 @@ class DrivenVerlet(VelocityVerlet):
     damping : float or array_like, shape (particles,)
         gamma in 1/ms.
     engine : {'auto', 'ase', 'numpy', 'compiled'}
-        'auto' takes blocks where it can, and compiles when a run is long enough to earn that back.
+        'auto' uses blocks if possible, and compiled ones if the run is long enough to be worth the time of loading them.
     order : {2, 4, 6}, optional
-        Of the error in the time step.  A step of order 4 or 6 takes 6 or 11 evaluations of the forces, and fewer in all where the
-        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number, and no particle may gyrate.
-        By
-        default 2, or with a `tolerance` the lowest that meets it.
+        Order of the error in the time step. A step of order 4 or 6 takes 6 or 11 evaluations of the forces, but fewer in total if
+        the error must be small (`magphonon.dynamics.splittings`); the damping must then be one number, and no particle may
+        gyrate. By default 2, or with a `tolerance` the lowest that meets it.
     tolerance : float, optional
-        Error of the displacements at the end of a run that is allowed, as a fraction of the largest one of the run.  Blocks then
-        compute the bond forces with as few coefficients as this error allows, and compiled blocks use single precision where
-        that is enough, which takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is
-        within the tolerance too; otherwise a ValueError says how long steps may be.
+        Allowed error of the displacements at the end of a run, as a fraction of the largest one of the run. Blocks then compute
+        the bond forces with as few coefficients as this error allows, and compiled blocks use single precision where it is
+        sufficient, which takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is within
+        the tolerance too; otherwise a ValueError says how long steps may be.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional
@@ -99,15 +97,15 @@ class DrivenVerlet(VelocityVerlet):
     loginterval : int
         Steps between two lines of the log, and between two frames of the trajectory.
     temperature_mJ : float
-        kT: with noise that belongs to the damping, the particles are in a bath of this temperature (Langevin's equation).
+        kT of a bath: the damping then comes with matching noise (Langevin's equation).
         Boltzmann's constant times 300 K is 4.14e-18 mJ.
     seed : int
-        Of the noise, which depends on it and on the number of the step alone.
+        Seed of the noise, which depends only on the seed and on the number of the step.
     threads : int, optional
-        Of compiled blocks; the bits do not depend on them.  By default one for each 20 000 particles, at most OMP_NUM_THREADS, or
-        as many as there are idle cores.
+        Number of threads of compiled blocks; results do not depend on it. By default one for each 20 000 particles, at most
+        OMP_NUM_THREADS, or as many as there are idle cores.
     **kwargs
-        `trajectory` and what else ASE's MolecularDynamics takes.
+        `trajectory` and other arguments of ASE's MolecularDynamics.
 
     Attributes
     ----------
@@ -172,7 +170,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def drives(self) -> tuple[Any, ...]:
-        """The drives; may be set as the damping may, to another sequence of them."""
+        """The drives; like the damping, they may be set at any time, to another sequence."""
         return self._drives
 
     @drives.setter
@@ -186,7 +184,7 @@ class DrivenVerlet(VelocityVerlet):
     def displacements(self) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim); exact in the block engines.
 
-        With another calculator than PairCalculator they are counted from the start.
+        With a calculator other than PairCalculator they are measured from the positions at the start.
         """
         if self._exact:
             return self._blocks.displacements
@@ -287,7 +285,7 @@ class DrivenVerlet(VelocityVerlet):
     def irun(self, steps: int = 50) -> Iterator[bool]:
         """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most.
 
-        ASE's yields at every step: where each is wanted, attach an observer, take a `Recorder`, or engine='ase'.
+        ASE's own iterator yields at every step. If you need each step, attach an observer, use a `Recorder`, or engine='ase'.
         """
         self.max_steps = self.nsteps + steps
         work = len(self.atoms) * steps * self.splitting.stages

@@ -10,14 +10,14 @@ and the force is a free smooth curve or, beside it, the law g of a magnet whose 
 
 The free curve has g = r^-4, delta within 3 and tau = 1; a named law may depart by 3 % in both.  ln f(r0) and the exponent a(r0)
 are parameters themselves, so their covariance is the answer: -f'(r0) = a f/r0, and the bands of neighbours at r0 follow linearly.
-Each pair of magnets has its own z: what scatters from pair to pair is learned from several of them, or told.  A load cell
-drifts: slow waves over the rows, in the order in which they were measured, are part of the noise.  What a table cannot tell (F0
-from the tail of the law, d from its exponent) is left to the priors of `SharedErrors`, and `Fit.shares` says what each of them
-costs.
+Each pair of magnets has its own z: the scatter from pair to pair is learned from several pairs, or given. A load cell drifts:
+slow waves over the rows, in the order in which they were measured, are part of the noise. What a table cannot determine (F0 apart
+from the tail of the law, d apart from its exponent) is left to the priors of `SharedErrors`, and `Fit.shares` says how much each
+contributes to the variance.
 
 There is one least-squares problem for each law, each of three kinds of noise and three sizes of drift; the answers are averaged
 by their evidence (Laplace's method).  There is no list of laws to choose from: over 8 to 16 mm a disc, a ring and
-an inverse power cannot be told apart, and an average over such a list is as narrow as it is wrong.
+an inverse power cannot be distinguished, and an average over such a list is both narrow and wrong.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class SharedErrors:
     Attributes
     ----------
     distance : float
-        Of the zero of the distances in mm: touch, glue and tolerances of the magnets are 0.1 mm each.  It decides the width
-        of the answer: 9.5 % of the slope for each 0.1 mm at 10 mm.
+        Of the zero of the distances in mm: contact, glue and tolerances of the magnets contribute 0.1 mm each. It dominates the
+        width of the intervals: 9.5 % of the slope for each 0.1 mm at 10 mm.
     zero : float, optional
         Of the zero of the force in N; by default a tenth of the largest force.
     hysteresis : float, optional
@@ -85,7 +85,7 @@ class SharedErrors:
     backlash : float
         Of the drive in mm.
     gain : float
-        Of the load cell, as a fraction of every force; no table shows it.
+        Of the gain of the load cell, as a fraction of every force; a table contains no information about it.
     pair : float, optional
         Of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By default it is
         learned from several pairs, and nothing is added for one.
@@ -104,7 +104,9 @@ class SharedErrors:
                 not_negative(name, getattr(self, name), unit)
 
     def sizes(self, largest: float) -> NDArray[np.float64]:
-        """Those of F0, d, h and b for a table whose largest force is `largest` N; what is exact is not quite zero."""
+        """Standard deviations of F0, d, h and b for a table whose largest force is `largest` N; zero is replaced by a tiny
+        number.
+        """
         zero = largest / 10 if self.zero is None else self.zero
         hysteresis = largest / 100 if self.hysteresis is None else self.hysteresis
         return np.maximum([zero, self.distance, hysteresis, self.backlash], 1e-9 * np.array([largest, 1, largest, 1]))
@@ -117,8 +119,8 @@ class Fit:
     Attributes
     ----------
     law : Tabulated
-        The fitted curve over the distances of the table and r0: true ones, with the zero of the distances taken out; it ends
-        where it no longer falls as fast as 1/r.
+        The fitted curve over the distances of the table and r0, corrected for the zero of the distances; it ends where it no
+        longer falls as fast as 1/r.
     spacing : float
         r0 in mm.
     force, exponent : float
@@ -132,16 +134,16 @@ class Fit:
     with_care : float
         Half width of the interval of ln(-f') if the zero of the distances were known to WITH_CARE.
     repeated : ndarray, shape (2,)
-        Half widths of ln f and ln(-f') after the same table once more, with errors of its own but for the gain.
+        Half widths of ln f and ln(-f') if the table were measured once more, with new shared errors except for the gain.
     zeros : ndarray, shape (4,)
         F0 in N, d in mm, h in N and b in mm as the table has them.
     weight : float
         Of the named shape against the free curve; 0 where none is named.
     conflicts : ndarray, shape (4,)
-        Distances of `zeros` from their priors, in the standard deviations that they have in tables; beyond CONFLICT one is
-        not as small as was told.
+        Distances of `zeros` from their priors, in the standard deviations that they have in tables; beyond CONFLICT the error is
+        larger than was stated.
     pair : float
-        Standard deviation of ln f from pair to pair, as it was told or learned; 0 for one pair of which nothing is told.
+        Standard deviation of ln f from pair to pair, as given or learned; 0 for a single pair without information.
     drift : float
         Probability that the load cell drifts, so that rows which follow each other err alike.
     scatter : float
@@ -192,7 +194,8 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     Parameters
     ----------
     forces : Forces
-        In any order, with repeats, with the negative ones far out, whose mean fixes the zero of the force.
+        In any order, with repeated measurements, and including negative forces at large distances, whose mean fixes the zero of
+        the force.
     spacing : float
         r0 in mm.
     shared : SharedErrors, optional

@@ -36,8 +36,8 @@ class Forces:
     Attributes
     ----------
     r, f : ndarray, shape (n,)
-        Distances in mm, in any order and each as often as it was measured, and forces in N, negative where noise or a wrong zero
-        is larger than they are.
+        Distances in mm, in any order and possibly repeated, and forces in N, which are negative where noise or a wrong zero
+        exceeds them.
     sigma : ndarray, shape (n,), optional
         Standard uncertainties of the forces, N.
     direction : ndarray, shape (n,), optional
@@ -81,7 +81,9 @@ class Forces:
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
-        """Rows of one largest force whose distances differ, or which would differ by noise: the load cell was at its end."""
+        """Rows that share one largest force although their distances or noise should make them differ: the load cell was
+        saturated.
+        """
         top = self.f == self.f.max()
         steps = np.diff(np.unique(self.f)).min(initial=np.inf)
         grows = self.f.max() * np.ptp(self.r[top]) / self.r[top].min()  # at least, of forces that fall as 1/r
@@ -92,7 +94,7 @@ class Forces:
         return top & (max(grows, differs) > MOST_STEPS * steps)
 
     def thinned(self, most: int) -> Forces:
-        """Every n-th row by distance, so that at most `most` are left; the forces themselves if they are no more."""
+        """Every n-th row by distance, so that at most `most` are left; the forces unchanged if there are no more than that."""
         if len(self.r) <= most:
             return self
         return self[np.sort(np.argsort(self.r, kind='stable')[:: -(-len(self.r) // most)])]  # in the order of time
@@ -118,7 +120,7 @@ class Forces:
 def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     """Forces from a table of text with a header such as r_m,f_N or r_mm,f_mN,sigma_mN; see `magphonon.tables`.
 
-    Rows come in any order, and distances as often as they were measured, as on the way down and up again.
+    Rows may be in any order, and distances may repeat, as on approach and return.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The card of a law, beside its class: what scenes, fits and verdicts must know of it besides its three methods.
+"""The card of a law: what scenes, fits and verdicts must know about a law besides its three methods.
 
     @dataclass(frozen=True)
     class Exponential:
@@ -11,8 +11,8 @@
             lambda energy, decay_length: Exponential(energy, decay_length)),))
 
 With this class listed in `magphonon/interactions/__init__.pyi`, `kind = "exponential"` is a law of scenes, whose strength may be
-fitted and have a tolerance; laws share the name of a parameter only with its key.  A law without a card, as of a script, is that
-of a force along the line between two particles.
+fitted and have a tolerance; laws share the name of a parameter only with its key.  A law without a card, such as one defined in a
+script, is taken as a force along the line between two particles.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .. import units
 
 @dataclass(frozen=True)
 class LawDerivative:
-    """Derivative of a pair law by a parameter: as much of a law as stiffness asks for."""
+    """Derivative of a pair law by a parameter, with the methods of a law that stiffness needs."""
 
     dphi: Callable[..., Any]
     d2phi: Callable[..., Any]

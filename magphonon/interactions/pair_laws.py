@@ -67,13 +67,13 @@ class PairLaw(Protocol):
 
     - They take an array of distances in mm of any shape and return an array of that shape, element by element.
     - A law repels where `dphi < 0`.  Only differences of `phi` matter, so its zero may be anywhere.
-    - They had better accept complex distances, because higher derivatives are then exact.  Any analytic formula in r does so.
-      In a law by parts compare real parts, `np.real(r) < 5`.
+    - They should accept complex distances, because higher derivatives are then exact. Any analytic formula in r does so. In a
+    piecewise law compare real parts, `np.real(r) < 5`.
     - Where the law is not known, such as beyond the ends of a table, they raise ValueError.
     - The law is immutable: make it a frozen dataclass, so that calculators can be copied, compared and pickled.
 
-    What else is known of a law stands on its `card` (`magphonon.interactions.law_cards`).  A law without one is that of a force
-    along the line between two particles, as between charges; that of magnets is `UprightMagnets(law)`.
+    Further properties of a law are on its `card` (`magphonon.interactions.law_cards`). A law without a card describes a force
+    along the line between two particles, as between charges; for magnets wrap it in `UprightMagnets(law)`.
 
     A law that is also a `GaussianMixture` can be summed over all neighbours of an infinite lattice.
     """
@@ -111,8 +111,8 @@ class Composed:
 class PairInteraction(Protocol):
     """An interaction of two particles that depends on the vector R from one to the other, not on its length alone.
 
-    It serves wherever a `PairLaw` does: any object with these three methods is one.  Every `PairLaw` becomes one by itself
-    (`magphonon.stiffness.bond.Central`).  An interaction of your own, dipoles in the plane that all point along x::
+    It can be used wherever a `PairLaw` can: any object with these three methods is one. Every `PairLaw` is converted
+    automatically (`magphonon.stiffness.bond.Central`).  An interaction of your own, dipoles in the plane that all point along x::
 
         @dataclass(frozen=True)
         class AlongX:
@@ -133,13 +133,15 @@ class PairInteraction(Protocol):
         ...
 
     def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Second derivatives of the energy in N/mm, shapes (bonds, dim, dim): D0, what resists stretching along the bond,
-        and D*, all else.
+        """Second derivatives of the energy in N/mm, shapes (bonds, dim, dim): D0, the resistance to stretching along the bond,
+        and D*, everything else.
         """
         ...
 
     def central(self, dim: int) -> PairLaw | None:
-        """The law of the distance, if forces in `dim` dimensions are along the bond; else None, and vectors are asked for."""
+        """The law of the distance if forces in `dim` dimensions are along the bond; otherwise None, and the methods that take
+        vectors are used.
+        """
         ...
 
 
@@ -418,7 +420,7 @@ class Tabulated:
     Warns
     -----
     UserWarning
-        If the spline leaves the readings in a gap, or two are so close that their noise is taken for an exponent.
+        If the spline deviates from the readings in a gap, or two readings are so close that their noise looks like an exponent.
 
     Examples
     --------

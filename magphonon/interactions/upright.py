@@ -1,4 +1,4 @@
-"""Magnets whose axes are normal to their plane: how a pair of them acts in the plane and out of it.
+"""Magnets whose axes are normal to their plane: the interaction of a pair in the plane and out of it.
 
 Supports keep the axes of the magnets from turning.  If the magnets are round, the energy U of a pair depends on the distance rho
 in the plane and on the difference z of heights.  Outside the magnets U obeys Laplace's equation, therefore
@@ -29,8 +29,8 @@ from .pair_laws import PairLaw, higher_derivatives
 class UprightMagnets:
     """The interaction of magnets with axes normal to a plane; for motion in the plane it is the law `planar`.
 
-    It differs from `planar` only if the particles move out of the plane (`PairCalculator` with `foundation=[[k, k, kz]]`).  A
-    law that is not wrapped in it is that of a force along the line that joins two particles, as between charges or grains of
+    It differs from `planar` only if the particles move out of the plane (`PairCalculator` with `foundation=[[k, k, kz]]`).  A law
+    that is not wrapped in this class describes a force along the line that joins two particles, as between charges or grains of
     dust.
 
     Attributes
@@ -65,7 +65,7 @@ class UprightMagnets:
         return self.planar.phi(rho) + g * z**2 / 2, np.column_stack([pull[:, None] * R[:, :2], g * z])
 
     def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """D0, against stretching in the plane, and all else; see `PairInteraction`."""
+        """D0, which resists stretching in the plane, and D*, everything else; see `PairInteraction`."""
         rho, z = (x[:, None, None] for x in _apart(R))
         e = np.array([0.0, 0.0, 1.0])
         n = R * (1 - e) / rho[:, 0]

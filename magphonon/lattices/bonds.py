@@ -255,7 +255,7 @@ class Bonds:
     ----------
     i, j : ndarray of int32, shape (bonds,)
         The particles that each bond joins; equal for a bond between a particle and its own periodic image.
-        Products of them want more bits: `i.astype(int) * particles + j`.
+        Convert them before multiplying, because products need more bits: `i.astype(int) * particles + j`.
     shift : ndarray of int, shape (bonds, 3)
         The periodic cell that holds j; read-only, and of no size in memory, where it is zero throughout.
     vectors : ndarray, shape (bonds, 3)
@@ -310,7 +310,7 @@ class Bonds:
         return *divmod(pair, self.particles), own
 
     def among(self, which: NDArray[Any]) -> Bonds:
-        """Some of the bonds, by an index or a mask."""
+        """The bonds selected by an index or a mask."""
         return Bonds(self.i[which], self.j[which], self.shift[which], self.vectors[which], self.particles, self.cutoff)
 
     def at(self, atoms: Atoms) -> Bonds:

@@ -153,10 +153,10 @@ def _neighbours(there, shell, shifts):
 
 
 def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
-    """The patch with the particles of the lattice around it, held, that the bonds of its cell join to its free particles.
+    """The patch together with the particles around it, all held, to which the bonds of its cell join its free particles.
 
-    Its own rim is as thick as nearest neighbours ask.  With these particles each free one has all of its neighbours, and is in
-    equilibrium, for bonds of any length.  They follow those of the patch and carry the tag `RIM`.
+    The rim of a patch is as thick as nearest neighbours require. With the added particles every free particle has all of its
+    neighbours and is in equilibrium, for bonds of any length. They come after those of the patch and have the tag `RIM`.
 
     Examples
     --------
