@@ -2,7 +2,7 @@
 Force between ring magnets
 ==========================
 
-From size and remanence, as a datasheet tells them, and the dipoles that they become far away.
+The force computed from size and remanence, as a datasheet gives them, and the dipole law that it approaches at large distances.
 """
 
 import numpy as np

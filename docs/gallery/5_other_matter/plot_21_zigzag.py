@@ -2,8 +2,9 @@
 When an ion chain turns zigzag
 ==============================
 
-A chain of charges a apart in a trap of stiffness k: its waves across the axis.  Fishman et al. (arXiv:0710.1831) find the zigzag
-at k = 7 zeta(3)/2 in units of Q^2/a^3, 4.207.  All of it is D*: for D0 alone ions do not feel each other across the axis.
+Transverse waves of a chain of charges with spacing a, in a trap of stiffness k.  Fishman et al. (arXiv:0710.1831) find the
+zigzag at k = 7 zeta(3)/2 in units of Q^2/a^3, 4.207.  It is due to D* alone: with D0 only, transverse motions of the ions are
+not coupled.
 """
 
 import numpy as np

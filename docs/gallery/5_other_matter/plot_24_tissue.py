@@ -2,8 +2,9 @@
 A net stiff by its tension
 ==========================
 
-A honeycomb of springs has three bonds at a node, fewer than the four that make a plane stiff: by D0 its shear modulus is zero, as
-in issue 4 of RigidPy on GitHub.  Stretched, it is stiff by D*.  Circles: the closed form with both sublattices at rest.
+A honeycomb of springs has three bonds at each node, fewer than the four that make a plane structure stiff.  With D0 alone its
+shear modulus is zero, as in issue 4 of RigidPy on GitHub.  When it is stretched, D* makes it stiff.  Circles: the closed form
+with both sublattices at rest.
 """
 
 import numpy as np
