@@ -2,7 +2,7 @@
 A frequency response
 ====================
 
-One magnet of a hexagon is pushed, its neighbour watched: amplitude and phase, with D* and without.
+One magnet of a hexagon is pushed, and its neighbour is measured: amplitude and phase, with D* and without.
 """
 
 import numpy as np

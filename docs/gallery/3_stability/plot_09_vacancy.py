@@ -2,7 +2,7 @@
 Modes about a vacancy
 =====================
 
-Take one magnet out, let the others find their new rest, and ask which modes only a few magnets take part in.
+Remove one magnet, let the others relax, and find the modes in which only a few magnets move.
 """
 
 from magphonon import MagneticRepulsion, modes, read_scene, relaxed, units as u
