@@ -1,7 +1,7 @@
 """Tables of text: a row for each sample, columns named with their units (time_s, x_mm, f_N); messages name file and line.
 
 Every table that a user may write is read here: forces, particles, scans, places of points, ridges.  Which columns such a table
-has, and which values they may take, stands beside its user.  Rows are taken as they are, in any order and repeated.
+has, and which values they may take, is defined in the module that uses it. Rows may be in any order and repeated.
 """
 
 from __future__ import annotations

@@ -217,12 +217,12 @@ trait('unlike', 'particles of different laws, strengths or springs', _differing)
     lambda atoms, calc: _mixed(calc) or _uneven(calc))
 
 LIKE = 'constraints', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike'
-"""What a tool takes that knows a structure by its masses, its bonds and springs."""
+"""Traits accepted by tools that use masses, bonds and springs."""
 SPRUNG = 'gyration', *LIKE
-"""What a tool takes that knows a structure by M, B and K on constant springs."""
+"""Traits accepted by tools that use M, B and K with constant springs."""
 STIFF = 'site law', *LIKE
-"""What a tool takes that knows a structure by its masses and its stiffness K alone."""
+"""Traits accepted by tools that use only masses and the stiffness K."""
 LINEAR = 'gyration', *STIFF
-"""What a tool takes that knows a structure by M, B and K."""
+"""Traits accepted by tools that use M, B and K."""
 KNOWN = 'all neighbours', *STIFF
-"""What callers without a declaration take, such as users' own tools."""
+"""Traits accepted from callers without a declaration, such as users' own tools."""

@@ -33,8 +33,8 @@ LOW = 0.01
 """Fraction of the highest frequency below which a difference is one of that fraction and not of the frequency: near buckling a
 frequency is the small difference of large terms, and at Gamma zero."""
 MOST_TRIED, FEW = (400, 40), 8
-"""Number of shells among which is chosen, in cells of a FEW particles and in larger ones, whose positions may have no order:
-every distance is then a shell."""
+"""Largest number of shells, in cells of a FEW particles and in larger ones. In the latter positions may be irregular, so that
+every distance is a shell."""
 
 
 @dataclass(frozen=True)

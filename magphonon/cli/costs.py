@@ -35,8 +35,8 @@ square of the number of particles.  Measured between 20 000 and 60 000 wavevecto
 PHASE_bytes = 33  # bands: the phase of one bond at one wavevector; counted
 PAIR_bytes = 20  # bands by phonopy: one pair of particles of the supercell, whose distances phonopy keeps
 SERIES_bytes, PROOF_bytes = 3000, 13e3
-"""One particle of a patch with its bonds; response: with its part of the factorisation that proves stability, measured between
-7000 and 60 000 particles."""
+"""One particle of a patch with its bonds; for a response this includes its share of the factorisation that proves stability,
+measured between 7000 and 60 000 particles."""
 FACTOR_bytes = 17e3  # response: one factorisation of the matrix at one frequency, per particle
 COLUMNS_bytes = 2900  # density of states: one particle with its share of the matrix and of the random vectors
 SHAPES_bytes = 40  # modes: all of a structure with their shapes, divided by the square of its free directions

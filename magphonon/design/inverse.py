@@ -153,7 +153,7 @@ class NoDesign(PhysicsError):
     stable : list of (float, float), or None
         The stable ranges of spacing in mm.
     reach : (float, float), or None
-        The least and the largest value in them, rad/ms.
+        The smallest and the largest value in these ranges, rad/ms.
     """
 
     def __init__(self, stable: list[tuple[float, float]] | None, reach: tuple[float, float] | None) -> None:

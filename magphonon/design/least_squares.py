@@ -21,8 +21,9 @@ NORMAL = 1.96
 DETERMINED = 0.5
 """Relative standard uncertainty of a parameter above which it counts as not determined; the fit is linear only well below."""
 MOST_FACTOR = 10.0
-"""Largest factor by which a parameter is changed: where nothing determines it, it must stop somewhere.  One that arrives there is
-not determined: without static forces, the complete model wants none of them and an infinite exponent."""
+"""Largest factor by which a parameter is changed: where nothing determines it, it must stop somewhere.  A parameter that reaches
+this limit is not determined. For example, data without static forces drive the complete model towards zero force and an infinite
+exponent."""
 FITS = 0.01
 """Probability of so large a chi2 below which the data scatter about a model by more than their uncertainties say."""
 BLIND = 1e-10

@@ -283,7 +283,7 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
         At rest, with PairCalculator.
     scatter : SiteScatter
     count : int or Modes, optional
-        Number of modes, the lowest ones, or the modes themselves; all if not given.
+        Number of lowest modes to use, or a `Modes` object; by default all modes.
 
     Examples
     --------

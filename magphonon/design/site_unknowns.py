@@ -9,7 +9,7 @@ The sites are eliminated: with residuals r, J of the parameters, A of the sites 
 
     information of x = J^T C^-1 J        z = A^T C^-1 (r - J dx)
 
-which describes the lattice from which the patch is a sample. The mean of the sites of this patch, x + M z, is known better: with
+which describes the lattice of which the patch is one sample. The mean of the sites of this patch, x + M z, is known better: with
 it in place of x, J stays and A becomes A - J M. The scatter is found by maximising the evidence, with z and x integrated out.
 """
 

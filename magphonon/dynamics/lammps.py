@@ -388,7 +388,7 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     ------
     ValueError
         If LAMMPS cannot run this scene, or stops, or if the folder holds the files of another run, or records without all their
-        frames.  What is in a frame is not checked: a digit that somebody changes in a record is read as it is.
+        frames.  The contents of a frame are not checked: a digit that somebody changed in a record is read as it is.
     """
     ranks = whole('ranks', ranks)
     if directory is None:

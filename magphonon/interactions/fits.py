@@ -128,7 +128,7 @@ class Fit:
     covariance : ndarray, shape (2, 2)
         Of ln f and a, the gain of the load cell included.
     wide : float
-        Half width of an interval of 95 % in standard deviations: Student's where the noise is learned from the table.
+        Half width of a 95 % interval in standard deviations, by Student's distribution if the noise is learned from the table.
     shares : dict of str to float
         Shares of the variance of the slope by their cause; they add up to one.
     with_care : float

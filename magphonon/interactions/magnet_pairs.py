@@ -156,7 +156,7 @@ class MagnetLaw:
 
 @dataclass(frozen=True)
 class SphereLaw(Composed, InversePower):
-    """Law of two equal spheres, point dipoles from `contact` (mm) on; below it raises ValueError."""
+    """Law of two equal spheres: that of point dipoles beyond `contact` (mm); below it raises ValueError."""
 
     contact: float
 

@@ -2,7 +2,7 @@
 
 `PairLaw` defines a law and says how to write your own.  The force with which two particles repel each other is
 `f(r) = -phi'(r)`.  (The paper writes `f = phi_r`; with the usual sign of an energy it is the negative slope, and the bond
-stiffness is `phi'' nn + (phi'/r)(I - nn)`.)  What depends on more than the distance is a `PairInteraction`.
+stiffness is `phi'' nn + (phi'/r)(I - nn)`.)  An interaction that depends on more than the distance is a `PairInteraction`.
 """
 
 from __future__ import annotations

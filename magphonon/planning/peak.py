@@ -1,7 +1,7 @@
 """The plan for the peak of a frequency response: does its frequency need D*, and does it depend on the amplitude?
 
-The peak is found with and without D*: without it modes mix and change their order.  A force F cos(W t) drives a mode with the
-displacement pattern e, sum m e^2 = 1, to the amplitude e.F/(gamma W), which moves the peak along its backbone curve
+The peak is searched separately with and without D*, because D* mixes modes and changes their order.  A force F cos(W t) drives a
+mode with the displacement pattern e, sum m e^2 = 1, to the amplitude e.F/(gamma W), which moves the peak along its backbone curve
 (`magphonon.stability.amplitude_shifts`).
 """
 

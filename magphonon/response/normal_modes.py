@@ -173,7 +173,7 @@ class Localisation(InHertz, Saved, kind='extents of modes', units={
 }):
     """Centre, extent and direction of the motion in each mode of a structure.
 
-    The share of a particle in a mode is that of the kinetic energy, `m u^2` of a mode normalised to `sum m u^2 = 1`.
+    The share of a particle in a mode is its share of the kinetic energy: `m u^2` for a mode normalised to `sum m u^2 = 1`.
 
     Attributes
     ----------

@@ -233,9 +233,8 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell, or a finite structure, with its PairCalculator or AllNeighbours.  Only the differences within its own foundation
-        count.  Constraints remain in force, and the springs are taken as
-        slack at the present positions.
+        One cell, or a finite structure, with its PairCalculator or AllNeighbours.  Of its own foundation only the differences
+        between springs matter. Constraints remain in force, and the springs are assumed slack at the present positions.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
         The conventional model never needs a foundation, because it does not show buckling.
@@ -375,7 +374,8 @@ class StabilityBoundary:
     over : {'spacing', 'exponent'}
         The parameter; the spacing is a multiple of that of the reference.
     at, needed : ndarray, shape (values,)
-        Its values, ascending, and the stiffness needed in N/mm, zero where the lattice is stable without a foundation.
+        Values of the parameter, ascending, and the stiffness needed in N/mm; zero where the lattice is stable without a
+        foundation.
     """
 
     over: Literal['spacing', 'exponent']

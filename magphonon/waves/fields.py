@@ -7,7 +7,7 @@ With windows h over the points and g over time, the motion u_j of the point on t
 and each branch contributes its component e.G with the polarisation e(k). On lines of symmetry this is transverse or longitudinal
 whatever the law. If a cell has several particles, each kind has its own sum, and e spans all of them.  The points need no grid: a
 direct sum over a thousand of them takes a second.  The record is cut into segments whose powers are added (Welch 1967), so that
-noise alone, of the base or thermal, shows bands too.  Both directions of a wave count, k and -k.
+bands are visible even in noise, from the base or thermal. Waves in both directions, k and -k, count.
 
 A cell of the map collects power from its surroundings, whose centre of gravity follows from (Auger and Flandrin 1995):
 
