@@ -213,7 +213,7 @@ SAME = {  # traits that change no answer, by the tool
     'relaxed': {'gyration', 'conventional'},  # statics are those of the complete model
 }
 OWN = {  # what a tool that takes a trait refuses of it in words of its own, and what these begin with
-    'complex_bands': {'constraints': 'no bond leads'}, 'neighbour_shifts': {'attraction': 'strengths'},
+    'complex_bands': {'constraints': 'no bond has a component'}, 'neighbour_shifts': {'attraction': 'strengths'},
     'converged_shells': {'attraction': 'strengths'}, 'DrivenVerlet': {'out of plane': 'engine=', 'oblique': 'engine='},
 }
 

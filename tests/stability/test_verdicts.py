@@ -38,7 +38,7 @@ def judged(**options):
     # sqrt(6e-6/((a + 1)(a + 2))) = 4.5e-4, as the fourth derivative of r^(1 - a) over its second is (a + 1)(a + 2).
     ({'distance': 4.6e-4}, 'the curvature of the law'), ({'distance': 4.4e-4}, None),
     ({'distance': 4e-11}, 'round-off'), ({'distance': 6e-11}, None),
-    ({'supercell': (2, 2, 1)}, 'cannot be told apart'), ({'supercell': (3, 3, 1)}, None),
+    ({'supercell': (2, 2, 1)}, 'cannot be separated'), ({'supercell': (3, 3, 1)}, None),
     ({'a': 2.0, 'k': 1.99}, 'buckles'), ({'a': 2.0, 'k': 2.01}, None),
     ({'a': 2.0, 'model': 'conventional'}, 'does not show this'), ({'a': 4.0, 'model': 'conventional'}, None),
 ])

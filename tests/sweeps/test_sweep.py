@@ -303,7 +303,7 @@ def test_the_journal_of_an_earlier_command_is_taken_up_and_stays(tmp_path, capsy
     words = ['sweep', str(file), '--executor', 'here', '--over', 'foundation.stiffness_N_per_m=5e4,6e4', '--ask', 'bands.X.1',
              '-o', str(out)]
     assert main(words) == 0
-    assert 'sweep.journal of an earlier command stays' in ''.join(capsys.readouterr())
+    assert 'sweep.journal of an earlier command is still there' in ''.join(capsys.readouterr())
     assert (out / 'sweep.journal').read_bytes() == before
     assert (out / 'sweep.nc').exists()
 
