@@ -30,6 +30,7 @@ SPACING = 10e-3  # m
 LEAST = 0.75
 """Share of the few intervals of a path that must hold the truth: of 12 at 95 %, fewer do so once in 500; of 12 at 50 %, more do
 so once in 14."""
+SURELY = 3.5  # standard deviations that one value may be off: once in two thousand, while one interval in twenty misses
 
 
 def main(out):
@@ -54,7 +55,8 @@ def judged(path, quantities, intervals, truths, control, least=LEAST, control_tr
     """
     intervals, truths, control = (np.asarray(one, float) for one in (intervals, truths, control))
     others = truths[:len(control)] if control_truths is None else np.asarray(control_truths, float)
-    rows = [Check(f'{path}: {name}, within its interval', (low + high) / 2, truth, (high - low) / 2 / abs(truth))
+    rows = [Check(f'{path}: {name}, within {SURELY:g} standard deviations', (low + high) / 2, truth,
+                  SURELY * (high - low) / 3.92 / abs(truth))
             for name, (low, high), truth in zip(quantities, intervals[0], truths[0], strict=True)]
     held, wrong = (((ends[..., 0] <= true) & (true <= ends[..., 1])) for ends, true in ((intervals, truths), (control, others)))
     return [*rows, Check(f'{path}: share of {held.size} intervals of 95 %, of {len(held)} specimens, that hold the truth',

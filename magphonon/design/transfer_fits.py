@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from ..errors import Unstable
 from ..response.frf import Dof, base_force, frequency_response, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..response.transfer_functions import TransferFunction
@@ -302,7 +303,12 @@ def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
         return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
 
     def residuals(x):
-        return np.append(split(weight * (measured - at(tuple(x))[0])), before.root @ (before.centre - x))
+        try:
+            return np.append(split(weight * (measured - at(tuple(x))[0])), before.root @ (before.centre - x))
+        except Unstable:
+            if np.array_equal(x, start):
+                raise
+            return np.full(2 * len(measured) + len(before.root), np.inf)  # from which a step of the trust region is shortened
 
     def jacobian(x):
         return np.vstack([-split(weight * at(tuple(x))[1]).T, -before.root])

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from ase import Atoms
@@ -108,7 +109,9 @@ class Specimen:
         farthest = FARTHEST * repulsion_of(self.cell).bonds.lengths.max()
         r = np.geomspace(NEAREST * self.family.r0, farthest, KNOTS)
         least = np.log(NOTHING) - 4 * np.log(r / self.family.r0)  # where a trial of the fit falls to what no table can say
-        return Tabulated(r, np.exp(np.logaddexp(self.family.curve(self.p(factors), r)[0], least)))
+        with catch_warnings():
+            simplefilter('ignore', UserWarning)  # of readings too far apart: these are no readings
+            return Tabulated(r, np.exp(np.logaddexp(self.family.curve(self.p(factors), r)[0], least)))
 
     def on_springs(self, factors: Mapping[str, float]) -> Scene:
         """The scene with the springs of these factors, and its own law."""

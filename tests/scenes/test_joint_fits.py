@@ -264,6 +264,7 @@ def test_files_are_recognised_by_what_they_hold(tmp_path, capsys):
     assert main(['fit', lab, a]) == 0
     assert 'at 0.01 m, intervals of 95 %' in capsys.readouterr().out
     (tmp_path / 'h.csv').write_text('frequency_Hz,re_m_per_N,im_m_per_N\n20,0.001,0\n21,0.001,0\n')
+    (tmp_path / 'lab.toml').write_text((tmp_path / 'lab.toml').read_text().split('[patch]')[0])
     assert main(['fit', lab, a, str(tmp_path / 'h.csv')]) != 0
     assert "the scene 'lab' has no table [frf]" in capsys.readouterr().err
     (tmp_path / 'c.csv').write_text('colour,size\nred,2\n')
