@@ -345,8 +345,10 @@ def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
 
 def _patch(specimen, model, factors):
     """The patch of the scene with these factors, and what each changes there."""
-    there = specimen.with_factors(factors)
-    atoms, *_ = there.shaken(model, bench=True)
+    with catch_warnings():
+        simplefilter('ignore', UserWarning)  # of readings too far apart, as in `Specimen.law`
+        there = specimen.with_factors(factors)
+        atoms, *_ = there.shaken(model, bench=True)
     atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
     return ParametricLattice(LinearSystem.of(atoms), there.frf.damping * factors['damping'],
                              specimen.changes_of(there, specimen.law(factors), factors))
