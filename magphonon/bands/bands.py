@@ -207,8 +207,7 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
     if damping is None:
         return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors, branches))
     if branches is not None:
-        raise ValueError(f'bands with damping are computed for all branches, not for the lowest {branches}; leave out damping '
-                         f'or branches')
+        raise ValueError(f'bands with damping are those of all branches, not of the lowest {branches}; omit damping or branches')
     omega, decay, modes = damped_modes(atoms, path.kpts, damping, model, vectors)
     return Bands(path, omega, modes, decay)
 

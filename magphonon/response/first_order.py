@@ -1,4 +1,4 @@
-"""The exact linear transient with any matrix B of losses and gyration, where the motion is not a function of K alone.
+"""The exact linear transient with any matrix B of losses and Coriolis-like forces, where the motion is not a function of K alone.
 
     y'' + B y' + K y = g        z' = A z + (0, g/R)        z = (y, y'/R)        A = R X        X = [[0, 1], [-K/R^2, -B/R]]
 
