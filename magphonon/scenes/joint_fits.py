@@ -349,9 +349,9 @@ def _patch(specimen, model, factors):
         simplefilter('ignore', UserWarning)  # of readings too far apart, as in `Specimen.law`
         there = specimen.with_factors(factors)
         atoms, *_ = there.shaken(model, bench=True)
-    atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
-    return ParametricLattice(LinearSystem.of(atoms), there.frf.damping * factors['damping'],
-                             specimen.changes_of(there, specimen.law(factors), factors))
+        atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
+        return ParametricLattice(LinearSystem.of(atoms), there.frf.damping * factors['damping'],
+                                 specimen.changes_of(there, specimen.law(factors), factors))
 
 
 def _ridges(specimen, points, records, near):
