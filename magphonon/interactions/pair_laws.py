@@ -68,7 +68,7 @@ class PairLaw(Protocol):
     - They take an array of distances in mm of any shape and return an array of that shape, element by element.
     - A law repels where `dphi < 0`.  Only differences of `phi` matter, so its zero may be anywhere.
     - They should accept complex distances, because higher derivatives are then exact. Any analytic formula in r does so. In a
-    piecewise law compare real parts, `np.real(r) < 5`.
+      piecewise law compare real parts, `np.real(r) < 5`.
     - Where the law is not known, such as beyond the ends of a table, they raise ValueError.
     - The law is immutable: make it a frozen dataclass, so that calculators can be copied, compared and pickled.
 
