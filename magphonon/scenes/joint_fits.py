@@ -39,7 +39,7 @@ from .scene import Scene
 LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))
 CLOCK = 1e-3  # relative standard deviation of a clock
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
-NOTHING = 1e-20  # N at the spacing, of a force that counts for nothing
+NOTHING, HUGE = 1e-20, 1e9  # N: forces of trials of a fit are kept between them, the former at the spacing
 ROUNDS = 2  # times that tables are read near the joint fit
 
 
@@ -108,10 +108,10 @@ class Specimen:
         """The law of these factors, as far as the lattice asks it."""
         farthest = FARTHEST * repulsion_of(self.cell).bonds.lengths.max()
         r = np.geomspace(NEAREST * self.family.r0, farthest, KNOTS)
-        least = np.log(NOTHING) - 4 * np.log(r / self.family.r0)  # where a trial of the fit falls to what no table can say
+        ln_f, least = self.family.curve(self.p(factors), r)[0], np.log(NOTHING) - 4 * np.log(r / self.family.r0)
         with catch_warnings():
             simplefilter('ignore', UserWarning)  # of readings too far apart: these are no readings
-            return Tabulated(r, np.exp(np.logaddexp(self.family.curve(self.p(factors), r)[0], least)))
+            return Tabulated(r, np.exp(-np.logaddexp(-np.logaddexp(ln_f, least), -np.log(HUGE))))
 
     def on_springs(self, factors: Mapping[str, float]) -> Scene:
         """The scene with the springs of these factors, and its own law."""
