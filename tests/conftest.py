@@ -6,6 +6,8 @@ import tomllib
 from importlib.resources import files
 from pathlib import Path
 
+os.environ.setdefault('OMP_NUM_THREADS', '1')  # before numpy is loaded: on small matrices threads of OpenBLAS only wait
+
 import hypothesis
 import pytest
 
