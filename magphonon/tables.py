@@ -233,8 +233,8 @@ def _stretched(path, columns):
     if not wide and len(flat) < 2:
         return columns
     if len(wide) != 1 or len(shape := next(iter(wide))) != 2 or shape[0] == shape[1] or not flat <= {shape[:1], shape[1:]}:
-        raise ValueError(f'{path} holds arrays of the shapes {", ".join(map(str, sorted(shapes)))}, and a table has columns of '
-                         'one length, or arrays of frames and points with the times of the frames and the places of the points')
+        raise ValueError(f'{path} holds arrays of the shapes {", ".join(map(str, sorted(shapes)))}; give columns of one length, '
+                         'or arrays (frames, points) with the times of the frames and the positions of the points')
     if any(values.shape == shape[1:] and _names_time(name) for name, values in columns.items()):
         columns, shape = {name: values.T for name, values in columns.items()}, shape[::-1]
     long = {name: (values if values.ndim == 2 else np.broadcast_to(values if len(values) == shape[1] else values[:, None], shape)

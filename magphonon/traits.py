@@ -169,7 +169,7 @@ def _held(atoms):
 
 
 def _gyrating(calc):
-    return (f'they turn at up to {1e3 * np.max(abs(np.asarray(calc.gyration))):.4g} rad/s; to leave that out: atoms.calc.set('
+    return (f'they gyrate at up to {1e3 * np.max(abs(np.asarray(calc.gyration))):.4g} rad/s; to leave that out: atoms.calc.set('
             'gyration=0), and in a scene take gyration_rad_per_s out')
 
 

@@ -201,7 +201,7 @@ CASES = {
     'bands of a patch': (lambda: analytic_bands(with_cell(magnets(), (9, 9, 9)), path()), 'not periodic', 'take the unit cell'),
     'path of another cell': (lambda: analytic_bands(cell(), path(lattices.square)), 'another shape', 'atoms.cell.bandpath'),
     'path as a list': (lambda: analytic_bands(cell(), ['G', 'M']), 'list', 'get one from atoms.cell.bandpath'),
-    'path of unknown points': (lambda: analytic_bands(cell(), 'GQ'), 'GQ', 'wavevectors of your own'),
+    'path of unknown points': (lambda: analytic_bands(cell(), 'GQ'), 'GQ', 'your own wavevectors'),
     'wavevector NaN': (lambda: group_velocities(cell(), [[0.25, NAN, 0]]), 'q[0, 1] is nan', 'must be a finite number'),
     'wavevector planar': (lambda: group_velocities(cell(), [[0.25, 0.5]]), '(1, 2)', 'three fractions'),
     'wavevector text': (lambda: group_velocities(cell(), 'GMK'), "'GMK'", 'must hold numbers'),

@@ -476,7 +476,7 @@ def test_gyration_does_not_hold_a_saddle():
 
 
 def test_remarks_say_what_forces_do_not_show():
-    assert 'forces alone do not show it' in str(verdict(honeycomb(1.55)))
+    assert 'Tools that see only forces' in str(verdict(honeycomb(1.55)))
     assert verdict(honeycomb(1.55)).gyration == 1.55
     assert verdict(honeycomb(0.0)).gyration == 0.0
 
@@ -562,7 +562,7 @@ def test_check_and_frf_judge_a_lattice_that_gyrates_to_the_end(tmp_path, capsys)
 def test_scenes_refuse_what_knows_no_gyration(tmp_path):
     scene = ready_scene('gyro').read_text()
     (tmp_path / 'scene.toml').write_text(scene.replace('shells = 1', 'shells = "all"'))
-    with pytest.raises(ValueError, match='knows none'):
+    with pytest.raises(ValueError, match='does not support gyration'):
         read_scene(tmp_path / 'scene.toml')
 
 
@@ -604,7 +604,7 @@ def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monk
     assert (tmp_path / 'out' / 'mode_5.gif').exists()
     monkeypatch.setattr('magphonon.cli.modes.MOST_TURNING', 10)
     assert main(asked) == 2
-    assert 'take a smaller patch' in capsys.readouterr().err
+    assert 'use a smaller patch' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('turn', [1.0, -1.0, 'each'])

@@ -207,7 +207,7 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
     if damping is None:
         return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors, branches))
     if branches is not None:
-        raise ValueError(f'bands with damping are those of all branches, not of the lowest {branches}; omit damping or branches')
+        raise ValueError(f'with damping all branches are computed, not only the lowest {branches}; omit damping or branches')
     omega, decay, modes = damped_modes(atoms, path.kpts, damping, model, vectors)
     return Bands(path, omega, modes, decay)
 
@@ -240,8 +240,8 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
         path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc.tolist())
     except (RuntimeError, KeyError) as error:
         raise ValueError(f'ASE finds no path {points or "of its own"} through the zone of {atoms.cell.array.tolist()} mm '
-                         f'({error}); take the primitive cell, with more digits if it is rounded, or wavevectors of '
-                         'your own in a BandPath') from None
+                         f'({error}); use the primitive cell, with more digits if its vectors are rounded, or put '
+                         'your own wavevectors into a BandPath') from None
     path = path_of(alike, path)
     return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
 
@@ -270,8 +270,8 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
             return BandPath(atoms.cell, path.kpts[:, own], special, path.path)
     own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
     raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the atoms {own} '
-                     'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took another cell of '
-                     'the same lattice: take that one, or name points of your own to bandpath with special_points=')
+                     'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE chose another cell '
+                     'of the same lattice: use that cell, or give bandpath your own points as special_points=')
 
 
 def _path_through(atoms, q):
@@ -462,8 +462,8 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     """
     calc: Any = LinearSystem.of(atoms).atoms.calc
     if atoms.pbc.sum() != 1:
-        raise ValueError(f'only a ribbon has edges: it is periodic in one direction, but these atoms in {atoms.pbc.sum()}; '
-                         f'lattices.ribbon cuts one out of a lattice')
+        raise ValueError(f'only a ribbon, periodic in one direction, has edges, but these atoms have {atoms.pbc.sum()} '
+                         f'periodic directions; lattices.ribbon cuts one out of a lattice')
     if bands.vectors is None:
         raise ValueError('these bands were computed without modes; ask for them with vectors=True')
     if bands.vectors.shape[2] != len(atoms):

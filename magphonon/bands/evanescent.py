@@ -205,7 +205,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
     waves = []
     for w, dynamic in zip(omega, _dynamic(system, omega, damping), strict=True):
         if (np.linalg.svd(bands - dynamic, compute_uv=False)[:, -1] < 1e-10 * abs(bands).max()).all():
-            raise ValueError(f'a band is flat, and every wavenumber is a solution, at omega = {w:.9g} rad/ms; choose another '
+            raise ValueError(f'at omega = {w:.9g} rad/ms a band is flat, so every wavenumber is a solution; choose another '
                              f'frequency')
         waves.append(_waves(D, dynamic, unit, np.any(damping)))
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
@@ -218,7 +218,7 @@ def _dynamic(system, omega, damping):
     if not (gamma.any() or system.turning):
         return (omega * abs(omega))[:, None, None] * one
     for w in omega[omega < 0][:1]:
-        raise ValueError(f'where forces depend on the velocity omega must be zero or positive, not {w:.9g} rad/ms')
+        raise ValueError(f'where forces depend on the velocity, omega must be zero or positive, not {w:.9g} rad/ms')
     return (omega**2)[:, None, None] * one + 1j * omega[:, None, None] * system.B(gamma).toarray()
 
 

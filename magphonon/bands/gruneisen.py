@@ -67,8 +67,8 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: Model | None = None)
     system = LinearSystem.of(atoms).moving()
     calc = system.calc
     if calc.load.any() or calc.spring_forces.any():
-        raise ValueError('a dead load or stretched springs of the foundation hold the particles, and it is not known how they '
-                         'follow the spacing; take differences of relaxed structures')
+        raise ValueError('a dead load or stretched springs of the foundation hold the particles, and how these forces change '
+                         'with the spacing is not known; relax the lattice at two spacings and take the difference')
     dK = stiffness_change(calc.bond_vectors, growth(calc, system.free.toarray()), calc.interaction, model or calc.model)
     omega, vectors = bloch_modes(system, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)

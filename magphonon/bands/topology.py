@@ -160,8 +160,8 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = N
     atoms, calc = system.atoms, system.calc
     omega = float(asked_frequencies(calc, positive('omega', omega, 'rad/ms'))[0])
     if atoms.pbc.sum() != 1:
-        raise ValueError(f'only a strip has edges: it is periodic in one direction, but these atoms in {atoms.pbc.sum()}; '
-                         'lattices.ribbon cuts one out of a lattice')
+        raise ValueError(f'only a strip, periodic in one direction, has edges, but these atoms have {atoms.pbc.sum()} periodic '
+                         'directions; lattices.ribbon cuts one out of a lattice')
     B, along = system.B().toarray(), np.flatnonzero(atoms.pbc)[0]
     fixed = omega**2 * np.eye(len(B)) + 1j * omega * B
 

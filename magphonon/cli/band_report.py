@@ -74,9 +74,9 @@ def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> li
         grows = found.growth.max() > 1e-9 * abs(found.omega).max()
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
-    return [*lines, f'Of {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics on either '
-            'side; growing waves between these are missed, because they fill narrow ranges: "magphonon check" searches '
-            'everywhere.']
+    return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics on '
+            'either side. Growing waves fill narrow ranges, and those between these wavevectors are missed: "magphonon check" '
+            'searches everywhere.']
 
 
 def _in_words(value):
@@ -126,7 +126,7 @@ def lattice(case: Case) -> Iterator[str]:
         yield (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
                f'f(L0) = {units.in_words("N", force)}')
     if case.scene.defects or case.scene.disorder:
-        yield 'bands of the perfect lattice; [defects] and [disorder] belong to its patch, see "magphonon modes"'
+        yield 'These are the bands of the perfect lattice; "magphonon modes" includes [defects] and [disorder].'
 
 
 @REPORT.remark

@@ -27,9 +27,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--engine', choices=('own', 'lammps'), default='own',
                         help='program that computes the time steps of the complete model (default: own)')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
-    parser.add_argument('--files', metavar='DIR', help="directory that keeps LAMMPS's files, a folder with submit.sh for each "
-                                                       'burst; a burst that was run in it, here or on a cluster, is read and not '
-                                                       'run again')
+    parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
+                                                       'bursts that were already run there, here or on a cluster, are read and '
+                                                       'not run again')
     parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
     parser.add_argument('--animation', action='store_true',
                         help='also a GIF of each burst crossing the patch, both models side by side')

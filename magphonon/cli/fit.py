@@ -6,7 +6,7 @@ load cell. The intervals allow for them; options say how well you know each.  A 
 other analysis: force, exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is
 stated.  The table says which kind of source sent the waves; the intervals allow for the shift that such a source gives to all
 ridges of a branch. Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised
-by what it holds. Forces, ridges and transfer functions are fitted together, with one law, one foundation and one mass. The report
+by its contents. Forces, ridges and transfer functions are fitted together, with one law, one foundation and one mass. The report
 then says which record contradicts the others, and what to measure next. With `--frf SCENE` the files are of measured transfer
 functions, tables or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are
 fitted to them, with D* and without.
@@ -19,6 +19,7 @@ from __future__ import annotations
 import re
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
+from functools import partial
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
@@ -33,17 +34,17 @@ OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('files', metavar='FILE', nargs='+',
-                        help='a scene first, if a lattice is fitted, and then all that was measured, each file recognised by '
-                             'what it holds; or one table with the columns r_mm (distance of the centres), f_N and perhaps '
-                             'sigma_N and direction (approach, return); with --bands tables of ridges, as "magphonon spectrum" '
-                             'writes them; prototype_force, prototype_ridges and synthetic_force come with the package')
+                        help='one table of forces with the columns r_mm (distance of the centres), f_N and perhaps sigma_N and '
+                             'direction (approach, return); or a scene and every measurement of its lattice, each recognised by '
+                             'its contents; or with --bands the ridges that "magphonon spectrum" writes. The tables '
+                             'prototype_force, prototype_ridges and synthetic_force come with the package')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
                         'frequency_Hz and re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg, or universal files .uff')
     parser.add_argument('--fix', metavar='NAMES',
-                        help='with --bands or --frf: parameters that are known from the scene, by the names of --prior, as '
-                             '--fix a,foundation_N_per_m')
+                        help='with --bands or --frf: parameters that keep their values in the scene, with the names of '
+                             '--prior, such as --fix a,foundation_N_per_m')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
                         help='with --bands or --frf: what is already known about a parameter, in SI, as '
                              'force_N=0.288+-0.01 or a=3.8+-10%%; units may be left out of names; may be given several times')
@@ -131,7 +132,8 @@ def _fit_together(options, name, kinds):
                         _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}),
                         [one for functions in kinds['transfer functions'].values() for one in functions],
                         GAIN if options.gain_sigma is None else options.gain_sigma)
-    _told(options, scene, [ready_table(one) for names in kinds.values() for one in names], joint_report(found), 'joint_fit')
+    _told(options, scene, [ready_table(one) for names in kinds.values() for one in names], partial(joint_report, found), ' '
+                                                                                                                         'joint_fit')
 
 
 def _shared_errors(options):
@@ -141,18 +143,18 @@ def _shared_errors(options):
     return SharedErrors(**{name: value for name, value in given.items() if value is not None})
 
 
-def _told(options, scene, tables, text, name, figure=None):
-    """Print a report, and write it, with its picture if it has one, into the folder of the results if there is one."""
+def _told(options, scene, tables, report, name, figure=None):
+    """Print a report, and write all of it, with its picture if it has one, into the folder of the results if there is one."""
     from .results import results
 
     if options.output is not None:
         with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
             if figure is not None:
                 save(figure(), name)
-            (folder / f'{name}.txt').write_text(text + '\n', encoding='utf-8')
-    print(text)
+            (folder / f'{name}.txt').write_text(report() + '\n', encoding='utf-8')
+    print(report(verbose=options.verbose))
     if options.output is not None:
-        print(f'\n{"the picture and " * (figure is not None)}this text {"are" if figure else "is"} in {options.output}')
+        print(f'\n{"picture and " * (figure is not None)}full report {"are" if figure else "is"} in {options.output}')
 
 
 def _fit_forces(options):
@@ -177,7 +179,7 @@ def _fit_forces(options):
         with results(options, None, options.file) as out, drawing(options, out) as save:
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
-    print(force_report(options, forces, fit, shared))
+    print(force_report(options, forces, fit, shared, verbose=options.verbose))
     print(f'\nfor a scene file:\n\n{entry}', end='')
     if options.output is not None:
         print(f'\nthe picture and the entry are in {options.output}')
@@ -191,9 +193,9 @@ def _check_options_of_forces(options):
     (options.file, *more) = options.files
     if more:
         raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one, in any '
-                         'order, or name with --bands the scene whose ridges these are')
+                         'order; if these are ridges, name their scene with --bands')
     if options.output is None and (options.pdf or options.title is not None or options.style is not None):
-        raise ValueError('--pdf, --title and --style apply to the picture; name with -o DIR the directory to write it to')
+        raise ValueError('--pdf, --title and --style apply to the picture; say with -o DIR where to write it')
 
 
 def _shape(name):
@@ -201,7 +203,7 @@ def _shape(name):
 
     law = read_scene(name).law
     if law.kind != 'magnets':
-        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, as disc')
+        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as disc')
     return law.potential(), law.magnet().contact
 
 
@@ -226,7 +228,7 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    _told(options, scene, options.files, band_report(found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
+    _told(options, scene, options.files, partial(band_report, found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
         found.points, {model: (found.fitted(model).perfect_cell(), found.fits[model]) for model in MODELS}))
 
 
@@ -281,5 +283,5 @@ def _fit_frf(options):
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
         print(f'These look like {doubt}: correct that before believing what follows.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
-    _told(options, scene, options.files, frf_report(found, fixed), 'frf_fit',
+    _told(options, scene, options.files, partial(frf_report, found, fixed), 'frf_fit',
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

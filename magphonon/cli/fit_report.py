@@ -18,7 +18,7 @@ from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .neighbours import neighbours
+from .neighbours import neighbours, omitted
 
 if TYPE_CHECKING:
     from ..interactions.fits import Fit, SharedErrors
@@ -43,19 +43,28 @@ class ForceCase(NamedTuple):
 FORCES, RIDGES, RESPONSES = Findings(), Findings(), Findings()
 
 
-def force_report(*case) -> str:
-    """All that is said of a fit of forces, of a `ForceCase`."""
-    return '\n'.join(FORCES.lines(ForceCase(*case)))
+def force_report(*case, verbose: bool = True) -> str:
+    """What is said of a fit of forces, of a `ForceCase`: all of it, or the answer and what must not be missed."""
+    return '\n'.join(one.words for one in FORCES.asked(ForceCase(*case), verbose).values() if one.words)
 
 
-@FORCES.check
+@FORCES.answer
+def force_and_exponent(case):
+    fit = case.fit
+    force, _, exponent = fit.intervals
+    return (f'At {u.in_words("m", fit.spacing / u.m)} the force is {fit.force / u.N:.4g} N ({force[0] / u.N:.4g} to '
+            f'{force[1] / u.N:.4g}), the exponent {fit.exponent:.4g} ({exponent[0]:.4g} to {exponent[1]:.4g}): intervals of 95 '
+            '%.')
+
+
+@FORCES.remark
 def table(case):
     r, sigma = case.forces.r, case.forces.sigma
     return (f'{case.options.file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, '
             f'{"without" if sigma is None else "with"} uncertainties')
 
 
-@FORCES.check
+@FORCES.remark
 def force_and_slope(case):
     fit = case.fit
     yield f'\nat {fit.spacing / u.m:g} m, intervals of 95 %:'
@@ -67,7 +76,7 @@ def force_and_slope(case):
         yield f'  {name:12} {value / unit:.4g} [{low:.4g}, {high:.4g}] {symbol}'.rstrip()
 
 
-@FORCES.check
+@FORCES.remark
 def known_before(case):
     zero, distance, hysteresis, backlash = case.shared.sizes(abs(case.forces.f).max())
     return (f'\nAssumed beforehand: the zero of the distances is known to {distance / u.mm:.2g} mm, that of the force to '
@@ -77,7 +86,7 @@ def known_before(case):
             '--gain-sigma.')
 
 
-@FORCES.check
+@FORCES.remark
 def what_makes_the_slope_uncertain(case):
     fit = case.fit
     shares = sorted(fit.shares.items(), key=lambda item: -item[1])
@@ -91,7 +100,7 @@ def what_makes_the_slope_uncertain(case):
            f'{100 * fit.repeated[k]:.2g} % instead of {100 * fit.half_widths[k]:.2g} %.')
 
 
-@FORCES.check
+@FORCES.remark
 def which_law(case):
     if case.options.magnet is None:
         near, far = case.forces.r.min(), case.forces.r.max()
@@ -107,7 +116,7 @@ def saturation(case):
         r = case.forces.r[top] / u.mm
         where = f'from {r.min():g} to {r.max():g}' if np.ptp(r) else f'at {r[0]:g}'
         return (f'{top.sum()} rows {where} mm have the same largest force, {case.forces.f.max() / u.N:g} '
-                'N: the load cell was saturated there. Leave these rows out, or the exponent comes out too small.')
+                'N: the load cell was saturated there. Leave these rows out; with them the exponent is too small.')
     return None
 
 
@@ -119,22 +128,22 @@ def drift(case):
             'Return to one distance now and then to see the drift.') if case.fit.drift > SURE else None
 
 
-@FORCES.check
+@FORCES.remark
 def pairs(case):
     """How far one pair may be from the mean of the lattice."""
     count, sigma = case.forces.pairs, case.fit.pair
     if sigma:
         told = 'as stated' if case.shared.pair is not None else 'as their scatter says'
-        return (f'{count} pair{"s" * (count > 1)}: the force of one is {100 * sigma:.2g} % from the mean of all (one standard '
-                f'deviation, {told}), and the intervals are those of the mean.')
-    return ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is some 3.5 % off the mean '
+        return (f'{count} pair{"s" * (count > 1)}, whose forces scatter about their mean by {100 * sigma:.2g} % (one standard '
+                f'deviation, {told}); the intervals are those of the mean.')
+    return ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is about 3.5 % off the mean '
             'of the lattice. Measure several pairs, with a column pair, or give --pair-sigma 0.035.') if count == 1 else None
 
 
 @FORCES.check
 def few_rows(case):
     n = len(case.forces.r)
-    return f'{n} rows are few for a law of any shape: the intervals rest mostly on the assumptions above.' if n < FEW else None
+    return f'{n} rows are too few to find the shape of the law: the intervals rest on the assumptions above.' if n < FEW else None
 
 
 @FORCES.check
@@ -143,7 +152,7 @@ def scatter(case):
             'accordingly: look for an outlier, or leave the column out.') if case.fit.scatter > 1 else None
 
 
-@FORCES.check
+@FORCES.remark
 def reach(case):
     """How many neighbours the table knows."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
@@ -160,16 +169,21 @@ def conflicts(case):
                                                    ('N', 'mm') * 2, strict=True):
         if conflict > CONFLICT:
             yield (f'The {name} comes out as {value / unit:.2g} {symbol}, {conflict:.1f} standard deviations from what was '
-                   'assumed: its error is larger, or the shape of the magnets is another one.')
+                   'assumed: its error is larger than stated, or the magnets have a different shape.')
 
 
-def band_report(found, points: int, fixed: list[str]) -> str:
-    """The parameters in both models with their intervals, what is not determined, the evidence for D*, and what others shift."""
+def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> str:
+    """The parameters in both models with their intervals, what is not determined, the evidence for D*, and what others shift;
+    or only the answer, its entries for a scene, and what must not be missed.
+    """
+    if not verbose:
+        beside = omitted(found.scene, {'the ridges': found.points.q})
+        return '\n'.join([*_answer(found), *_shown(RIDGES, found), *([f'\n{beside.words}'] if beside.fault else [])])
     own, fits = found.points, found.fits
     ridges = Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist()))
     on = ', '.join(f'{count} on branch {branch + 1}' for branch, count in sorted(ridges.items()))
-    lines = [found.scene.title, '', f'Fitting {len(own)} of the {points} ridge points (the others repeat the noise of these). '
-             f'Ridges: {on}.', *_known(found, fixed), '']
+    lines = [*_answer(found), '', found.scene.title, '', f'Fitting {len(own)} of the {points} ridge points (the others repeat '
+             f'the noise of these). Ridges: {on}.', *_known(found, fixed), '']
     values = {model: found.values(model) for model in fits}
     rows = [(_with_unit(name), *(_interval(*values[model][name]) for model in fits)) for name in values['complete']]
     rows += _predicted(found)
@@ -199,7 +213,7 @@ def _predicted(found):
             for k, name in enumerate(points) for branch in range(told[0][0].shape[1])]
 
 
-@RIDGES.check
+@RIDGES.remark
 def allowed(found):
     """What the intervals contain of shifts that all ridges of a branch share."""
     sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
@@ -208,8 +222,29 @@ def allowed(found):
     lines = [f'They allow for a shift that all ridges of a branch share: {told} (bins of wavenumber).']
     strayed = found.fits['complete'].strayed
     if strayed:
-        lines.append(f'{strayed} of the points from a point source lie on the branch beside that of their motion.')
+        lines.append(f'{strayed} of the points from a point source are closer to the other branch than to that of their motion.')
     return lines
+
+
+def _shown(report, found):
+    """What must not be missed."""
+    return [one.words for one in report.asked(found).values() if one.words]
+
+
+def _answer(found):
+    """The parameters of the better model in a line, if it follows the data."""
+    model = found.better.model
+    return [f'{in_a_line(found.values(model))}: {model} model, intervals of 95 %.'] if found.better.follows else []
+
+
+def in_a_line(values):
+    """Parameters that are determined, each with its 95 % interval."""
+    return ', '.join(f'{_named(name, value)} ({value * np.exp(-NORMAL * sigma):.4g} to {value * np.exp(NORMAL * sigma):.4g})'
+                     for name, (value, sigma) in values.items() if sigma <= DETERMINED and name != 'bond stiffness')
+
+
+def _named(name, value):
+    return f'{name} {value:.4g} {UNITS[name]}'.rstrip()
 
 
 def _table(fits, rows):
@@ -233,7 +268,7 @@ def _interval(value, sigma):
 def few_points(found):
     n, names = len(found.points), found.names
     if n < FEW and len(names) >= MANY:
-        yield (f'{n} points are few for {len(names)} parameters: one misread ridge would move them and hardly raise '
+        yield (f'{n} points are few for {len(names)} parameters: one misread ridge would change them but hardly raise '
                'chi2. Record longer, or with more carriers.')
 
 
@@ -244,9 +279,9 @@ def loose_spring(found):
     loose = [KEY_OF[name] for name in ('foundation_x', 'foundation_y') if LOOSE < sigma.get(name, 0.0) <= DETERMINED
              and name not in found.priors]
     if loose and found.scene.law.kind == 'inverse_power':
-        yield (f'{" and ".join(loose)} rests on the shape of the law: of rings and of sums of two powers in triangular '
-               'lattices, fitted as an inverse power, the spring along the waves came out up to 80 % too stiff. Name the shape '
-               f'(kind = "magnets" or "table"), say --prior {loose[0]}=...+-..., or fit a table of forces with the ridges.')
+        yield (f'{" and ".join(loose)} depends on the shape of the law. Where the true law was that of rings or a sum '
+               'of two powers, fits of an inverse power gave springs up to 80 % too stiff. Name the shape '
+               f'(kind = "magnets" or "table"), give --prior {loose[0]}=...+-..., or fit a table of forces with the ridges.')
 
 
 @RIDGES.check
@@ -267,11 +302,11 @@ def biased(found):
     if found.biased and found.better.follows:
         more = ' '.join(f'--prior {KEY_OF[name]}=...+-...' for name in found.names if name not in (*found.priors, 'force'))
         lines.append('Biased, with wide intervals: the waves come from a point source, or from a source that the table does not '
-                     'name. Such ridges are shifted, so the values lie to one side within their intervals (docs/coverage.md). '
+                     'name. Such ridges are shifted, so the values lie on one side of their intervals (docs/coverage.md). '
                      f'State what is known from elsewhere, as {more}, or drive a row of sources.')
     if not any(found.points.motions):
         lines.append('The table has no column motion: which branch a ridge follows is decided by its distance alone'
-                     + (', and all points are taken for one ridge. Name record and motion (transverse or longitudinal) of each.'
+                     + (', and all points count as one ridge. Name record and motion (transverse or longitudinal) of each.'
                         if len(found.points.names) == 1 else '.'))
     return lines
 
@@ -283,7 +318,7 @@ def left_out(found):
         return []
     return [f'Left out of the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
             f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened accordingly: a fit that is good only '
-            'because ridges were left out is no more certain than one with all of them.']
+            'because ridges were left out is no more certain than a fit of all.']
 
 
 @RIDGES.check
@@ -294,8 +329,8 @@ def stated(found):
     (before, sigma), (force, share) = found.stated, found.values()['force']
     if not share <= DETERMINED:
         return []
-    lines = [f'The exponent of the table of forces is known to {found.scene.uncertainty.exponent:.2g}, as [uncertainty] says; '
-             'the intervals above allow for it.'] if found.scene.uncertainty.exponent else []
+    lines = [f'[uncertainty] says that the exponent of the table of forces is known to {found.scene.uncertainty.exponent:.2g}; '
+             'the intervals above include this.'] if found.scene.uncertainty.exponent else []
     apart = abs(force - before) / np.hypot(sigma, force * share)
     doubt = '' if apart < CONFLICT else ' One of the two is wrong, or they are of different magnets.'
     return [*lines,
@@ -307,15 +342,15 @@ def stated(found):
 def verdict(found):
     if not found.better.follows:
         return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
-                f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above mean '
-                f'nothing, and these data are no evidence for D* or against it. {_causes(found)}']
+                f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above are '
+                f'meaningless, and these data are no evidence for D* or against it. {_causes(found)}']
     sigmas = found.evidence
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
         law = [key for key, name in KEYS.items() if name in found.names and not name.startswith('foundation')]
         known = f' A law that is known from measured forces would decide: --prior, or --fix {",".join(law)}.' if law else ''
         return [f'D*: these data cannot decide between the models. They differ by {difference:.2g} in chi2, {abs(sigmas):.1f} '
-                f'sigma: with other parameters each follows the ridges as well.{known}', *_scattered(found)]
+                f'sigma: with different parameters, both follow the ridges.{known}', *_scattered(found)]
     better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
     lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
              f'{"for" if sigmas > 0 else "against"} D*.']
@@ -346,31 +381,40 @@ def _causes(found):
     if best is None:
         return f'{told}None of these explains it: look at {also}.' if tried else f'Look at {also}.'
     if best == NEIGHBOURS:
-        return f'{told}Take shells = "auto". If that is not enough, look at {also}.'
-    return (f'{told}Look at the ridge "{best}" first: has it another motion or source than the table says? Then look at '
-            f'{also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. --without leaves '
-            'one out and widens the intervals accordingly.')
+        return f'{told}Use shells = "auto". If that is not enough, look at {also}.'
+    return (f'{told}Look at the ridge "{best}" first: did it come from a different motion or source than the table says? Then '
+            f'look at {also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. '
+            '--without leaves one out and widens the intervals accordingly.')
+
+
+@RIDGES.remark
+def correlations(found):
+    """Those of the parameters of the complete model, if all of them are determined."""
+    fit = found.fits['complete']
+    if (fit.sigma > DETERMINED).any() or not fit.follows:
+        return None
+    R = fit.covariance / np.outer(fit.sigma, fit.sigma)
+    pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
+    return f'Correlations: {", ".join(pairs)}.' if pairs else None
 
 
 @RIDGES.check
 def entries(found):
-    """Correlations of the parameters of the complete model, and its entries for a scene file, if all of them are determined."""
+    """The entries of the complete model for a scene file, if all of its parameters are determined."""
     fit, scene = found.fits['complete'], found.fitted()
     if (fit.sigma > DETERMINED).any() or not fit.follows:
         return []
-    R = fit.covariance / np.outer(fit.sigma, fit.sigma)
-    pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
     law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
     law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
     law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
     springs = scene.foundation.changes if scene.foundation else {}
     rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
-    return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
+    return ['', 'for a scene file:', '',
             '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
             *(['[foundation]', *rows] if rows else [])]
 
 
-@RIDGES.check
+@RIDGES.remark
 def others(found):
     """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
     sigma = found.values()['bond stiffness'][1]
@@ -379,8 +423,12 @@ def others(found):
     return ['', *neighbours(scene, {'the ridges': found.points.q}, within=within)]
 
 
-def frf_report(found, fixed: list[str]) -> str:
-    """The parameters in both models with their intervals, what the lattice cannot follow, and which model does."""
+def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
+    """The parameters in both models with their intervals, what the lattice cannot follow, and which model does; or only the
+    answer and what must not be missed.
+    """
+    if not verbose:
+        return '\n'.join([*_answer(found), *_shown(RESPONSES, found)])
     fits, values = found.fits, {model: found.values(model) for model in found.fits}
     points = sum(len(one.omega) for one in found.functions)
     known = ', '.join(['spacing', *(['mass'] if 'mass' not in fits['complete'].names else []), *fixed])
@@ -390,8 +438,9 @@ def frf_report(found, fixed: list[str]) -> str:
     rows.append(('residual in the noise' if stated else 'residual (% of the peak)',
                  *(f'{fit.misfit:.4g}' if stated else f'{100 * fit.noise:.3g}' for fit in fits.values())))
     return '\n'.join([
-        found.scene.title, '', f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '',
-        *_table(fits, rows), '', '95 % intervals; values in brackets belong to a model that does not follow the data; force and '
+        *_answer(found), '', found.scene.title, '',
+        f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '', *_table(fits, rows), '',
+        'Intervals of 95 %; values in brackets are of a model that does not fit the data; force and '
         'bond stiffness -df/dr are those at the spacing.', *RESPONSES.lines(found)])
 
 
@@ -399,12 +448,12 @@ def frf_report(found, fixed: list[str]) -> str:
 def not_this_lattice(found):
     better = found.better
     return None if better.follows else (
-        'The lattice does not follow this model: only strengths that scatter by '
-        f'{100 * better.site_scatter[0]:.0f} % from site to site would explain the data, so no intervals are given. Check mass, '
+        'The lattice does not follow this model: the data would need strengths that scatter by '
+        f'{100 * better.site_scatter[0]:.0f} % from site to site, so no intervals are given. Check mass, '
         'spacing, shells, units, and the positions and directions of the points.')
 
 
-@RESPONSES.check
+@RESPONSES.remark
 def residual(found):
     better = found.better
     if not (better.follows and better.site_scatter.any()):
@@ -413,7 +462,7 @@ def residual(found):
     if any(one.sigma is not None for one in found.functions):
         yield f'The residual of a lattice without scatter is {better.misfit:.3g} times the noise.'
     else:
-        yield f'No uncertainties are stated (a column sigma_...); the noise is found: {100 * better.noise:.2g} % of the peak.'
+        yield f'The data state no uncertainties (a column sigma_...); the fitted noise is {100 * better.noise:.2g} % of the peak.'
     yield ('Each site therefore has a strength, springs and an anchor of its own in the fit. Strengths scatter by '
            f'{strengths:.2g} %, springs by {springs:.2g} %, anchors by {anchors:.2g} % of the spacing. The values above are the '
            'means of the sites of this patch.')

@@ -74,8 +74,8 @@ def _responses(scene, plan, folder, save):
         system = LinearSystem.of(atoms, *LINEAR)
         if plan.wall is not None and model == 'complete':
             moved = np.count_nonzero(source.any(axis=1))
-            lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees: all that lie farther towards '
-                         f'{plan.wall.side_deg:g} degrees than the free ones')
+            lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees: all those beyond the free '
+                         f'particles in the direction of {plan.wall.side_deg:g} degrees')
         result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
@@ -100,19 +100,20 @@ def _beside(scene, measured, save):
     curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
     save(plot_transfer(measured, curves), 'frf_measured')
     lines, doubt = ['', *_compared(measured, curves)], suspect_units(scene, measured)
-    return lines if doubt is None else [*lines[:-1], f'They look like {doubt}: mend the table, or the name of its column, first.']
+    return lines if doubt is None else [*lines[:-1], f'They look like {doubt}: correct the table, or the name of its column, '
+                                                     'first.']
 
 
 def _compared(functions, curves):
     """How far the computed responses are from each measured one."""
-    lines = ['root mean square distance from the measurement, as a fraction of its peak:']
+    lines = ['root mean square difference from the measurement, as a fraction of its peak:']
     for k, one in enumerate(functions):
         peak = abs(one.response).max()
         off = {model: np.sqrt(np.mean(abs(one.response - own[k]) ** 2)) / peak for model, own in curves.items()}
         lines.append('  ' + ', '.join(f'{model} {share:.3g}' for model, share in off.items()) + f'  ({one.name})')
         if one.coherence is not None:
-            lines.append(f'  its coherence is {np.median(one.coherence):.3f} in the median, {one.coherence.min():.3f} at least')
-    return [*lines, '"magphonon fit --frf" finds the lattice that follows it.']
+            lines.append(f'  its median coherence is {np.median(one.coherence):.3f}, the lowest {one.coherence.min():.3f}')
+    return [*lines, '"magphonon fit --frf" fits the lattice to it.']
 
 
 def _natural(system, omega):

@@ -13,6 +13,7 @@ from ..findings import Findings
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
+from .fit_report import in_a_line
 
 PULL = 2.7
 """Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10, and none is seen in 1 of 100."""
@@ -20,8 +21,13 @@ PULL = 2.7
 JOINT = Findings()
 
 
-def joint_report(found) -> str:
-    """The parameters by all records with their intervals, and how well each record alone knows them."""
+def joint_report(found, verbose: bool = True) -> str:
+    """The parameters by all records with their intervals, and how well each record alone knows them; or only the answer and what
+    must not be missed.
+    """
+    first = f'{in_a_line(found.values())}: intervals of 95 %.'
+    if not verbose:
+        return '\n'.join([first, *(one.words for one in JOINT.asked(found).values() if one.words)])
     joint, values = found.joints['complete'], found.values()
     along = np.array([*found.along().values()])
     alone = {name: np.sqrt(np.diag(along @ joint.alone(name).covariance() @ along.T)) for name in found.records}
@@ -39,11 +45,11 @@ def joint_report(found) -> str:
             f, s = u.hertz(omega[k, branch]), NORMAL * sigma[k, branch]
             rows.append((f'{name}, branch {branch + 1} (Hz)', f'{f:.4g}, {f * np.exp(-s):.4g} to {f * np.exp(s):.4g}'))
     rows = [(*row, *[''] * (len(rows[0]) - len(row))) for row in rows]
-    return '\n'.join([found.specimen.scene.title, '', *in_columns(rows, left=2), '',
-                      'Intervals of 95 %, and how well each record alone knows the same (half width).', *JOINT.lines(found)])
+    return '\n'.join([first, '', found.specimen.scene.title, '', *in_columns(rows, left=2), '',
+                      'Intervals of 95 %; then the half widths that each record alone would give.', *JOINT.lines(found)])
 
 
-@JOINT.check
+@JOINT.remark
 def contradictions(found):
     joint, names = found.joints['complete'], found.records
     yield '\nContradictions, in standard deviations:'
@@ -59,13 +65,13 @@ def faults(found):
     """The fault that explains most, if one does."""
     pulls = found.joints['complete'].pulls()
     if not pulls or pulls[0].sigmas < PULL:
-        yield 'The records agree: no single fault of an instrument would explain more than chance.'
+        yield 'The records agree: no single fault of an instrument improves the fit by more than chance.'
         return
     for pull in pulls[:3]:
         if pull.sigmas >= PULL:
             yield (f'{pull.record}: {pull.fault} would have to be off by {abs(pull.shift):.1f} times what was stated '
                    f'({pull.sigmas:.1f} standard deviations).')
-    yield 'Check the first one first: once it is corrected, the others may vanish.'
+    yield 'Begin with the first one: when it is corrected, the others may vanish.'
 
 
 @JOINT.check
@@ -87,13 +93,13 @@ def responses(found):
                '"magphonon fit --frf" whether positions, units or neighbours are wrong.')
 
 
-@JOINT.check
+@JOINT.remark
 def simpler(found):
     told = ', '.join(f'{words} {weight:.2g}' for words, weight in found.weights().items())
     return f'Weights of simpler lattices: {told}.' if told else None
 
 
-@JOINT.check
+@JOINT.remark
 def what_next(found):
     yield '\nWhat to measure next:'
     for words, name, now, then in found.next_records():

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever backend the shell sets for matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
     if not (date := os.environ.get('SOURCE_DATE_EPOCH', '0')).isdecimal():  # NumPy reads it, far away and with a poor message
-        return _refusal(f'SOURCE_DATE_EPOCH of the shell must be whole seconds since 1970, not {date!r}; mend or unset it')
+        return _refusal(f'SOURCE_DATE_EPOCH of the shell must be whole seconds since 1970, not {date!r}; correct or unset it')
     kept = StringIO()  # output to a file or a pipe is written at the end
     with redirect_stdout(sys.stdout if sys.stdout.isatty() else kept):
         status = _status(options)

@@ -212,7 +212,7 @@ def of_lattice(case: Case) -> Iterator[str]:
             shown = ''.join(f'{f if abs(f) > ZERO_FRACTION * top else 0.0:14.6g}' for f in found)
             yield f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip()
     if not case.drawable:
-        yield (f'not drawn: modes are drawn of planar lattices that have a number of shells, motion in the plane and at most '
+        yield (f'no picture: modes are drawn for planar lattices with a number of shells, motion in the plane and at most '
                f'{MOST_BRANCHES} branches')
 
 
@@ -225,7 +225,7 @@ def without_energy(case: Case) -> Finding | None:
         return None
     alone = LinearSystem.about(case.patch.calc.about(case.patch, model='conventional'), case.patch).moving()
     blind = _of_no_stiffness(_modes(alone, case.ranges)[0].omega)
-    return Finding(blind, f'  {case.free.sum()} of them cost no energy; with D0 alone it would be {blind.sum()}',
+    return Finding(blind, f'  {case.free.sum()} of them cost no energy; with D0 alone {blind.sum()} would',
                    fault=True) if (case.free | blind).any() else None
 
 
@@ -259,11 +259,11 @@ def scatter(case: Case) -> Finding | None:
     if case.patch is None or not case.spread[0]:
         return None
     columns, lost = case.spread
-    words = '  +- is the standard deviation by what [uncertainty] says of each site and of all of them, to first order'
+    words = '  +- is the standard deviation due to all tolerances in [uncertainty], to first order'
     if 'drawn_std_Hz' in columns:
-        words = ('  +- is the larger of two standard deviations: by the scatter of each site to first order, and about these '
-                 f'frequencies of {round(DRAWN * (1 - lost))} structures drawn at random, mode by mode in ascending order; both '
-                 'are in modes.csv')
+        words = ('  +- is the larger of two standard deviations, both in modes.csv: that due to the scatter of each site, to '
+                 f'first order, and that of the same mode in {round(DRAWN * (1 - lost))} structures drawn at random, about '
+                 'these frequencies')
     unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
     return Finding(lost, words + unstable, fault=bool(unstable))
 
@@ -298,8 +298,8 @@ def others(case: Case) -> Finding:
 def unused(scene: Scene) -> Finding:
     """Which tolerances of [uncertainty] modes and responses of a structure do not know."""
     names = scene.known_of_structure[1]
-    return Finding(len(names), f'Not used here: what [uncertainty] says of {", ".join(names)}; "magphonon uncertainty" '
-                   'propagates it to bands and responses.' if names else '', fault=bool(names))
+    return Finding(len(names), f'Not used here: the tolerances of {", ".join(names)}; "magphonon uncertainty" '
+                   'propagates them to bands and responses.' if names else '', fault=bool(names))
 
 
 def _of_no_stiffness(omega):
@@ -315,8 +315,8 @@ def _modes(system, ranges):
 
     size, turns = system.K.shape[0], system.turning
     if turns and size > MOST_TURNING:
-        raise ValueError(f'the patch has {size} free directions; modes of particles whose velocities turn take dense matrices, '
-                         f'of up to {MOST_TURNING}: take a smaller patch, or "magphonon frf"')
+        raise ValueError(f'the patch has {size} free directions; modes of particles that gyrate need dense matrices, '
+                         f'of up to {MOST_TURNING}: use a smaller patch, or "magphonon frf"')
     if size <= MOST_DIRECTIONS:
         return modes(system), True
     lowest = modes(system, LOWEST)
@@ -363,7 +363,7 @@ def _with_others(scene, system, found, shown):
         return []
     enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
-        return ['  what other neighbours would change of these modes was not computed']
+        return ['  how other neighbours would change these modes was not computed']
     if enough.shells <= scene.law.asked:
         return []
     law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))

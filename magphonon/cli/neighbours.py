@@ -57,7 +57,7 @@ class Case:
         if not self.atoms.calc.pairwise:
             return '.'
         large = isinstance(lattice, FileLattice) and len(self.atoms) > MOST_IN_A_CELL
-        return '; what the others would change is not computed for so large a cell.' if large else None
+        return '; the effect of the others is not computed for so large a cell.' if large else None
 
     @cached_property
     def found(self) -> NeighbourShifts:
@@ -70,7 +70,7 @@ class Case:
 
     @property
     def end(self) -> str:
-        return '' if self.found.known else ', if the forces go on falling as at the end of their table'
+        return '' if self.found.known else ', if the forces keep falling as at the end of their table'
 
     @cached_property
     def shifts(self) -> list[tuple[float, str, str, tuple[str, int]]]:
@@ -191,4 +191,4 @@ def speeds(scene: Scene) -> str | None:
         return None
     told = ', '.join(f'that of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
                      for k, (x, c) in enumerate(zip(shifts, all_, strict=True)) if np.isfinite(c))
-    return f'Long waves feel neighbours much farther away: the others would shift the speeds above, {told or "without bound"}.'
+    return f'Long waves feel neighbours much farther away: these would shift the speeds above, {told or "without bound"}.'

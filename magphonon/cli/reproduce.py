@@ -16,7 +16,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME',
                         help='workflows, such as prototype_bands; default: all, in less than two minutes')
     parser.add_argument('--quick', action='store_true',
-                        help='run the longest workflows in short versions; without NAME this is so anyway')
+                        help='run short versions of the longest workflows; without NAME this is the default')
     parser.add_argument('-o', '--output', metavar='DIR', default='out', help='directory for the report (default: out)')
 
 

@@ -15,10 +15,10 @@ WIDEST = 100  # longest line of the list of keys, in letters
 
 def add_arguments(parser: ArgumentParser) -> None:
     chosen = parser.add_mutually_exclusive_group()
-    chosen.add_argument('name', metavar='NAME', nargs='?', help='without it: the names and titles')
+    chosen.add_argument('name', metavar='NAME', nargs='?', help='ready scene to print; without it: the list of all')
     chosen.add_argument('--keys', metavar='TABLE or KEY', nargs='?', const='',
-                        help='type, unit, default, range, meaning and example of every key; after it, a table such as law or a '
-                             'key such as spacing_m for these alone')
+                        help='type, unit, default, range, meaning and example of every key, or only of one table, such as law, '
+                             'or of one key, such as spacing_m')
 
 
 def run(options: Namespace) -> None:

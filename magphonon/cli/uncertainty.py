@@ -20,8 +20,8 @@ SIGNIFICANT_DIFFERENCE = 5 / (2 * SAMPLES) ** 0.5
 SECOND_ORDER_RATIO = 0.5
 """Ratio of the second-order to the first-order standard deviation on a peak above which the ribbon is too narrow, by 12 % at this
 ratio."""
-OWN_SCATTER = ('The independent scatter of each particle leaves the bands of an infinite lattice where they are, to first order, '
-               'and broadens them. The response of a finite structure is uncertain because of it.')
+OWN_SCATTER = ('To first order, independent scatter of the particles broadens the bands of an infinite lattice but does not '
+               'shift them. It makes the response of a finite structure uncertain.')
 """Sentence printed below the bands of a lattice whose particles differ."""
 LINEAR_RANGE = 0.3  # relative standard deviation of an amplitude above which the flank of a peak is not a straight line
 
@@ -143,8 +143,8 @@ def _response(folder, save, scene, tolerances):
     save(ax.figure, 'frf_uncertainty')
     relative = spread.std / spread.values
     lost = np.mean(relative > LINEAR_RANGE)
-    lines = [f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
-                 f'at most {100 * relative.max():.2g} %, at {f[relative.argmax()]:.5g} Hz']
+    lines = [f'response: the standard deviation of the amplitude has a median of {100 * np.median(relative):.2g} % '
+                 f'and a maximum of {100 * relative.max():.2g} %, at {f[relative.argmax()]:.5g} Hz']
     if lost:
         lines.append(f'at {100 * lost:.2g} % of the frequencies it is above {100 * LINEAR_RANGE:.0f} %: there the peaks move by '
                      f'more than their width, and the ribbon only says that the amplitude is unknown')

@@ -33,7 +33,7 @@ def misreading(built: ParametricLattice, functions: Sequence[TransferFunction]) 
     The lattice is `built` of what is known to some ten percent; the functions are in their places, all read in one way.
     """
     slow = [replace(one, omega=one.omega / (2 * np.pi)) for one in functions]
-    undone = {'phases of the other sign, e^{-i omega t}': lambda w, h: h.conj(),
+    undone = {'phases of the opposite sign, e^{-i omega t}': lambda w, h: h.conj(),
               'real and imaginary part exchanged': lambda w, h: 1j * h.conj(),
               'phases in rad where degrees are said': lambda w, h: abs(h) * np.exp(1j * np.angle(h) / u.deg)}
     if not any(one.shaken for one in functions):

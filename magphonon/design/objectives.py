@@ -325,8 +325,8 @@ class BandEdge(Objective):
         branches, sign = (np.s_[: self.below], 1) if self.side == 'top' else (np.s_[self.below :], -1)
         squares, x = squares[:, branches], x[..., branches]
         if not squares.size or (sign > 0 and squares.shape[1] < self.below):
-            raise ValueError(f'the cell has {rest.system.directions} branches, and none of them lies on this side of a gap above '
-                             f'{self.below}; choose another number of branches below the gap')
+            raise ValueError(f'the cell has {rest.system.directions} branches, so one of the sides of a gap above {self.below} '
+                             'branches is empty; choose another number of branches below the gap')
         omega = np.sign(squares) * np.sqrt(abs(squares))
         soft, share = soft_minimum(-sign * omega.ravel(), max(1 / self.sharp, HARD * abs(omega).max()))
         c = share.reshape(omega.shape) / (2 * np.maximum(abs(omega), np.finfo(float).tiny ** 0.5))
@@ -541,8 +541,8 @@ class BurstEnergy(Objective):
         not_negative('amplitude', self.amplitude, 'N')
         start, end = finite('window', self.window, (2,))
         if not max(start, 0) + self.dt <= end:
-            raise ValueError(f'the window in ms must go from an earlier to a later time than t = 0, by a step dt = {self.dt:g} '
-                             f'or more, not from {start:g} to {end:g}')
+            raise ValueError(f'the window in ms must end at least one step dt = {self.dt:g} after its start and after t = 0, '
+                             f'not go from {start:g} to {end:g}')
         if not self.omega * self.dt < np.pi:
             raise ValueError(f'dt = {self.dt:g} ms is longer than half a period of the burst, {np.pi / self.omega:g} ms; take a '
                              'shorter one')

@@ -225,8 +225,8 @@ class SiteSlopes:
 
     def _by_exponent(self, kinds, slope, e, kept):
         if np.ndim(slope.strengths):
-            raise ValueError('the derivative by the exponent is not known for large motion; leave out the exponent or the '
-                             'amplitude')
+            raise ValueError('for large motion the derivative with respect to the exponent is not available; omit the exponent '
+                             'or the amplitude')
         calc, R = self.system.calc, self.system.calc.bond_vectors
         strength, law = calc.strengths[calc.bonds.i] * calc.strengths[calc.bonds.j], exponent_change(calc.laws, kept)
         change: Any = LawDerivative(lambda r: strength * law.dphi(r), lambda r: strength * law.d2phi(r))

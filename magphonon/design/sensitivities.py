@@ -149,7 +149,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     calc, masses = system.calc, system.masses
     for change, moves in zip(changes, _pushes(system, changes)[1], strict=True):
         if moves:
-            raise ValueError(f'{change} moves the rest of the cell, and derivatives at fixed positions would be wrong; take '
+            raise ValueError(f'{change} moves the particles of the cell, and derivatives at fixed positions would be wrong; take '
                              'differences of relaxed cells')
     W = np.empty((len(changes), *omega.shape, omega.shape[1]), dtype=complex)
     for p, change in enumerate(changes):

@@ -224,9 +224,9 @@ class Variables:
             if not abs(step).max() > SETTLED:
                 break
         else:
-            raise Unstable('no rest is found near the first positions: the structure buckles or slides')
+            raise Unstable('no equilibrium is found near the first positions: the structure buckles or slides')
         if not np.isfinite(u).all() or not stable or not self._waves_hold(acts, R, k):
-            raise Unstable('the rest is a saddle: the structure buckles')
+            raise Unstable('the equilibrium is a saddle: the structure buckles')
         atoms = calc.reference.copy()
         atoms.set_cell(size * atoms.cell.array if size != 1 else atoms.cell, scale_atoms=False)
         anchors = np.array(calc.anchors)
@@ -511,7 +511,7 @@ class _Ascent:
         if not np.isfinite(self.value):
             also = ' and keeps the constraints' if self.constraints else ''
             raise Unstable(f'of {len(self.history) + self.task.buckled} designs that were tried within the bounds, none has a '
-                           f'stable rest{also}: the bounds exclude stable structures; widen them, or give stiffer springs')
+                           f'stable equilibrium{also}: the bounds exclude stable structures; widen them, or give stiffer springs')
         return self.best, self.value, tuple(self.history)
 
     def whole(self, y):
@@ -595,7 +595,7 @@ def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust 
     allowed = [None] * len(v)
     for name, factors in parts.items():
         if name not in v.over or name == 'foot':
-            raise ValueError(f'parts are of parameters that varied, {", ".join(v.over)}, not of {name!r}')
+            raise ValueError(f'parts may be given for parameters that varied, {", ".join(v.over)}, not for {name!r}')
         part = v.slice_of(name)
         given = np.atleast_1d(finite(f'parts of {name}', factors))
         if not (given > 0).all():

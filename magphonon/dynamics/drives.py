@@ -184,7 +184,7 @@ class PrescribedMotion:
     def __post_init__(self) -> None:
         own = getattr(self.course, 'particles', self.particles)
         if not callable(self.course) or own is None:
-            raise ValueError('the course of a wall must be a drive, read in mm, or a function of the time beside '
+            raise ValueError('the course of a wall must be a drive, with amplitudes in mm, or a function of time together with '
                              f'particles=[...], not {self.course!r}')
         object.__setattr__(self, 'particles', np.atleast_1d(own))
 
@@ -264,8 +264,8 @@ class Drives:
         self._parts = []
         for drive in drives:
             if isinstance(drive, PrescribedMotion) and not walls:
-                raise ValueError('a Wall is for DrivenVerlet and propagate, and for frequency_response as walls=; only forces '
-                                 'are accepted here')
+                raise ValueError('PrescribedMotion is for DrivenVerlet and propagate, and for frequency_response as walls=; '
+                                 'only forces are accepted here')
             if not callable(drive):
                 raise ValueError(f'a drive must be a Harmonic, ToneBurst, Constant or a function of the time, not {drive!r}')
             own = getattr(drive, 'particles', None)

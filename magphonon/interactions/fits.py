@@ -225,9 +225,9 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     largest = abs(forces.f).max()
     zero, distance, hysteresis, backlash = shared.sizes(largest) / np.array([largest, forces.r.min()] * 2)
     if not (max(zero, hysteresis) <= LARGEST and max(distance, backlash, shared.gain) <= 1):
-        raise ValueError('a shared error is stated to be larger than what was measured: the zero of the distances or '
-                         'the backlash than the nearest distance, the zero of the force or the hysteresis than a hundred times '
-                         'the largest force, or the gain than 1; say how well they are known')
+        raise ValueError('a shared error is larger than what was measured: the zero of the distances and the backlash must be '
+                         'below the nearest distance, the zero of the force and the hysteresis below a hundred times the largest '
+                         'force, the gain below 1; say how well they are known')
     shared = _with_pairs(forces, shared, spacing)
     laws = [_Model(forces, shared, LawFamily(spacing, one)) for one in ([None] if shape is None else [None, shape])]
     noises = NOISES if forces.sigma is None else (None,)

@@ -15,7 +15,7 @@ from ..tables import FORCE, LENGTH, TEXT, read_table
 from .pair_laws import PairLaw, repulsion
 
 COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT, 'pair': TEXT}
-LAYOUT = ('a table of forces has the columns r_m,f_N (or in mm, um, mN, uN; also as r [mm]; or gap_mm, with the size of magnets),'
+LAYOUT = ('a table of forces has the columns r_m,f_N (or in mm, um, mN, uN; also as r [mm]; or gap_mm and the size of a magnet),'
           ' and perhaps sigma_N, direction and pair')
 ASKED = {'columns': COLUMNS, 'needed': [('r', 'gap'), 'f'], 'layout': LAYOUT}
 DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
@@ -60,7 +60,7 @@ class Forces:
             raise ValueError('a table of forces needs rows')
         for name, column in (('distances', self.r), ('sigma', self.sigma)):
             if column is not None and not (np.asarray(column) > 0).all():
-                raise ValueError(f'{name} must be positive, and the least is {np.min(column):g}')
+                raise ValueError(f'{name} must be positive, but the smallest is {np.min(column):g}')
         if self.direction is None:
             object.__setattr__(self, 'direction', np.zeros(np.shape(self.r)))
         object.__setattr__(self, 'pair', np.broadcast_to('' if self.pair is None else self.pair, np.shape(self.r)))
@@ -109,7 +109,7 @@ class Forces:
         beyond = max(first / spacing, spacing / last)
         if beyond <= REACH:
             return
-        message = (f'the spacing {spacing / u.m:g} m lies {beyond:.3g} times beyond the data, {first / u.m:g} to '
+        message = (f'the spacing {spacing / u.m:g} m is a factor {beyond:.3g} beyond the data, {first / u.m:g} to '
                    f'{last / u.m:g} m; a law is not extrapolated by more than a factor {REACH:g}')
         for factor in (1e-3, 1e-6):  # given in mm or um
             if first <= factor * spacing <= last:
@@ -163,9 +163,9 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
 def _with_distances(table, contact):
     """A table of gaps as one of distances of the centres, which are those at contact more."""
     if not contact:
-        raise ValueError(f'{table.path}: {table.header["gap"]} holds gaps, and a law has distances of the centres: say how much '
-                         'more these are, the size of a magnet along the line between them, by "magphonon fit --contact 6.35mm" '
-                         'or --magnet SCENE, in Python read_forces(path, contact=6.35); or add it and head the column r_mm')
+        raise ValueError(f'{table.path}: {table.header["gap"]} holds gaps, but a law needs distances of the centres; give the '
+                         'size of a magnet along the line between them, by "magphonon fit --contact 6.35mm" or --magnet SCENE, '
+                         'in Python read_forces(path, contact=6.35); or add it to the gaps and call the column r_mm')
     table.refuse('gap', table['gap'] < 0, 'not be negative')
     renamed = {name: {'r' if key == 'gap' else key: value for key, value in getattr(table, name).items()}
                for name in ('header', 'spelt', 'units', 'columns')}

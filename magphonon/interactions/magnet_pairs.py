@@ -30,7 +30,8 @@ LONG_SERIES_TOLERANCE = 1e-10  # that of a long series, of which more terms cost
 def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
     """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
     if not r > magnet.contact:
-        raise ValueError(f'two of {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm apart')
+        raise ValueError(f'two magnets {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm '
+                         'apart')
     h, gap = magnet.height, (r - magnet.contact) / magnet.width
     # the nearest singularity of the integrand is where the rims would meet; its distance from the real rim is about the gap
     # divided by half the width, and the error falls exponentially with it

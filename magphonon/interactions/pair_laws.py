@@ -382,8 +382,8 @@ class Hertz:
     def _overlap(self, r):
         nearest = np.min(np.real(r), initial=np.inf)
         if nearest < (1 - DEEPEST) * self.diameter:
-            raise ValueError(f'spheres of the diameter {self.diameter:g} mm are {nearest:g} mm apart: the law of their contact '
-                             f'holds for an overlap of some percent, and ends at {DEEPEST:.0%}; give them more room')
+            raise ValueError(f'spheres of diameter {self.diameter:g} mm are only {nearest:g} mm apart: the law of their contact '
+                             f'holds for an overlap of a few percent, and ends at {DEEPEST:.0%}; give them more room')
         return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
 
     def phi(self, r: Any) -> Any:

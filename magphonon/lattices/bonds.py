@@ -275,7 +275,8 @@ class Bonds:
 
     def __post_init__(self) -> None:
         if self.particles > MOST_PARTICLES:
-            raise ValueError(f'bonds number their particles by 32 bits, so at most {MOST_PARTICLES}, not {self.particles}')
+            raise ValueError(f'bonds may join at most {MOST_PARTICLES} particles, not {self.particles}: their indices have 32 '
+                             'bits')
         slim = {name: np.asarray(getattr(self, name), np.int32) for name in 'ij'}
         if not np.any(self.shift):
             slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))

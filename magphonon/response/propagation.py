@@ -94,8 +94,8 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     """
     pieces = np.ceil(np.diff(edges) * rate / TURN).astype(int)
     if pieces.sum() > PANELS:
-        raise ValueError(f'in {edges[-1] - edges[0]:g} ms the fastest motion, at {rate:g} rad/ms, needs {pieces.sum()} panels, '
-                         f'over {PANELS}; ask for a shorter time or less damping')
+        raise ValueError(f'{edges[-1] - edges[0]:g} ms of the fastest motion, {rate:g} rad/ms, need {pieces.sum()} panels, more '
+                         f'than {PANELS}; ask for a shorter time or less damping')
     if len(edges) == 1:
         return edges, np.repeat(force(edges[:0])[:, None], NODES, axis=1)
     starts = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges[:-1], edges[1:], pieces, strict=True)])
@@ -251,8 +251,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     interval = whole_interval(system.K)
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
-        raise Unstable(f'the structure is unstable and grows e^{growth:.0f} times in {times[-1]:g} ms; ask for a shorter time, '
-                         'or see magphonon.stability.verdicts for what would hold it')
+        raise Unstable(f'the structure is unstable: its motion grows by e^{growth:.0f} in {times[-1]:g} ms; ask for a shorter '
+                         'time, or see magphonon.stability.verdicts for what would hold it')
     return moved(interval)
 
 
@@ -347,8 +347,8 @@ def _resolved(motions, interval, terms):
     c = coefficients(motions(interval.nodes(terms)))
     while abs(c[..., -8:]).max() > UNRESOLVED * abs(c).max():
         if c.shape[-1] > MOST * terms:
-            raise ArithmeticError(f'the response has no Chebyshev series of {c.shape[-1]} terms, where {terms} should do; check '
-                                  'that the drive is a smooth function of time between its kinks')
+            raise ArithmeticError(f'the Chebyshev series of the response needs over {c.shape[-1]} terms, where {terms} should '
+                                  'do; check that the drive is a smooth function of time between its kinks')
         c = coefficients(motions(interval.nodes(2 * c.shape[-1])))
     return c
 

@@ -58,7 +58,7 @@ def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, d
     """
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
-        raise ValueError(f'a response in time steps is seen along x or y, not along {answer.direction}; turn [frf.response]')
+        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; turn [frf.response]')
     many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
     first = len(atoms) * np.arange(len(omega))
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
@@ -243,8 +243,8 @@ def steady_amplitudes(dyn: DrivenVerlet, recorder: Recorder, omega: ArrayLike, a
         amplitudes.append(lock_in(signal, dt, omega, recorder.times[-frames]))
         if len(amplitudes) >= 3 and (left := remaining_transient(amplitudes, decay).max()) < tolerance:
             return amplitudes[-1], float(left)
-    raise ValueError(f'after {dyn.get_time():g} ms the motion is not steady, though linear vibrations have died by a factor of '
-                     f'{HEADSTART / tolerance:.0e}: drive at omega, and with less force')
+    raise ValueError(f'after {dyn.get_time():g} ms the motion is not steady, though linear vibrations have decayed by a factor '
+                     f'of {HEADSTART / tolerance:.0e}: drive only at omega, and with less force')
 
 
 def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:

@@ -220,8 +220,8 @@ def _by_place(table, shaken=False):
     for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive_deg')):
         given = [name for name in names if name in table]
         if 0 < len(given) < 3 and not (shaken and given == ['drive_deg']):
-            raise ValueError(f'{table.path} has {", ".join(table.header[name] for name in given)} alone; a measured point is '
-                             'x_m, y_m and direction_deg, that of a force drive_x_m, drive_y_m and drive_deg')
+            raise ValueError(f'{table.path} has only {", ".join(table.header[name] for name in given)}; a measured point needs '
+                             'x_m, y_m and direction_deg, a force drive_x_m, drive_y_m and drive_deg')
         places.append(np.stack([table.get(name, 0.0) for name in names], axis=1) if given else None)
     keys = np.concatenate([np.zeros((len(table), 1)), *(place for place in places if place is not None)], axis=1)
     for key in dict.fromkeys(map(tuple, keys.tolist())):

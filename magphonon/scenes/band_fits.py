@@ -184,8 +184,8 @@ def parameters_in(scene: Scene) -> tuple[str, ...]:
     if scene.foundation and scene.foundation.out_of_plane:
         raise ValueError('foundation.out_of_plane: a fit takes waves in the plane; leave this table out')
     if scene.foundation and scene.foundation.leans:
-        raise ValueError('foundation.pillar.lean: a fit takes upright magnets, whose foundation it finds softer by what leaning '
-                         'takes of it; leave lean out')
+        raise ValueError('foundation.pillar.lean: a fit assumes upright magnets, and the foundation that it finds includes the '
+                         'softening by leaning; leave lean out')
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
     names = ('foundation',) if len(springs) == 1 else ('foundation_x', 'foundation_y')[: len(springs)]
     return ('force', *([shape] if shape else []), *names)
@@ -285,9 +285,9 @@ def _divided(points, without):
 
 def _refuse_two_springs(points, free):
     if {'foundation_x', 'foundation_y'} <= {*free} and points.from_points.all():
-        raise ValueError('two springs, along x and along y, cannot be determined from ridges of a point source alone, which are '
-                         'shifted; state what is known of them (--prior foundation_x_N_per_m=20+-2), fix one, take '
-                         'foundation.stiffness_y_N_per_m out, or drive a row of sources')
+        raise ValueError('ridges of a point source are shifted and cannot determine two springs, along x and along y; state what '
+                         'is known of them (--prior foundation_x_N_per_m=20+-2), fix one, remove '
+                         'foundation.stiffness_y_N_per_m, or drive a row of sources')
 
 
 def unsure_exponent(scene: Scene) -> float:

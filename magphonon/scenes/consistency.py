@@ -65,7 +65,7 @@ def check(scene: Scene) -> None:
     _supports(scene)
     if scene.turns and scene.law.shells == ALL:
         raise ValueError("lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = "
-                         f"'{getattr(scene.law, 'asked', ALL)}', knows none; choose a number of shells")
+                         f"'{getattr(scene.law, 'asked', ALL)}', does not support gyration; choose a number of shells")
     calc: Any = scene.perfect_cell().calc
     if scene.members:
         _frequencies(scene, calc)
@@ -87,8 +87,8 @@ def check(scene: Scene) -> None:
 
 def _supports(scene: Scene) -> None:
     if scene.trap is not None and (not scene.finite or scene.foundation is not None or scene.law.kind == 'saved'):
-        raise ValueError('trap: it holds a finite structure from a file, without [foundation] and with a law given in the '
-                         'scene; remove [trap] or what contradicts it')
+        raise ValueError('trap: a trap needs a finite structure from a file, a law given in the scene, and no [foundation]; '
+                         'remove [trap] or what contradicts it')
     if scene.foundation is not None and scene.foundation.leans:
         _lean(scene)
     if scene.foundation is not None and scene.foundation.modulation is not None:
@@ -104,7 +104,7 @@ def _modulation(scene: Scene) -> None:
     beside += ['bands.temperature_J'] if scene.bands is not None and scene.bands.temperature_J is not None else []
     if beside:
         raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
-                         'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python know it)')
+                         'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python support it)')
     if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
         raise ValueError('foundation.modulation: it belongs to a chain or a planar lattice with a number of shells; take it out')
 
@@ -220,13 +220,13 @@ def _file(scene: Scene) -> None:
     for name, given in (('foundation', scene.foundation is not None), ('lattice.mass_kg', lattice.mass_kg is not None),
                         ('lattice.cutoff_m', lattice.cutoff_m is not None), ('patch', scene.patch is not None)) if saved else ():
         if given:
-            raise ValueError(f'{name} and law.kind = "saved" say two things: law, bonds, masses and foundation are in '
+            raise ValueError(f'{name} and law.kind = "saved" exclude each other: law, bonds, masses and foundation are in '
                              f'{lattice.file}; take {name} out')
     if lattice.cell().has('stiffness') and scene.foundation is not None:
         raise ValueError(f'foundation: {lattice.file} gives the stiffness of each particle; take one of them out')
     if lattice.cell().has('relative_damping'):
-        _refuse(scene, ('burst', 'plan', 'uncertainty'), f'it knows one damping for all particles, and {lattice.file} has the '
-                'column relative_damping; take one of them out')
+        _refuse(scene, ('burst', 'plan', 'uncertainty'), f'it supports only one damping for all particles, but {lattice.file} '
+                'has the column relative_damping; take one of them out')
     if lattice.relaxed and lattice.positions == 'rest':
         raise ValueError('lattice.relaxed moves the particles, and positions = "rest" says that they stand at rest; take relaxed '
                          'out')
@@ -242,7 +242,7 @@ def _imperfect(scene: Scene) -> None:
         raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
                          'cells_1 and cells_2')
     if scene.uncertainty is not None and (scene.disorder is not None or scene.uncertainty.tolerances(scene).changes):
-        raise ValueError(f'{name} and uncertainty: tolerances of all particles alike are those of the perfect lattice; keep '
+        raise ValueError(f'{name} and uncertainty: tolerances that all particles share are for the perfect lattice; keep only '
                          'those of each site (each_strength_percent and so on) beside [defects], or take one of the tables out')
 
 
@@ -257,12 +257,13 @@ def _kinds(scene: Scene) -> None:
                          'file, or from [[defects.substitutions]]')
     for other in scene.laws_of_kinds:
         if isinstance(other.law, SavedLaw) or isinstance(scene.law, SavedLaw):
-            raise ValueError('laws_of_kinds and kind = "saved" or "members" say two things: the laws are in the file of the '
+            raise ValueError('laws_of_kinds and kind = "saved" or "members" exclude each other: the laws are in the file of the '
                              'particles, or in [[members]]')
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it knows one law for all particles; take [{0}] or [[laws_of_kinds]] out')
+    _refuse(scene, (*OF_LATTICES, 'uncertainty'), f'it supports only one law for all particles; take [{0}] or [[laws_of_kinds]] '
+                                                  'out')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
         raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; take patch.kind = "supercell", or cut it in '
                          'Python and save it with magphonon.write_scene')
@@ -273,14 +274,14 @@ def _bands(scene: Scene) -> None:
     if wanted is not None and len(wanted) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
     if scene.bands.beyond:
-        _refuse(scene, ('uncertainty', 'design'), 'it knows bands without losses or heat; take [{0}] or '
+        _refuse(scene, ('uncertainty', 'design'), 'it supports only bands without damping or temperature; take [{0}] or '
                 + scene.bands.beyond + ' out')
     if scene.bands.temperature_J is not None:
         cell = scene.perfect_cell()
         leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
         if scene.law.shells == ALL or leaves or scene.turns:
-            raise ValueError('bands.temperature_J takes time steps of a planar lattice with a number of shells, whose particles '
-                             'neither turn nor leave the plane; take it out, or what asks for more')
+            raise ValueError('bands.temperature_J needs time steps, for planar lattices with a number of shells, without '
+                             'gyration or motion out of the plane; take it out, or what contradicts it')
     if scene.bands.path is None:
         return
     known = scene.special_points
@@ -301,8 +302,8 @@ def _frf(scene: Scene) -> None:
     if len(driven) > 1:
         raise ValueError(f'frf has both {" and ".join(driven)}; shake the bench, move a wall or push a particle')
     if scene.frf.wall is not None and (scene.single or isinstance(scene.patch, Supercell)):
-        raise ValueError('frf.wall: a wall is a side of the held rim of a patch or a finite structure, which there is none; take '
-                         '[frf.wall] out')
+        raise ValueError('frf.wall: a wall is a side of the held rim of a patch or finite structure, and the scene has none; '
+                         'take [frf.wall] out')
     for name in ('response',) if driven and driven != ['[frf.force]'] else ('force', 'response'):
         given = getattr(scene.frf, name) is not None
         if given and scene.single:

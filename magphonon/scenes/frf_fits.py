@@ -142,7 +142,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     """
     have, priors = (*band_fits.parameters_in(scene), 'damping'), dict(priors or {})
     if scene.cell().has('relative_damping'):
-        raise ValueError('lattice.file has the column relative_damping, and a fit of transfer functions knows one damping for '
+        raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions has one damping for '
                          'all particles; take the column out')
     scene = band_fits.of_remanence(scene.counted())
     for name in fixed:

@@ -167,7 +167,7 @@ class Modulation(Table):
     frequency_Hz: Frequency = Field(description='its frequency in Hz', examples=[8.0])
     wavelength_m: Length | None = Field(None, description='its wavelength in m; without it all springs change together',
                                         examples=[0.03])
-    direction_deg: Angle = Field(0.0, description='where it runs to, in degrees from the x axis', examples=[90.0])
+    direction_deg: Angle = Field(0.0, description='the direction in which it runs, in degrees from the x axis', examples=[90.0])
 
     def of(self, springs: Any) -> Travelling:
         """These springs, so modulated."""
@@ -182,7 +182,7 @@ class Foundation(Table):
     stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = Field(
         None, description='the stiffness in N/m of the spring that ties each particle to its place')
     stiffness_y_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = Field(
-        None, description='the same along y, where stiffness_N_per_m is that along x: pillars that are no round rods',
+        None, description='the stiffness in N/m along y if the pillars are not round; stiffness_N_per_m is then that along x',
         examples=[22.0])
     pillar: Pillar | None = None
     out_of_plane: OutOfPlane | None = None
@@ -194,7 +194,7 @@ class Foundation(Table):
             has = 'neither' if self.pillar is None else 'both'
             raise ValueError(f' has {has} of stiffness_N_per_m and [foundation.pillar]; give one, or leave [foundation] out')
         if self.stiffness_y_N_per_m is not None and not self.stiffness_N_per_m:
-            raise ValueError('.stiffness_y_N_per_m is that along y beside a stiffness_N_per_m along x, above zero; give both')
+            raise ValueError('.stiffness_y_N_per_m, along y, needs a positive stiffness_N_per_m, along x; give both')
         return self
 
     @property
@@ -351,7 +351,8 @@ class Supercell(PatchTable):
 
     kind: Literal['supercell']
     cells_1: Count = Field(description='the number of cells along the first lattice vector')
-    cells_2: Count = Field(1, description='the number of cells along the second lattice vector, 1 where it is no period')
+    cells_2: Count = Field(1, description='the number of cells along the second lattice vector, 1 if the lattice is not '
+                                          'periodic along it')
 
     def cells(self, cell: Atoms) -> float:
         return self.cells_1 * self.cells_2
@@ -360,7 +361,7 @@ class Supercell(PatchTable):
         if cell.pbc[2]:
             raise ValueError('a supercell is one of a planar lattice or a chain; take another patch')
         if self.cells_2 > 1 and not cell.pbc[1]:
-            raise ValueError('the second lattice vector is no period; leave patch.cells_2 out')
+            raise ValueError('the lattice is not periodic along its second vector; leave patch.cells_2 out')
         return cell.repeat((self.cells_1, self.cells_2, 1))
 
 

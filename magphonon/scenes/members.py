@@ -26,8 +26,8 @@ UNBALANCED = 1e-6  # of the largest tension: larger forces that are left at node
 def _joined(value):
     """Two nodes, counted from 0 as in the file, and the cell of the second one if it is another: (i, j, (n1, n2, n3))."""
     if not isinstance(value, list) or not 2 <= len(value) <= 5:
-        raise ValueError(f' must be two nodes, as [0, 1], and of a periodic net the cell of the second one, as [0, 1, 1, 0], not '
-                         f'{shown(value)}')
+        raise ValueError(' must be two nodes, as [0, 1], in a periodic net with the cell of the second one, as [0, 1, 1, 0], '
+                         f'not {shown(value)}')
     i, j = (whole(f'[{k}]', node, least=0) for k, node in enumerate(value[:2]))
     shift = [whole(f'[{k + 2}]', n, least=-1000) for k, n in enumerate(value[2:])]
     return i, j, (*shift, *[0] * (3 - len(shift)))
@@ -115,8 +115,8 @@ def _balanced(bare, tensions, known):
     share, *_ = np.linalg.lstsq(states[:, known].T, tensions[known], rcond=None)
     left = abs(share @ states[:, known] - tensions[known]).max(initial=0.0)
     if left > UNBALANCED * abs(tensions).max(initial=0.0):
-        raise ValueError(f'members: no tensions of the others balance those that are given; the nearest differ from them by '
-                         f'{left:.3g} N, and the nodes have {len(states)} states of self-stress')
+        raise ValueError(f'members: the other members cannot balance the given tensions: the nearest balanced ones differ by '
+                         f'{left:.3g} N ({len(states)} states of self-stress); change them')
     undecided = len(states) - (np.linalg.matrix_rank(states[:, known]) if known.any() else 0)
     if undecided:
         raise ValueError(f'members: the nodes have {len(states)} states of self-stress; give tension_N or rest_length_m of '

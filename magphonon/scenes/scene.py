@@ -173,8 +173,9 @@ class Scene(Table):
             return self
         enough = self.converged_shells(PAIRS)
         if enough.error > LONG_RANGE:
-            raise ValueError(f"law.shells = '{self.law.asked}': the force has so long a range that even {enough.shells} shells "
-                             f'of neighbours leave frequencies {enough.error:.1%} off, and here each bond must be known; '
+            raise ValueError(f"law.shells = '{self.law.asked}': the force reaches so far that even with {enough.shells} shells "
+                             "of "
+                             f'neighbours frequencies are {enough.error:.1%} off, and here each bond must be known; '
                              '"magphonon bands" takes the sum over all')
         law = self.law.with_shells(enough.shells, enough.cutoff / (self.lattice.spacing_m * u.m))
         return self.model_copy(update={'law': law})
@@ -445,7 +446,7 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     try:
         text = source.text
     except UnicodeDecodeError as error:
-        raise ValueError(f'{source} is not TOML, which must be text in UTF-8, and byte {error.start + 1} is not; '
+        raise ValueError(f'{source} is not TOML, which is text in UTF-8: byte {error.start + 1} is not; '
                          '"magphonon scene prototype" prints a scene to start from') from None
     try:
         data = tomllib.loads(text)

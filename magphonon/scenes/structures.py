@@ -100,8 +100,8 @@ class FileLattice(Table):
                        'x_px,y_px of a photo), or any file that ASE reads',
                        examples=['particles.csv'])
     length_unit_m: Annotated[Positive, within(1e-12, 1e6, 'metres')] = Field(
-        PACKAGE_UNIT_m, description='what one unit of length in an ASE file is, in m; files that Python wrote with this package '
-        'are in mm, and masses in them in g', examples=[0.001])
+        PACKAGE_UNIT_m, description='the length in m of one unit in an ASE file; files that Python wrote with this package '
+        'are in mm, with masses in g', examples=[0.001])
     mass_kg: Mass | None = Field(None, description='the mass of every particle in kg, where the file has none', examples=[0.0007])
     cell_m: Points | None = Field(None, description='the one or two lattice vectors [x, y] of a table .csv in m; without them it '
                                   'is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
@@ -113,11 +113,11 @@ class FileLattice(Table):
         Field(None, description='what the positions are: "anchors", the feet of the pillars, from which the particles first '
                                 'move to rest, or "rest", the places of the particles in a photo: they stay there, and constant '
                                 'forces represent the bent pillars', examples=['rest']))
-    points_px: Points | None = Field(None, description='two points [x, y] in the photo, far apart, of a table with the columns '
-                                     'x_px,y_px, counted from its upper left corner', examples=[[[212, 1810], [2840, 1790]]])
+    points_px: Points | None = Field(None, description='for a table with x_px,y_px: two points [x, y] in the photo, far apart, '
+                                     'in pixels from its upper left corner', examples=[[[212, 1810], [2840, 1790]]])
     points_m: Points | None = Field(None, description='the places [x, y] of these two points in m, which give the scale and the '
                                                       'rotation of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
-    relaxed: Flag = Field(False, description='whether the particles move to where their forces balance before all else, as with '
+    relaxed: Flag = Field(False, description='true if the particles first move to where their forces balance, as with '
                           'positions = "anchors"', examples=[True])
 
     _atoms: Any = PrivateAttr(None)
@@ -159,8 +159,8 @@ class FileLattice(Table):
                 raise ValueError('points_px and points_m belong to a table with the columns x_px,y_px; take them out')
             return atoms
         if None in points or any(len(pair) != 2 or pair[0] == pair[1] for pair in points):
-            raise ValueError('the columns x_px,y_px are pixels of a photo; give two different points of it whose places are '
-                             'known, points_px = [[x, y], [x, y]], and these places, points_m = [[x, y], [x, y]]')
+            raise ValueError('the columns x_px,y_px are pixels of a photo; give the pixels of two known points, points_px = '
+                             '[[x, y], [x, y]], and their positions in metres, points_m = [[x, y], [x, y]]')
         z, (z1, z2) = atoms.positions[:, :2] @ [1, -1j], np.array(points[0]) @ [1, -1j]  # y runs downwards in a photo
         w1, w2 = np.array(points[1]) @ [1, 1j] * u.m
         w = w1 + (w2 - w1) / (z2 - z1) * (z - z1)
@@ -312,7 +312,7 @@ class Guest(Table):
     at_m: Point = Field(description='the place [x, y] in m', examples=[[0.0, 0.0]])
     relative_mass: Factor = Field(1.0, description='factor of the mass', examples=[0.5])
     relative_strength: SignedFactor = Field(1.0, description='factor of the strength, for example of its magnetic moment; '
-                                            'below zero it is upside down, and attracts its neighbours',
+                                            'a negative one means a magnet upside down, attracting its neighbours',
                                                  examples=[0.5])
     relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of its foundation', examples=[0.0])
 
@@ -336,7 +336,7 @@ class Interstitial(Guest):
 class Defects(Table):
     """Defects of the patch or of the finite structure, which then relaxes; places are those before it relaxes."""
 
-    vacancies_m: Points = Field((), description='places [x, y] in m, at each of which the nearest particle is missing',
+    vacancies_m: Points = Field((), description='positions [x, y] in m; the particle nearest to each is removed',
                                 examples=[[[0.0, 0.0]]])
     substitutions: Annotated[tuple[Substitution, ...], listed] = ()
     interstitials: Annotated[tuple[Interstitial, ...], listed] = ()

@@ -61,7 +61,7 @@ class _Uncertainty(Table):
         None, description='the standard deviation of each coordinate of a site by itself: of the foot of a pillar and of what is '
         'held, or with lattice.positions = "rest" of a position measured in a photo', examples=[1e-4])
     scale_percent: Positive | None = Field(
-        None, description='of particles from a file: the standard deviation of the ruler, of all lengths alike, in percent')
+        None, description='for particles from a file: the standard deviation of the scale of all lengths, in percent')
     correlation_forces_exponent: Correlation | None = Field(
         None, description='the correlation of forces and exponent, as "magphonon fit" prints it')
 
@@ -113,7 +113,7 @@ class _Uncertainty(Table):
             if not given or (not changes and [*given] == [f'{name}_percent'] and name in ALIKE):  # of all sites, in `_scatter`
                 continue
             if not changes:
-                raise ValueError(f'uncertainty.{next(iter(given))}: of particles from a file these are propagated: '
+                raise ValueError(f'uncertainty.{next(iter(given))}: for particles from a file only these are propagated: '
                                  + ', '.join(f'{name}_percent' for name in (*(f'each_{site}' for site in SITES), *ALIKE))
                                  + ' and each_position_m')
             if name not in changes:

@@ -123,8 +123,8 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     calc, P, pbc = system.calc, system.free, system.atoms.pbc
     zone = bool(pbc.any()) and P.shape[1] <= DENSE
     if q is not None and not zone:
-        raise ValueError('a wavevector is one of a periodic cell' + f' of at most {DENSE} free directions' * bool(pbc.any()) +
-                         '; leave q out, for the softest and the stiffest mode')
+        raise ValueError('a wavevector needs a periodic cell' + f' of at most {DENSE} free directions' * bool(pbc.any()) +
+                         '; leave q out to get the softest and the stiffest mode')
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     waves = _Waves(system, law_derivatives(calc.law, calc.bonds.lengths), site_derivatives(calc), zone)
     rows = []

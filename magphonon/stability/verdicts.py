@@ -406,7 +406,7 @@ def buckling(case: Case) -> Finding:
     spring, needed = _stiffness(found.spring), _stiffness(found.needed)
     own = ' at its softest spring' if uneven else ''
     if found.flat:
-        words = (f'It is on the verge of buckling{where}: waves of finite length cost nothing, and round-off would decide. Give '
+        words = (f'It is on the verge of buckling{where}: waves of finite length cost no energy, so round-off would decide. Give '
                  'it a foundation.')
     elif found.verge:
         words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, '
@@ -518,7 +518,7 @@ def timestep_limit(case: Case) -> Finding:
     losses = SPLITTINGS[2].damped / max(float(np.max(case.damping)), np.finfo(float).tiny)
     if losses < 2 / highest:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
-                       f'that is accurate to 0.3 %; {u.in_words("s", 2 / highest / u.s)} would be stable.')
+                       f'that is accurate to 0.3 %; up to {u.in_words("s", 2 / highest / u.s)} they would be stable.')
     of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.held)
     return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
                    f'highest frequency of {of}); a tenth of that is accurate.')
@@ -530,7 +530,7 @@ def away(case: Case) -> Finding:
     if case.away <= case.spacing:
         return Finding(case.away)
     return Finding(case.away, f'Particles are up to {case.away / u.m:.4g} m away from their rest positions, '
-                   f'{case.away / case.spacing:.3g} times the spacing: they have moved away, or are listed in another order than '
+                   f'{case.away / case.spacing:.3g} times the spacing: they have moved, or their order differs from that '
                    'in the calculator. Make a calculator for these positions.', fault=True)
 
 
@@ -621,8 +621,8 @@ def gyration(case: Case) -> Finding:
     if case.gyrating is None:
         return Finding(0.0)
     largest = case.gyrating.turning
-    return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s: forces alone do not show it, so phonopy, '
-                   'LAMMPS and other tools would miss it, and are refused where possible.')
+    return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s. Tools that see only forces, such as phonopy '
+                   'and LAMMPS, would miss it and are refused where possible.')
 
 
 @remark

@@ -97,7 +97,7 @@ class AllNeighbours(Repulsion):
         self.dim = displacement_components(reference, foundation, dim)
         self._sites = Sites(strengths, foundation=foundation).checked(self.reference, self.dim)
         for k in np.flatnonzero(self.strengths < 0)[:1]:
-            raise ValueError(f'strengths[{k}] = {self.strengths[k]:g}: the sum over all neighbours is one of repulsion alone; '
+            raise ValueError(f'strengths[{k}] = {self.strengths[k]:g}: the sum over all neighbours supports repulsion only; '
                              'choose a number of shells for particles of both signs')
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
         if self.dim == 2 and z.any():

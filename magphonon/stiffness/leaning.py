@@ -44,6 +44,6 @@ def _taken(calc, charges) -> NDArray[np.float64]:
     np.add.at(sites, i, T)
     np.add.at(sites, j, T)
     if abs(sites - sites[0] * np.eye(2)).max() > EQUAL * abs(sites).max():
-        raise ValueError('leaning changes the springs of this lattice site by site or along oblique axes, which foundations here '
-                         'do not have; take lean = true out')
+        raise ValueError('leaning gives the sites of this lattice different springs, or oblique ones, which foundations here do '
+                         'not support; take lean = true out')
     return np.diagonal(sites[0])[None]

@@ -54,8 +54,9 @@ def warn_of_units(calc: Repulsion) -> None:
                       'g, ms and N: multiply SI values by their units, as in lattices.triangular(0.01 * m, 7e-4 * kg), see '
                       'magphonon.units', stacklevel=3)
     if (ratio := heaviest / lightest) > UNEQUAL:
-        warnings.warn(f'masses of {lightest:.3g} and {heaviest:.3g} g: the low frequencies, of the heavy particles, are known to '
-                      f'{EPS * ratio:.0e} only; hold these with FixAtoms, or take masses of at most {UNEQUAL * lightest:.3g} g',
+        warnings.warn(f'masses of {lightest:.3g} and {heaviest:.3g} g: the low frequencies, those of the heavy particles, are '
+                      f'accurate only to {EPS * ratio:.0e}; hold these with FixAtoms, or take masses of at most '
+                      f'{UNEQUAL * lightest:.3g} g',
                       stacklevel=3)
     bond, spring = _stiffest(calc)
     if STIFF[0] * bond < spring < STIFF[1] * bond and spring >= 1 and shortest != 1 and heaviest != 1:
@@ -72,7 +73,7 @@ def warn_of_symbols(atoms: Atoms) -> None:
     """Warn of masses that nobody gave: ASE takes those of the symbols, of which the numbers would be grams."""
     if not atoms.has('masses') and len(atoms):
         mass, symbol = atoms.get_masses()[0], atoms.symbols[0]
-        warnings.warn(f'the particles have no masses but those of their symbols, {mass:.6g} of {symbol}, which count as grams; '
+        warnings.warn(f'the particles have only the masses of their symbols, {mass:.6g} for {symbol}, which count as grams; '
                       'give them, as atoms.set_masses([0.7 * units.g] * len(atoms)), or for atomic masses '
                       f'atoms.set_masses(atoms.get_masses() * {AMU:.6g}), here {mass * AMU:.4g} g', stacklevel=4)
 

@@ -133,7 +133,7 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
             taken += used
         if not descent.residual(y) <= tolerance * descent.force:
             _refuse_verge(lowest, highest, atoms)
-            raise Unstable(f'after {taken} steps {descent.residual(y):.3g} N are left on a particle, {before:.3g} N at first: '
+            raise Unstable(f'after {taken} steps {descent.residual(y):.3g} N still act on a particle, {before:.3g} N at first: '
                              f'the structure buckles or slides; {MEND}')
         lowest, highest, mode = descent.softest(y)
         if lowest >= -SADDLE * highest:
@@ -149,7 +149,7 @@ def _refuse_verge(lowest, highest, atoms):
     """Refuse a foundation so close to the buckling limit that the buckled rest cannot be distinguished from the saddle."""
     if -VERGE * highest < lowest < 0:
         raise Unstable('the structure is on the verge of buckling, with a lowest squared frequency of '
-                         f'{lowest:.3g} rad^2/ms^2: its buckled rest is so close to the present positions that '
+                         f'{lowest:.3g} rad^2/ms^2: its buckled state is so close to the present positions that '
                          f'round-off hides it; {-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation hold it there')
 
 

@@ -158,13 +158,12 @@ class LinearSystem:
         k = self.left.argmax()
         mend = 'relax it with an optimiser of ASE, and make AllNeighbours at the relaxed positions'
         if calc.pairwise:
-            mend = ('relax it, with magphonon.relaxed(atoms).atoms in Python or positions = "anchors" in the table [lattice] of '
-                    'a scene whose particles are in a file, or, if these positions are truly at rest, as in a photo, add the '
-                    'constant forces that hold it, atoms.calc.balanced(particles) or positions = "rest"')
-        raise NotAtRest('the structure is not at rest, and linear theory holds only about rest: a net static force of '
-                        f'{self.left[k]:.4g} N acts on particle {k}, {self.left[k] / (self._largest[0] or np.inf):.3g} times '
-                        f'the largest force in a bond, and {np.count_nonzero(self.left)} of {len(self)} particles are not in '
-                        f'equilibrium; {instead}{mend}')
+            mend = ('relax it: magphonon.relaxed(atoms).atoms in Python, or positions = "anchors" in the table [lattice] of a '
+                    'scene whose particles are in a file. If these positions are truly at rest, as in a photo, add the constant '
+                    'forces that hold it: atoms.calc.balanced(particles), or positions = "rest"')
+        raise NotAtRest('the structure is not at rest, as linear theory requires: a net static force of '
+                        f'{self.left[k]:.4g} N acts on particle {k} (the largest force in a bond is {self._largest[0]:.4g} N), '
+                        f'and {np.count_nonzero(self.left)} of {len(self)} particles are not in equilibrium; {instead}{mend}')
 
     def moving(self) -> Self:
         """The same system, or ValueError if nothing is free: a structure that cannot move has no modes and no response."""

@@ -155,7 +155,7 @@ def site_gyration(gyration: ArrayLike, particles: int, dim: int) -> Foundation:
     vectors = ((3,), (1, 3), (particles, 3)) if dim == 3 else ()
     if given.shape not in ((), (particles,), *vectors) or (given.shape == (3,) and dim == particles == 3):
         raise ValueError(f'the gyration must be one number, or one for each of the {particles} particles, '
-                         f'{"or a vector in space, of all in the shape (1, 3) or of each, " if dim == 3 else ""}not of the shape '
+                         f'{"or a vector, shape (1, 3) for all or a row for each, " if dim == 3 else ""}not of the shape '
                          f'{given.shape}')
     if given.shape in vectors:
         given = np.broadcast_to(given, (particles, 3))

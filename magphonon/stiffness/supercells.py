@@ -60,7 +60,7 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
     bond = calc.bonds.lengths.min()
     for k in np.flatnonzero(~(away <= NEAR * bond))[:1]:
         raise ValueError(f'particle {k} is {away[k]:.4g} mm from the nearest site of the lattice, more than half the shortest '
-                         f'bond of {bond:.4g} mm, so that its site cannot be told; use calculator.on(supercell) with the '
+                         f'bond of {bond:.4g} mm, so its site is ambiguous; use calculator.on(supercell) with the '
                          'particles in their places')
     site, period = found % n, inside + images[found // n]
     within = period - np.floor(period @ np.linalg.inv(T) + 1e-9).astype(int) @ T  # of the supercell

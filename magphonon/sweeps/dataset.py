@@ -108,8 +108,8 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     answers, about, told = _question(asked, axes, (ask,) if isinstance(ask, str) else tuple(ask))
     about = {'magphonon': __version__} | about | ({} if name is None else {'name': name})
     if journal is not None and callable(asked) and name is None:
-        raise ValueError('a journal cannot tell what a function computes; give it a name=, and another one whenever the function '
-                         'gives other numbers')
+        raise ValueError('a journal cannot recognise a function; give it a name=, and a new name whenever the function changes '
+                         'its numbers')
     head = about | {'over': {key: values.tolist() for key, values in axes.items()}}
     points = [dict(zip(axes, values, strict=True)) for values in product(*(values.tolist() for values in axes.values()))]
     with (nullcontext(({}, None)) if journal is None else _journal(journal, head, len(points)) as (known, file),
@@ -146,9 +146,9 @@ def _question(asked, axes, ask):
         answers = SceneAnswers.of(asked, axes, ask)
         return answers, answers.about, answers.attributes(axes)
     if not callable(asked):
-        raise ValueError(f'sweep asks a scene or a function, not {type(asked).__name__}; read a scene file with read_scene')
+        raise ValueError(f'sweep needs a scene or a function, not {type(asked).__name__}; read a scene file with read_scene')
     if ask:
-        raise ValueError('ask belongs to a scene; a function is asked what it returns')
+        raise ValueError('ask= is for scenes; the answers of a function are what it returns')
     return partial(_called, asked), {'function': getattr(asked, '__qualname__', type(asked).__qualname__)}, {}
 
 
@@ -170,10 +170,10 @@ def _answer(answers: Callable[..., Any], k: int, point: Mapping[str, float]) -> 
     for name, value in found.items():
         if name == 'fault' or name in point:
             raise TypeError(f'the function returns an answer called {name!r}, which is the name of '
-                            f'{"an axis" if name in point else "the reasons why answers are missing"}; call it otherwise')
+                            f'{"an axis" if name in point else "the reasons why answers are missing"}; rename it')
         array = np.asarray(value)
         if array.dtype.kind not in 'biuf':
-            raise TypeError(f'{name} is {value!r}; a function to be swept over returns real numbers, arrays of them, or a dict '
+            raise TypeError(f'{name} is {value!r}; a function in a sweep must return real numbers, arrays of them, or a dict '
                             'of these')
         if np.isfinite(array).all():
             values[name] = array.astype(float).tolist()

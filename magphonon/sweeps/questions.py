@@ -67,7 +67,7 @@ class Situation:
     def bands(self, q: ArrayLike) -> NDArray[np.float64]:
         """Frequencies of the perfect lattice at wavevectors in Hz, shape (wavevectors, branches)."""
         if beyond := self.scene.wanted('bands').beyond:
-            raise ValueError(f'{beyond}: a sweep asks for bands without losses or heat; take it out')
+            raise ValueError(f'{beyond}: sweeps compute bands without damping or temperature; take it out')
         self.refuse_buckling()
         return u.hertz(bloch_modes(self.atoms, q)[0])
 
@@ -124,7 +124,7 @@ def _faults(situation: Situation) -> float:
 def _spacing(situation: Situation) -> float:
     scale = critical_spacing(situation.atoms, 'complete')
     if scale is None:
-        raise ValueError('no spacing from a tenth to ten times the present one is the border of buckling')
+        raise ValueError('no spacing from a tenth to ten times the present one is at the border of buckling')
     return float(scale * situation.atoms.calc.bonds.lengths.min() / u.m)
 
 
@@ -299,8 +299,8 @@ def _warn_of_force(scene, over):
         return
     forces = law.b_N_m_a * spacing ** -over['law.a']
     if forces.max() > FORCES_ALIKE * forces.min():
-        warn(f'law.a varies while law.b_N_m_a stays, so that the force between neighbours runs from {forces.min():.3g} to '
-             f'{forces.max():.3g} N; to hold it, give law.force_N one value beside law.a, such as '
+        warn(f'law.a varies at constant law.b_N_m_a, so the force between neighbours varies from {forces.min():.3g} to '
+             f'{forces.max():.3g} N; to keep it constant, give law.force_N one value beside law.a, such as '
              f'law.force_N={law.b_N_m_a * spacing ** -law.a:.4g}, or in the scene in place of b_N_m_a', stacklevel=4)
 
 

@@ -199,8 +199,9 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     top = bloch_modes(cell, _zone(12), 'complete')[0].max()
     frames, wanted = len(scan.times), int(np.ceil(across * 2 * np.pi / top / scan.dt))
     if frames < max(wanted, FEWEST):
-        raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; to resolve as much in frequency as its points do '
-                         f'in wavenumber takes {scan.dt * max(wanted, FEWEST) / units.s:.3g} s')
+        raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; record '
+                         f'{scan.dt * max(wanted, FEWEST) / units.s:.3g} s to resolve frequencies as well as its points '
+                         'resolve wavenumbers')
     own = Field(sites, np.stack([scan.motions.get(axis, np.zeros((frames, len(sites)))) for axis in 'xy'], axis=2),
                 ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), member,
                 spacing, across)
@@ -466,8 +467,8 @@ def _half_seen(field):
     if all(field.measured):
         return ''
     axis = 'xy'[field.measured.index(True)]
-    return (f'. The record has the motion along {axis} alone, which tells a branch only where that moves along {axis}, on some '
-            'lines of the path: measure the other component too, or turn the head by 90 degrees and give both records as one')
+    return (f'. The record has the motion along {axis} alone, which shows a branch only where its waves move along {axis}, '
+            'on some lines of the path: measure the other component too, and give both as one record')
 
 
 def _scatter(field, off, variance, branch, leg, at):

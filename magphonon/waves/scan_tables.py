@@ -20,7 +20,7 @@ NAMES = dict.fromkeys(('particle', 'point', 'node'), TEXT)  # allowed names of t
 MOTIONS = {f'{kind}{axis}': unit for kind, unit in (('u', LENGTH), ('v', SPEED)) for axis in ('', '_x', '_y', '_z')}
 LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, then u_x_m, u_y_m or u_m (or v_y_m_per_s and '
           'so on), or time_s and a column for each point with its unit, as Point 17 [mm/s]; '
-          'lengths in m, mm, um or nm and times in s, ms or us, as the header says')
+          'lengths in m, mm, um or nm and times in s, ms or us, as in the header')
 ASKED = {'columns': {'time': TIME, 'x': LENGTH, 'y': LENGTH} | NAMES | MOTIONS, 'needed': ['time'], 'blank': MOTIONS,
          'layout': LAYOUT, 'points': LENGTH | SPEED}
 COLUMN = re.compile(r'(?:[uv](?:_([xyz]))?[ _-]+)?(?:(?:[^\W\d_]+[ _#.-]*)(?=\d))?(.+)')

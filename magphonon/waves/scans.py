@@ -81,7 +81,7 @@ class Scan:
         """The points of which `places` tells x and y in mm, by name; the others are left out."""
         kept = [k for k, name in enumerate(self.names) if name in places]
         if not kept:
-            raise ValueError(f'of the points {_listed(self.names)} no place is known; places are those of the points '
+            raise ValueError(f'the positions of the points {_listed(self.names)} are missing; known are those of the points '
                              f'{_listed(list(places))}')
         names = tuple(self.names[k] for k in kept)
         motions = {part: u[:, kept] for part, u in self.motions.items()}
@@ -114,7 +114,7 @@ def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> 
 def _refuse_absurd(path, motions):
     largest = max(abs(u).max() for u in motions) / units.m
     if largest and not MOTIONS_m[0] <= largest <= MOTIONS_m[1]:
-        raise ValueError(f'{path}: the largest motion is {largest:.3g} m (or m/ms), which is none of a lattice; check the unit '
+        raise ValueError(f'{path}: the largest motion is {largest:.3g} m (or m/ms), impossible in a lattice; check the unit '
                          'in the header and the exponents of the values')
 
 
@@ -163,7 +163,7 @@ def _unclipped(path, times, points, clipped, notes):
     try:
         _at_equal_times(path, times, kept, [])
     except ValueError:
-        notes.append(f'{told}they are too many to be interpolated, and what is read from their amplitudes is wrong: drive less, '
+        notes.append(f'{told}they are too many to be interpolated, so amplitudes are wrong: drive less, '
                      'or set a wider range')
         return points
     notes.append(f'{told}these are taken as missing: drive less, or set a wider range')
@@ -186,8 +186,8 @@ def _hum(motions, dt):
         each = (parts * np.exp(-2j * np.pi * f * units.Hz * t).reshape(count, frames, 1)).mean(axis=1)[quiet]
         steady = abs(each.mean(axis=0)) > MAINS_STEADY * np.sqrt(np.mean(abs(each) ** 2, axis=0))
         if steady.mean() > 0.5:
-            return [f'hum: {100 * steady.mean():.0f} % of the signals hold a line at {f} Hz, with one phase from beginning to '
-                    'end: the mains. Points of a ridge near this frequency are suspect']
+            return [f'hum: {100 * steady.mean():.0f} % of the signals contain a steady line at {f} Hz, the frequency of the '
+                    'mains. Points of a ridge near it are suspect']
     return []
 
 
@@ -252,7 +252,7 @@ def _at_equal_times(path, times, points: Mapping[str, Samples], notes: list[str]
         if not found:
             gap = min(np.diff(point.times).max() for point in points.values())
             raise ValueError(f'{path}: its samples are too far apart for motion at {units.hertz(fastest):.4g} Hz: all points '
-                             f'have gaps of {gap / units.s:.4g} s or more, where interpolation would be off by more than '
+                             f'have gaps of {gap / units.s:.4g} s or more. Interpolation there would be off by more than '
                              f'{100 * RESAMPLED:g} % of the motion and {NOISY:g} times its noise; leave that part of the record '
                              'out, or sample faster')
         off = f'with an error of up to {100 * max(errors, default=0):.2g} % of the largest displacement'

@@ -123,7 +123,7 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     if u.shape[1:] != (len(particles), system.dim):
         raise ValueError(f'displacements must have the shape (frames, {len(particles)}, {system.dim}), not {u.shape}')
     if len(u) < FEWEST * SEGMENTS:
-        raise ValueError(f'{len(u)} frames are too few for an error; record {FEWEST * SEGMENTS} or more')
+        raise ValueError(f'{len(u)} frames are too few to estimate an error; record {FEWEST * SEGMENTS} or more')
     waves, masses = _waves(system, cell, q, particles), np.repeat(cell.get_masses(), system.dim)
     linear, shapes = bloch_modes(LinearSystem.of(cell).without_B(), q, vectors=True)
     for k in np.flatnonzero(linear.min(axis=1) <= SLACK * linear.max())[:1]:

@@ -63,8 +63,8 @@ def _verdicts(records):
     """The agreements of all ridges, and what they do not say."""
     lines, waves = agreements(records), [wave for found in records.values() for wave in found]
     if any(name == 'longitudinal' for wave in waves for _, name in wave.agrees_with):
-        lines += ['', 'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much. Which of',
-                  'the models a longitudinal ridge agrees with is no evidence for D* or against it.']
+        lines += ['', 'Longitudinal waves hardly feel D*: an error of a few percent in the law shifts their branch as much, so a',
+                  'longitudinal ridge is no evidence for D* or against it.']
     if any(wave.misfits and not wave.agrees_with for wave in waves):
         lines += ['', 'A ridge that agrees with no branch may come from several waves, from an oblique wave of which only the',
                   'energy runs along the row (a point source in an anisotropic lattice), from the ends of a beam, or from',
@@ -86,8 +86,8 @@ def _doubts(records):
                   'A row of sources sends a single wave and leads to a smaller uncertainty.']
     far = [misfit.bins > FAR_bins for wave in waves for misfit in wave.misfits.values()]
     if far and all(far):
-        lines += ['', f'No ridge comes within {FAR_bins} bins of a branch: are times in seconds, and row and lattice those of '
-                      'the scene?']
+        lines += ['', f'No ridge comes within {FAR_bins} bins of a branch: are times in seconds, and are row and lattice those '
+                      'of the scene?']
     for record, found in records.items():
         top = max(branch.omega.max() for branch in found[0].branches.values())
         if found[0].spectrum.loudest < top / SLOW_RATIO:
@@ -102,7 +102,7 @@ def field_report(points: RidgePoints, cell: Atoms) -> str:
     off = {model: units.hertz(points.omega - bloch_modes(cell, points.q, model)[0][np.arange(len(points)), branch[points.ridge]])
            for model in ('complete', 'conventional')}
     sigma = units.hertz(points.sigma_omega)
-    waves = {'row': 'a row', 'point': 'a point (if it was a row, say --source row: the uncertainty of a fit is then less)',
+    waves = {'row': 'a row', 'point': 'a point (if it was a row, say --source row, which makes a fit less uncertain)',
              FIELD: 'noise'}[points.sources[0]]
     rows: list[tuple[str, ...]] = [('ridge', 'points', 'D0 + D*', 'D0 only', 'sigma')]
     for k, name in enumerate(points.names):
@@ -111,5 +111,5 @@ def field_report(points: RidgePoints, cell: Atoms) -> str:
                      f'{np.median(sigma[own]):.2f}'))
     return '\n'.join([f'Waves of {waves}.',
                       'RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz.',
-                      'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much.', '',
+                      'Longitudinal waves hardly feel D*: an error of a few percent in the law shifts their branch as much.', '',
                       *in_columns(rows, left=1)])

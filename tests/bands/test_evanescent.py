@@ -101,6 +101,6 @@ def test_impossible_requests_are_refused(change, message):
 def test_a_flat_band_has_no_wavenumber():
     honeycomb = prototype(lattices.honeycomb)
     flat = np.sqrt(FOUNDATION / 0.707)  # without D* the honeycomb has a floppy mode at every wavevector
-    with pytest.raises(ValueError, match=r'a solution, at omega = 0\.1668'):
+    with pytest.raises(ValueError, match=r'at omega = 0\.1668\d* rad/ms a band is flat'):
         complex_bands(honeycomb, GAMMA_M, [0.1, flat], 'conventional')
     assert np.isfinite(complex_bands(honeycomb, GAMMA_M, [0.1, 1.001 * flat], 'conventional').xi[:, 0]).all()

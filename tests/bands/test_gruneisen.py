@@ -107,5 +107,5 @@ def test_refusals():
     atoms = lattice('triangular')
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=4000.0, a=4.0), foundation=0.1, anchors=[[0.1, 0, 0]],
                                    load=[[-0.01, 0, 0]])
-    with pytest.raises(ValueError, match='not known how they follow'):
+    with pytest.raises(ValueError, match='how these forces change with the spacing is not known'):
         gruneisen_parameters(atoms, POINTS)

@@ -189,7 +189,7 @@ def test_unsuitable_structures_are_refused():
         edge_weights(ribbon, bands)
     wide = lattices.square(10.0, 0.7)
     wide.calc = MagneticRepulsion(wide, LAW)
-    with pytest.raises(ValueError, match='but these atoms in 2'):
+    with pytest.raises(ValueError, match='but these atoms have 2 periodic directions'):
         edge_weights(wide, bands)
     modes = analytic_bands(ribbon, path, vectors=True)
     other = lattices.ribbon(lattices.square(10.0, 0.7), 6)

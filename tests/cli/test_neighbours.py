@@ -152,10 +152,14 @@ def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path,
     assert text.count('the others would shift M') < 2
 
 
-def test_a_fit_of_ridges_says_it_for_the_ridges(capsys):
-    assert main(['fit', str(ready_scene('prototype').parent / 'prototype_ridges.csv'), '--bands', 'prototype']) == 0
+def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
+    assert main(['fit', 'prototype_ridges', '--bands', 'prototype', '--verbose']) == 0
     text = capsys.readouterr().out
     assert re.search(r'the ridges, branch 1 by up to \+\d+ %', text)
+    for name, warned in (('prototype', False), ('own.toml', True)):  # a ready scene says itself that it omits others
+        (tmp_path / 'own.toml').write_text(ready_scene('prototype').read_text())
+        assert main(['fit', 'prototype_ridges', '--bands', name if name == 'prototype' else str(tmp_path / name)]) == 0
+        assert ('the others would shift the ridges' in capsys.readouterr().out) == warned
 
 
 def test_a_sweep_says_it_of_the_scene(tmp_path, capsys):

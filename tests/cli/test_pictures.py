@@ -105,7 +105,7 @@ def test_a_command_obeys_the_options_and_names_a_style_sheet_that_is_not_there(t
 def test_options_of_a_picture_that_is_not_written_are_refused(tmp_path, capsys):
     (tmp_path / 'forces.csv').write_text('r_m,f_N\n0.01,1\n0.02,0.1\n0.03,0.03\n', encoding='utf-8')
     assert main(['fit', str(tmp_path / 'forces.csv'), '--pdf']) == 2
-    assert 'name with -o DIR the directory to write it to' in capsys.readouterr().err
+    assert 'say with -o DIR where to write it' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('title', [r'$\frac{$', r'a $\nosuch$'])

@@ -255,7 +255,7 @@ def test_walls_are_refused_where_they_mean_nothing(tmp_path):
     for run in (lambda wall: DrivenVerlet(row, 0.01, [wall]), lambda wall: propagate(row, [1.0], [wall])):
         with pytest.raises(ValueError, match='particle 3 is free; hold it'):
             run(PrescribedMotion(Harmonic([0, 3], (1, 0), 1e-3, 1.0)))
-    with pytest.raises(ValueError, match='must be a drive, read in mm'):
+    with pytest.raises(ValueError, match='must be a drive, with amplitudes in mm'):
         PrescribedMotion(np.sin)
     with pytest.raises(ValueError, match='only forces are accepted'):
         write_lammps_input(tmp_path, row, timestep=0.01, steps=1, drives=[PrescribedMotion(push)])

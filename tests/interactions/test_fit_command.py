@@ -35,7 +35,7 @@ def test_the_tables_of_the_prototype_are_two_measurements_of_one_lattice(tmp_pat
                         ('prototype_ridges', ['--bands', str(ready_scene('prototype'))])):
         assert main(['fit', name, *words]) == 0
         printed = capsys.readouterr().out
-        found[name] = [float(x) for x in re.search(r'force .*? ([\d.]+),? \[?([\d.]+)(?:,| to) ([\d.]+)', printed).groups()]
+        found[name] = [float(x) for x in re.search(r'force .*?([\d.]+) N \(([\d.]+) to ([\d.]+)\)', printed).groups()]
         assert 'scatter' not in printed
     assert all(found[name][1] < 0.2369 < found[name][2] for name in ('prototype_force', 'prototype_ridges'))
     assert not found['synthetic_force'][1] < 0.2369 < found['synthetic_force'][2]
@@ -76,13 +76,13 @@ def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
 
 
 def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
-    assert main(['fit', str(SYNTHETIC)]) == 0
+    assert main(['fit', '--verbose', str(SYNTHETIC)]) == 0
     said = capsys.readouterr().out
     assert 'Assumed beforehand: the zero of the distances is known to 0.2 mm' in said
     assert 'What makes the slope uncertain: zero of distance' in said
     assert 'Measure the zero of the distances to 0.02 mm' in said
     assert '8 to 15 mm do not decide between the laws' in said
-    assert main(['fit', str(SYNTHETIC), '--magnet', 'disc']) == 0
+    assert main(['fit', '--verbose', str(SYNTHETIC), '--magnet', 'disc']) == 0
     assert 'The shape of disc has the weight' in capsys.readouterr().out
     rows = table_of(R, repulsion(LAW, R), 'r_mm,f_N')
     slack = rows.replace('\n', ',approach\n').replace('f_N,approach', 'f_N,direction') + ''.join(
@@ -94,7 +94,7 @@ def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
 @pytest.mark.parametrize('spacing', ['0.01', '10mm', '10 mm', '1e4um'])
 def test_lengths_may_name_their_unit(spacing, capsys):
     assert main(['fit', str(SYNTHETIC), '--spacing', spacing]) == 0
-    assert 'at 0.01 m, intervals of 95 %' in capsys.readouterr().out
+    assert 'At 10 mm the force is 0.' in capsys.readouterr().out
 
 
 GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
@@ -127,7 +127,7 @@ def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
     (['--spacing', '10 parsec'], 'not a number with one of the units m, mm'),
     (['--distance-sigma=-0.1mm'], 'distance must be a zero or positive number in mm, not -0.1'),
     (['--magnet', 'prototype'], 'the law of prototype is inverse_power; name a scene whose law is that of magnets'),
-    (['--spacing', '0.03'], 'the spacing 0.03 m lies 2 times beyond the data, 0.008 to 0.015 m'),
+    (['--spacing', '0.03'], 'the spacing 0.03 m is a factor 2 beyond the data, 0.008 to 0.015 m'),
     (['--spacing', '12'], 'did you mean 0.012 m?'),
     (['--bands', 'prototype', '--zero-sigma', '1mN'], '--zero-sigma belongs to a fit of forces'),
 ])

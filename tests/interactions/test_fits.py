@@ -205,7 +205,7 @@ def test_faults_of_the_load_cell_are_named():
     assert not coarse.saturated.any()
     warm = np.sin(np.arange(len(good.r)) / 2)
     assert 'errors of successive rows are correlated' in report_of(replace(good, f=good.f + 0.05 * abs(good.f).max() * warm))
-    assert 'rows are few' in report_of(Forces(good.r[:9], good.f[:9], None, good.direction[:9]))
+    assert 'rows are too few' in report_of(Forces(good.r[:9], good.f[:9], None, good.direction[:9]))
 
 
 def test_a_zero_that_contradicts_what_was_told_is_named():
@@ -332,7 +332,7 @@ def test_what_a_pair_may_be_off_is_in_the_interval():
     assert wider[:2] == pytest.approx([0.06, 0.06], rel=0.15)
     assert off.half_widths[2] == pytest.approx(alone.half_widths[2], rel=0.05)
     assert off.shares['pairs'] > 0.1 > alone.shares['pairs']
-    assert 'the force of one is 6 % from the mean of all' in force_report(Namespace(file='f.csv', magnet=None), rows, off,
+    assert 'whose forces scatter about their mean by 6 %' in force_report(Namespace(file='f.csv', magnet=None), rows, off,
                                                                          replace(ERRORS, pair=0.06))
     assert 'The table holds one pair' in report_of(rows)
 

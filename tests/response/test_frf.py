@@ -194,7 +194,7 @@ def test_run_ends_when_the_motion_is_steady(omega):
 
 def test_motion_at_another_frequency_is_never_steady():
     dyn, recorder = driven_magnet(0.2, 10 * GAMMA)
-    with pytest.raises(ValueError, match=r'the motion is not steady.*drive at omega'):
+    with pytest.raises(ValueError, match=r'the motion is not steady.*drive only at omega'):
         steady_amplitudes(dyn, recorder, [0.203], axis=1)
 
 

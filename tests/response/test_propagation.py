@@ -86,7 +86,7 @@ def test_growing_oscillator_is_the_closed_form():
     times = np.array([1.0, 10.0, 100.0, 1000.0])
     found = propagate(atoms, times).displacements[:, 3, 0]
     np.testing.assert_allclose(found, FREE_KICK * np.sinh(rate * times) / rate, rtol=1e-7)  # the reference has ten digits
-    with pytest.raises(ValueError, match=r'unstable and grows e\^\d+ times in 10000 ms'):
+    with pytest.raises(ValueError, match=r'its motion grows by e\^\d+ in 10000 ms'):
         propagate(atoms, [1e4])
 
 
@@ -223,7 +223,7 @@ def test_a_motion_without_a_series_is_refused_and_does_not_fill_the_memory():
     interval = Interval(0.0, 1.0)
     smooth = _resolved(lambda w2: np.cos(3 * w2)[None, None, None], interval, 20)
     assert smooth.shape == (1, 1, 1, 20)
-    with pytest.raises(ArithmeticError, match='no Chebyshev series of 320 terms'):
+    with pytest.raises(ArithmeticError, match='needs over 320 terms'):
         _resolved(lambda w2: (w2 > 0.3).astype(float)[None, None, None], interval, 20)
 
 

@@ -199,7 +199,8 @@ def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path)
     drawn, folder = experiment
     # the waves are those of a point: exponent and foundation must be known from elsewhere
     known = ['--prior', f"a={drawn.truth['a']:g}+-3%", '--prior', f"foundation_N_per_m={drawn.truth['foundation']:g}+-5%"]
-    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), *known, '-o', str(tmp_path / 'out')]) == 0
+    assert main(['fit', '--verbose', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), *known, '-o',
+                 str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
     found = intervals(shown)
     assert found.keys() == drawn.truth.keys()
@@ -215,7 +216,7 @@ def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path)
     # the control: a mass that is wrong by 30 % is one of the scene's, and moves the force by as much
     wrong = drawn.scene(tmp_path, mass=1.3)
     known[3] = f"foundation_N_per_m={1.3 * drawn.truth['foundation']:g}+-5%"
-    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(wrong), *known]) == 0
+    assert main(['fit', '--verbose', str(folder / 'ridges.csv'), '--bands', str(wrong), *known]) == 0
     assert intervals(capsys.readouterr().out)['force'][0] == pytest.approx(1.3 * found['force'][0], rel=0.05)
 
 
@@ -368,7 +369,7 @@ def test_the_ridge_that_is_wrong_is_named_and_no_cause_that_does_not_help(tmp_pa
     assert chi2['shells = "auto"'] > 1.5
     told = band_report(found, len(points), [])
     assert 'Look at the ridge "bad" first' in told
-    assert 'Take shells' not in told
+    assert 'Use shells' not in told
     right = fit_bands(scene, points, without=['bad'])
     assert 'Fitted again' not in band_report(right, len(points), [])
     alike = fit_bands(scene, replace(points, omega=points.omega * (1 + 0.02 * np.random.default_rng(1).normal(size=len(points)))))
@@ -390,7 +391,7 @@ def test_neighbours_are_named_where_they_are_the_cause(tmp_path):
     omega = np.sqrt(np.linalg.eigvalsh(D)[np.arange(len(points)), points.ridge] / 0.7)
     noisy = replace(points, omega=omega * (1 + 0.002 * rng.normal(size=len(points))), sigma_omega=0.002 * omega)
     found = fit_bands(scene_of(tmp_path, START), noisy)
-    assert 'Take shells = "auto"' in band_report(found, len(noisy), [])
+    assert 'Use shells = "auto"' in band_report(found, len(noisy), [])
     assert found.causes['shells = "auto"'].chi2 < 0.2 * found.better.chi2
 
 
@@ -431,7 +432,7 @@ def test_the_force_of_a_table_is_compared_with_that_of_the_ridges(tmp_path, stat
     told = band_report(found, len(found.points), []) + '\n'
     assert f'The scene states a force of {stated} +- {0.08 * stated:.2g} N' in told
     assert apart in told
-    assert f'to {steep:.2g}, as [uncertainty] says; the intervals above allow for it' in told
+    assert f'known to {steep:.2g}; the intervals above include this' in told
 
 
 def test_two_springs_and_their_frequencies(tmp_path):
@@ -448,7 +449,7 @@ def test_two_springs_and_their_frequencies(tmp_path):
     assert fits.values()['foundation_y'][1] < 0.1
     omega, sigma = fits.predicted(scene.special_points['M'])
     assert abs(np.log(omega / bloch_modes(truth.perfect_cell(), [scene.special_points['M']])[0])).max() < 3 * sigma.max() < 0.05
-    with pytest.raises(ValueError, match='cannot be determined from ridges of a point source alone'):
+    with pytest.raises(ValueError, match='ridges of a point source are shifted and cannot determine two springs'):
         fit_bands(scene, replace(points, sources=('point', 'point')))
     one = fit_bands(scene_of(tmp_path, START), points)
     assert one.fits['complete'].chi2 > fits.fits['complete'].chi2 + 20
@@ -483,7 +484,8 @@ def test_several_tables_are_one_measurement(experiment, capsys, tmp_path):
         part.write_text('\n'.join([lines[0], *(line for line in lines[1:] if f',{motion},' in line)]))
     shown = []
     for files in ([table], parts):
-        assert main(['fit', *map(str, files), '--bands', scene, '--prior', 'a=4+-10%', '--prior', 'foundation_N_per_m=20±3']) == 0
+        assert main(['fit', '--verbose', *map(str, files), '--bands', scene, '--prior', 'a=4+-10%', '--prior',
+                     'foundation_N_per_m=20±3']) == 0
         shown.append(capsys.readouterr().out)
     assert shown[0] == shown[1]
     assert 'before: a = 4 +- 0.4, foundation_N_per_m = 20 +- 3.' in shown[0]
@@ -501,7 +503,7 @@ def test_waves_of_a_point_source_may_follow_the_next_branch(tmp_path):
     fits = fit_bands(scene_of(tmp_path, START), points)
     assert fits.fits['complete'].strayed == astray.sum()
     assert fits.better.follows
-    assert '4 of the points from a point source lie on the branch beside' in band_report(fits, 36, [])
+    assert '4 of the points from a point source are closer to the other branch' in band_report(fits, 36, [])
     assert not fit_bands(scene_of(tmp_path, START), replace(points, sources=('row',) * 3)).better.follows
 
 

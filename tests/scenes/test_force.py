@@ -75,7 +75,7 @@ def test_an_exponent_swept_at_constant_force():
     scene, a = read_scene('square'), [2.0, 3.0, 4.5824, 6.0]
     found = sweep(scene, {'law.a': a, 'law.force_N': [F]}, 'stability.needed')
     assert_allclose(found['stability.needed'], 4 * F / 0.01 * np.ones((4, 1)), rtol=1e-8)
-    with pytest.warns(UserWarning, match='the force between neighbours runs from'):
+    with pytest.warns(UserWarning, match='the force between neighbours varies from'):
         swept = sweep(scene, {'law.a': a}, 'stability.needed')['stability.needed'].values
     assert swept.max() > 1e3 * swept.min()
     own = sweep(with_force('square'), {'law.a': a}, 'stability.needed')  # without a warning

@@ -255,7 +255,7 @@ def test_commands(tmp_path, exact, capsys):
             u.hertz(one.omega).tolist(), (one.response * u.N / u.m).tolist(), strict=True)]
     (tmp_path / 'f.csv').write_text('\n'.join(rows))
     scene, table, out = (str(tmp_path / name) for name in ('hexagon.toml', 'f.csv', 'out'))
-    assert main(['fit', table, '--frf', scene, '-o', out]) == 0
+    assert main(['fit', '--verbose', table, '--frf', scene, '-o', out]) == 0
     told = capsys.readouterr().out
     assert 'the data speak for D0 + D*' in told
     assert '6 transfer functions, 420 points' in told

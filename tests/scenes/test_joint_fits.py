@@ -255,14 +255,15 @@ def test_files_are_recognised_by_what_they_hold(tmp_path, capsys):
     (tmp_path / 'a.csv').write_text('\n'.join(['r_mm,f_N,direction', *rows]))
     write_points(tmp_path / 'b.csv', points)
     lab, a, b = (str(tmp_path / name) for name in ('lab.toml', 'a.csv', 'b.csv'))
-    assert main(['fit', lab, b, a, '--pair-sigma', '0.02', '--distance-sigma', '0.1mm', '-o', str(tmp_path / 'out')]) == 0
+    assert main(['fit', '--verbose', lab, b, a, '--pair-sigma', '0.02', '--distance-sigma', '0.1mm',
+                 '-o', str(tmp_path / 'out')]) == 0
     told = capsys.readouterr().out
     assert 'gain, or a pair unlike the mean would have to be off' in told
     assert 'D*: all records together are evidence of' in told
     assert told.count(' instead of ') == 3
     assert (tmp_path / 'out' / 'joint_fit.txt').read_text() in told + '\n'
     assert main(['fit', lab, a]) == 0
-    assert 'at 0.01 m, intervals of 95 %' in capsys.readouterr().out
+    assert 'At 10 mm the force is ' in capsys.readouterr().out
     (tmp_path / 'h.csv').write_text('frequency_Hz,re_m_per_N,im_m_per_N\n20,0.001,0\n21,0.001,0\n')
     (tmp_path / 'lab.toml').write_text((tmp_path / 'lab.toml').read_text().split('[patch]')[0])
     assert main(['fit', lab, a, str(tmp_path / 'h.csv')]) != 0

@@ -236,10 +236,10 @@ def test_relaxing_what_stands_at_rest_warns(tmp_path):
 
 
 @pytest.mark.parametrize(('columns', 'keys', 'message'), [
-    ('x_px,y_px', '', 'the columns x_px,y_px are pixels of a photo; give two different points'),
-    ('x_px,y_px', 'points_px = [[0, 0], [9, 9]]', 'give two different points of it'),
-    ('x_px,y_px', 'points_px = [[1, 1], [1, 1]]\npoints_m = [[0, 0], [1, 0]]', 'give two different points of it'),
-    ('x_px,y_px', 'points_px = [[1, 1]]\npoints_m = [[0, 0]]', 'give two different points of it'),
+    ('x_px,y_px', '', 'the columns x_px,y_px are pixels of a photo; give the pixels of two known points'),
+    ('x_px,y_px', 'points_px = [[0, 0], [9, 9]]', 'give the pixels of two known points'),
+    ('x_px,y_px', 'points_px = [[1, 1], [1, 1]]\npoints_m = [[0, 0], [1, 0]]', 'give the pixels of two known points'),
+    ('x_px,y_px', 'points_px = [[1, 1]]\npoints_m = [[0, 0]]', 'give the pixels of two known points'),
     ('x_px,y_mm', '', 'has the columns x_px and y_mm; give both in pixels or none'),
     ('x_mm,y_mm', 'points_px = [[0, 0], [9, 9]]', 'belong to a table with the columns x_px,y_px; take them out'),
     ('x_mm,y_mm', 'positions = "feet"', "lattice.positions must be one of 'anchors', 'rest'"),

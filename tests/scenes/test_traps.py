@@ -40,7 +40,7 @@ def test_the_centre_is_where_the_scene_says(tmp_path):
     ('mass_kg', 'cell_m = [[5e-5, 0.0], [0.0, 5e-5]]\nmass_kg'),
 ])
 def test_a_trap_is_for_a_finite_structure_without_foundation(old, new, tmp_path):
-    with pytest.raises(ValueError, match='trap: it holds a finite structure from a file'):
+    with pytest.raises(ValueError, match='trap: a trap needs a finite structure from a file'):
         trapped(tmp_path, old, new)
 
 

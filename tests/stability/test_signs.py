@@ -75,5 +75,5 @@ def test_the_ready_scene_needs_half_the_stiffness_of_its_neighbours():
 
 def test_the_sum_over_all_neighbours_is_one_of_repulsion():
     two = lattices.chain(10.0, 1.0).repeat((2, 1, 1))
-    with pytest.raises(ValueError, match=r'strengths\[1\] = -1: the sum over all neighbours is one of repulsion alone'):
+    with pytest.raises(ValueError, match=r'strengths\[1\] = -1: the sum over all neighbours supports repulsion only'):
         AllNeighbours(two, LAW, strengths=[1, -1])

@@ -224,7 +224,7 @@ def test_atoms_in_another_order_than_their_calculator_are_a_fault(seed):
     other.calc = patch.calc
     found = verdict(other)
     assert not found.fine
-    assert 'listed in another order' in str(found)
+    assert 'their order differs from that' in str(found)
     assert found.away == pytest.approx(np.linalg.norm(patch.positions[order] - patch.positions, axis=1).max())
 
 

@@ -114,7 +114,7 @@ def test_a_patch_leans_as_its_lattice_does():
     ({'disorder': {'seed': 1, 'mass_percent': 1.0}}, r'a perfect lattice only; take \[disorder\] or lean out'),
     ({'uncertainty': {'mass_percent': 1.0}}, r'take \[uncertainty\] or lean out'),
     ({'lattice': {'kind': 'kagome'}, 'patch': None, 'frf': None, 'burst': None, 'vibrometer': None},
-     'leaning changes the springs of this lattice site by site or along oblique axes'),
+     'leaning gives the sites of this lattice different springs, or oblique ones'),
     ({'lattice': {'kind': 'fcc'}, 'patch': None, 'bands': None, 'frf': None, 'burst': None, 'vibrometer': None, 'plan': None},
      'is no perfect lattice of magnets on a plane'),
     ({'foundation': {'pillar': {'youngs_modulus_Pa': 71e9, 'radius_m': 1e-4, 'height_m': 0.15, 'lean': True}}},

@@ -194,7 +194,7 @@ def test_gyration_about_the_normal_of_a_layer_leaves_its_motion_out_of_the_plane
         assert all(abs(three - w).min() < 1e-9 for w in out)  # and out of it as without gyration
 
 
-@pytest.mark.parametrize(('gyration', 'words'), [([1.0, 2.0], 'one number, or one for'), (np.ones((3, 2)), 'vector in space')])
+@pytest.mark.parametrize(('gyration', 'words'), [([1.0, 2.0], 'one number, or one for'), (np.ones((3, 2)), 'or a vector, shape')])
 def test_what_is_no_gyration_is_refused(gyration, words):
     atoms, _ = cluster(1)
     with pytest.raises(ValueError, match=words):

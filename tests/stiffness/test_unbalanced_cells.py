@@ -27,7 +27,7 @@ def test_a_cell_out_of_balance_has_no_bands(calculator):
     cell = skewed_cell(calculator)
     path = cell.cell.bandpath('GMKG', npoints=5, pbc=cell.pbc)
     for ask in (lambda: analytic_bands(cell, path), lambda: finite_displacements(cell), lambda: critical_foundation(cell)):
-        with pytest.raises(ValueError, match='not at rest, and linear theory holds only about rest'):
+        with pytest.raises(ValueError, match='not at rest, as linear theory requires'):
             ask()
 
 

@@ -30,7 +30,7 @@ def test_a_scene_is_asked_at_every_point(prototype, seed):
     # shear at M by the paper's formula, omega^2 = k/m + (2a - 6) b L^-a/(L m), and 2 (3 - a) f/L as what holds the lattice
     draw = np.random.default_rng(seed)
     a, L, H = draw.uniform(1.5, 6, 3), draw.uniform(0.007, 0.02, 2), draw.uniform(0.1, 0.5, 2)
-    with pytest.warns(UserWarning, match='the force between neighbours runs'):
+    with pytest.warns(UserWarning, match='the force between neighbours varies'):
         found = sweep(prototype, {'law.a': a, 'lattice.spacing_m': L, 'foundation.pillar.height_m': H},
                       ['bands.M.1', 'stability.needed', 'stability.margin'])
     a, L, H = np.meshgrid(a, L, H, indexing='ij')

@@ -222,7 +222,7 @@ def test_motions_that_no_lattice_makes(u, fine, tmp_path):
     if fine:
         assert read_scan(tmp_path / 'scan.csv').motions['x'].shape == (4, 1)
         return
-    with pytest.raises(ValueError, match='none of a lattice; check the unit in the header and the exponents'):
+    with pytest.raises(ValueError, match='impossible in a lattice; check the unit in the header and the exponents'):
         read_scan(tmp_path / 'scan.csv')
 
 

@@ -270,7 +270,7 @@ def test_the_command_tells_it_and_refuses_what_it_cannot(tmp_path, monkeypatch, 
     assert 'tears the lattice apart' in capsys.readouterr().err
     scene = ready_scene('thermal').read_text().replace('shells = 1', 'shells = "all"')
     (tmp_path / 'all.toml').write_text(scene)
-    with pytest.raises(ValueError, match='temperature_J takes time steps of a planar lattice'):
+    with pytest.raises(ValueError, match='temperature_J needs time steps, for planar lattices'):
         read_scene(tmp_path / 'all.toml')
 
 
