@@ -204,5 +204,5 @@ def reading(panels):
             f'after one impulse {spoken(struck.seconds)} s for {struck.error:.0e}; {best.method} takes {spoken(best.seconds)} s, '
             f'{spoken(steps.seconds / best.seconds)} times less, and {spoken(tight.seconds)} s for {tight.error:.0e} '
             f'(factorisations {spoken(factors)} s). '
-            f'Of one magnet the closed form takes {spoken(exact.seconds)} s, all frequencies in one run of time steps '
+            f'For one magnet the closed form takes {spoken(exact.seconds)} s, all frequencies in one run of time steps '
             f'{spoken(many.seconds)} s.')

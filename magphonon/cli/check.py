@@ -138,7 +138,7 @@ def guided(case: Case) -> str | None:
 @REPORT.check
 def defects(case: Case) -> str | None:
     """Where a structure with defects or disorder stands."""
-    return case.relaxation and f'Defects and disorder: {case.relaxation} At this rest it is stable.'
+    return case.relaxation and f'Defects and disorder: {case.relaxation} This equilibrium is stable.'
 
 
 @REPORT.check

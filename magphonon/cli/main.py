@@ -194,7 +194,10 @@ def _options(arguments):
 def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     """A parser of some commands: a command that runs needs no other."""
     parser = argparse.ArgumentParser(prog='magphonon',
-                                     description='Vibrations of lattices held by static repulsion: stiffness D0 + D*.')
+                                     description='Vibrations of lattices whose particles repel each other, such as magnets: '
+                                                 'bands, waves, responses and stability, with the static forces and without.',
+                                     epilog='Try first: "magphonon bands prototype" draws the bands of a published lattice in '
+                                            'three seconds; "magphonon scene prototype > mine.toml" gives you a scene to edit.')
     parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     for name in names:

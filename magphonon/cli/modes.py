@@ -191,7 +191,7 @@ def count(case: Case) -> str:
         return f'modes of the lattice at {", ".join(case.at)}: from {units.in_words("Hz", lowest, f.max(), digits=6)}'
     f, name = case.found.frequencies_Hz, 'structure' if case.scene.finite else 'patch'
     every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands,', 0.0 if case.free[0] else f[0]
-    outside = f'; {len(case.local)} of them lie outside the bands of the lattice' if len(case.ranges) else ''
+    outside = f'; {len(case.local) or "none"} of them lie outside the bands of the lattice' if len(case.ranges) else ''
     return f'modes of the {name}: {every} {len(f)}, from {units.in_words("Hz", lowest, f[-1], digits=6)}{outside}'
 
 

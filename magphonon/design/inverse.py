@@ -38,7 +38,7 @@ class Design:
     spacing : float
         In mm.
     value, slope : float
-        The value at this spacing, and its derivative by the logarithm of the spacing, rad/ms.
+        The value at this spacing, and its derivative with respect to the logarithm of the spacing, rad/ms.
     needed : float
         Foundation in N/mm that the static forces require there.
     """

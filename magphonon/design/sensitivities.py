@@ -49,11 +49,11 @@ class StiffnessDerivative:
     Attributes
     ----------
     law : LawDerivative, optional
-        Derivative of the pair law by ln p.
+        Derivative of the pair law with respect to ln p.
     foundation : float or ndarray, shape (particles, dim)
-        Derivative of the foundation stiffness by ln p, N/mm.
+        Derivative of the foundation stiffness with respect to ln p, N/mm.
     mass : float
-        Derivative of the logarithm of every mass by ln p.
+        Derivative of the logarithm of every mass with respect to ln p.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def spacing_change(law: PairLaw) -> LawDerivative:
 @takes(*STIFF)
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[StiffnessDerivative],
                             model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Derivatives of the frequencies by the logarithms of parameters.
+    """Derivatives of the frequencies with respect to the logarithms of parameters.
 
     Where branches cross, degenerate perturbation theory is used: it takes those modes of equal frequency in which the changes are
     diagonal, which are the modes of the crossing branches. Such modes exist because a parameter that all particles share keeps
@@ -173,7 +173,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
 @takes(*STIFF)
 def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega: NDArray[np.float64], damping: ArrayLike,
                            changes: Collection[StiffnessDerivative]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Steady displacements under a harmonic force, and their derivatives by the logarithms of parameters.
+    """Steady displacements under a harmonic force, and their derivatives with respect to the logarithms of parameters.
 
     Parameters
     ----------

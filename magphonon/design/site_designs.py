@@ -170,7 +170,7 @@ class Variables:
         return found
 
     def gradient(self, x: NDArray[np.float64], slopes: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Slopes by the parameters x, from those by sites and lattice (`SiteSlopes.of`)."""
+        """Slopes with respect to the parameters x, from those of sites and lattice (`SiteSlopes.of`)."""
         found, size = np.empty(len(self)), self.values(x).get('spacing', 1.0)
         for name, part in self._parts.items():
             if name in LATTICE:
@@ -189,7 +189,7 @@ class Variables:
 
     def rest(self, x: NDArray[np.float64], model: Model = 'complete', draw: Draw | None = None,
              near: NDArray[np.float64] | None = None) -> Rest:
-        """The structure at rest; raises Unstable if there is no stable rest near the first positions or the given
+        """The structure at rest; raises Unstable if there is no stable equilibrium near the first positions or the given
         displacements.
         """
         draw = draw or Draw()
@@ -288,9 +288,9 @@ class SiteDesign:
         Value that each start promised, without scatter, and its value in the complete model. They show how far local optima
         differ.
     slopes : dict
-        Derivatives of the value by strength, spring, mass and foot of each site (`SiteSlopes.of`).
+        Derivatives of the value with respect to strength, spring, mass and foot of each site (`SiteSlopes.of`).
     buckled : int
-        Number of evaluations that found no stable rest.
+        Number of evaluations that found no stable equilibrium.
     conventional : SiteDesign or None
         The same designed with D0 alone.
     given : float
@@ -383,8 +383,8 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     objective : Objective
     over : dict
         What may vary, and its bounds: factors of the `strength`, `spring` (or `spring_x`, `spring_y`) and `mass` of each site,
-        displacements of each `foot` in mm along each axis, and factors of the whole lattice: `spacing`, `exponent` (the force
-        over the shortest bond stays), `height` of all pillars.
+        displacements of each `foot` in mm along each axis, and factors of the whole lattice: `spacing`, `exponent` (at
+        constant force in the shortest bond), `height` of all pillars.
     model : {'complete', 'conventional'}
         Model of the waves; statics always follow the complete model.
     sites : array_like of int, optional
@@ -409,7 +409,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     Raises
     ------
     Unstable
-        If no design that was tried has a stable rest.
+        If no design that was tried has a stable equilibrium.
     ValueError
         If nothing may vary, bounds are not a range, or the objective does not depend on anything that varies.
 

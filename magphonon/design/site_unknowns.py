@@ -328,7 +328,7 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     Parameters
     ----------
     fit, build, functions, priors
-        What `fit_transfer` returned, and took.
+        The result of `fit_transfer`, and its arguments.
 
     Returns
     -------

@@ -70,8 +70,8 @@ class TransferFit(ParameterFit):
     Attributes
     ----------
     noise : float
-        Standard deviation of the noise: 1 in the stated uncertainties; where these are not stated, the residual in shares of
-        the peaks.
+        Standard deviation of the noise in units of the stated uncertainties: 1; if none are stated, the residual as a fraction
+        of the peaks.
     misfit : float
         Root mean square residual of a lattice without scatter over the noise.
     square : float

@@ -140,7 +140,7 @@ class Fit:
     weight : float
         Of the named shape against the free curve; 0 where none is named.
     conflicts : ndarray, shape (4,)
-        Distances of `zeros` from their priors, in the standard deviations that they have in tables; beyond CONFLICT the error is
+        Distances of `zeros` from their priors, in the standard deviations expected in such tables; beyond CONFLICT the error is
         larger than was stated.
     pair : float
         Standard deviation of ln f from pair to pair, as given or learned; 0 for a single pair without information.

@@ -28,7 +28,7 @@ from .. import units
 
 @dataclass(frozen=True)
 class LawDerivative:
-    """Derivative of a pair law by a parameter, with the methods of a law that stiffness needs."""
+    """Derivative of a pair law with respect to a parameter, with the methods of a law that stiffness needs."""
 
     dphi: Callable[..., Any]
     d2phi: Callable[..., Any]
@@ -122,7 +122,7 @@ def kinds_of_laws() -> dict[str, Kind]:
 
 
 def exponent_change(law: Any, length: float = units.m) -> LawDerivative:
-    """Derivative of an InversePower by ln a, while b stays the same number in N times `length` to the power a."""
+    """Derivative of an InversePower with respect to ln a, at constant b in N times `length` to the power a."""
     def x(r):
         return law.a * np.log(r / length)
 

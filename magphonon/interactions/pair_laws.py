@@ -129,7 +129,7 @@ class PairInteraction(Protocol):
     """
 
     def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Energy in mJ, shape (bonds,), and its gradient by R in N, shape (bonds, dim), at the vectors R in mm."""
+        """Energy in mJ, shape (bonds,), and its gradient in N, shape (bonds, dim), at the vectors R in mm."""
         ...
 
     def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -546,7 +546,7 @@ class Attraction(Composed):
 
     @property
     def card(self) -> Card:
-        """What is known of the law whose sign it turns; no law of scenes of its own."""
+        """The card of the law whose sign it reverses; scenes do not name it."""
         return card_of(self.repulsion)
 
     def _part(self, name, r):

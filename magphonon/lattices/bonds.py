@@ -392,9 +392,9 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     Raises
     ------
     ValueError
-        If particles coincide, no two are within reach, or the cutoff equals the distance of a shell of neighbours, because the
-        smallest displacement would then make and break bonds and spoil finite differences.  If the shells cannot be
-        distinguished: two are so close that rounding may have split one shell, or the positions are irregular.
+        If particles coincide, or no two are within reach. If the cutoff equals the distance of a shell of neighbours: the
+        smallest displacement would then make and break bonds.  If the shells cannot be distinguished: two are so close that
+        rounding may have split one shell, or the positions are irregular.
 
     Examples
     --------

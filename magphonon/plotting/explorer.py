@@ -215,7 +215,7 @@ def structure_page(atoms: Atoms, drive: dict[str, Any], title: str, scene: str) 
     if not isinstance(law, InversePower):
         raise ValueError(f'the page takes one inverse-power law, not {law!r}; "magphonon frf" takes every law')
     if np.any(calc.load):
-        raise ValueError('the page starts particles at the anchors of their springs and lets them find their rest, but this '
+        raise ValueError('the page starts particles at the anchors of their springs and lets them relax, but this '
                          'structure gives the positions at rest; give positions = "anchors"')
     state = {'spacing': here / units.m, 'exponent': law.a, 'foundation': 0.0}
     alone = {name: {'values': [value], 'scene': 0, 'unit': '', 'per_SI': 1.0} for name, value in state.items()}

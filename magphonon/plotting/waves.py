@@ -198,7 +198,7 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]])
     Parameters
     ----------
     passages : mapping
-        Patch, site and passage of each simulation, by its name.
+        Patch, `BurstSetup` and `BurstRecord` of each simulation, by its name.
     """
     frame = min(crossing(passage) for *_, passage in passages.values())
     fields = {name: passage.field for name, (*_, passage) in passages.items()}

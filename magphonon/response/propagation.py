@@ -188,22 +188,22 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     Parameters
     ----------
     atoms : ase.Atoms
-        With PairCalculator; displacements from rest and momenta are the initial state.  Rest is the reference of the calculator
-        if the forces balance there, including Constant drives; otherwise it is the present positions, if the atoms have found
-        another rest (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
+        With PairCalculator; displacements from rest and momenta are the initial state.  The atoms rest at the reference of the
+        calculator if the forces balance there, including Constant drives, or else at their present positions, if these are
+        another equilibrium (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
     times : array_like, shape (times,)
         Increasing, in ms.
     drives : sequence of drives
         See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
         It should be smooth except for kinks and steps, and have no pulse shorter than the shortest period. The same holds for the
-        course of a Wall; its velocity is reported as zero, as for all held particles.
+        course of a PrescribedMotion; its velocity is reported as zero, as for all held particles.
     damping : float or array_like, shape (particles,)
-        gamma in 1/ms. If it differs from particle to particle, or forces turn velocities, the motion takes four times as many
+        gamma in 1/ms. If it differs from particle to particle, or particles gyrate, the motion takes four times as many
         products.
     particles : array_like of int, optional
         The particles whose motion is returned; all if not given.
     tolerance : float
-        Largest error of a displacement, as a share of the largest one in the answer.
+        Largest error of a displacement, as a fraction of the largest one in the answer.
 
     Examples
     --------

@@ -74,10 +74,10 @@ class BandFits:
     def evidence(self) -> float:
         """Evidence for D* in sigmas: the root of the difference of chi2, negative if D0 alone fits better.
 
-        Without D* the static forces vanish while the stiffness stays free: for an inverse power that is one parameter less, and
-        by Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model holds.  If the points scatter
+        Without D* the static forces vanish, and the stiffness remains free: for an inverse power, one parameter less.  By Wilks'
+        theorem the difference is a chi2 of one degree of freedom if the smaller model holds.  If the points scatter
         more than their uncertainties say, the difference is measured in units of that scatter. If not even the better model
-        follows the points (`DispersionFit.follows`), the evidence means nothing.
+        follows the points (`DispersionFit.follows`), the evidence is meaningless.
         """
         difference = self.fits['conventional'].chi2 - self.fits['complete'].chi2
         return float(np.sign(difference) * np.sqrt(abs(difference)) / self.better.scatter)

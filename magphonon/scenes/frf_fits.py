@@ -211,7 +211,7 @@ def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | 
 
 
 def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[TransferFunction]:
-    """The functions with the particles of the scene where they are seen and driven.
+    """The functions, with the particles of the scene at which they are measured and driven.
 
     Parameters
     ----------

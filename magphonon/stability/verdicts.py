@@ -346,7 +346,7 @@ class Buckling:
         Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
         length, or if it is not judged, such as for balls in contact.
     flat : bool
-        Whether nothing ties a lattice down, and a wave of finite length costs nothing.
+        Whether nothing ties a lattice down, and a wave of finite length costs no energy.
     """
 
     spring: float

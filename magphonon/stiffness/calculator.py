@@ -203,7 +203,7 @@ class PairCalculator(Repulsion):
         return self.changed(reference, bonds, replace(self.sites[image], anchors=supercell.positions - self.slack[image]))
 
     def about(self, atoms: Atoms, load: ArrayLike | None = None, *, model: Model | None = None, **sites: Any) -> PairCalculator:
-        """The same calculator with the present positions of `atoms` as its rest, and optionally another load, model or `sites`.
+        """The same calculator with the present positions of `atoms` as its reference, and another load, model or `sites`.
 
         The pairs of particles, the anchors and the load stay; the bond vectors are computed again.  The forces at the new
         rest need not balance: `LinearSystem.of` checks that.  The cell may differ if nothing is anchored

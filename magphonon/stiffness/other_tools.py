@@ -65,7 +65,7 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     Use them with any tool that takes ASE's atoms with a calculator and computes vibrations, bands or a relaxation from its
     forces: ASE itself, janus-core, matcalc, phonopy and programs built on it. Such a tool may make supercells of its own.
 
-    Times that a tool calls ps are s, speeds in Angstrom/ps are mm/s.  Masses are those of the chemical symbols, so that tools
+    Times given in ps are in s, speeds in Angstrom/ps in mm/s.  Masses are those of the chemical symbols, so that tools
     which look masses up are right too, and energies are scaled to match. Heat capacities and everything else that involves
     Planck's constant come out wrong: use `magphonon.bands.thermal_properties`.  The stress is that of the bonds alone.
 

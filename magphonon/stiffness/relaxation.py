@@ -56,7 +56,7 @@ class Relaxation:
     shift, rms : float
         Largest and root mean square displacement of the free particles in mm.
     steps : int
-        Number of steps of the minimiser; 0 if the structure was already at a stable rest.
+        Number of steps of the minimiser; 0 if the structure was already at a stable equilibrium.
     saddles : int
         Number of unstable equilibria (saddles) that were passed.
     lowest : float

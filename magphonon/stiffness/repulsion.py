@@ -70,7 +70,7 @@ class Repulsion(Restartable):
     seen: NDArray[np.float64] | None = None  # positions of the last call
 
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
-        """Energy, forces and what else of `properties` is asked for, of the reference displaced or strained, by name."""
+        """Energy, forces and other requested `properties` of the displaced or strained reference, by name."""
         raise NotImplementedError
 
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
@@ -88,7 +88,7 @@ class Repulsion(Restartable):
 
     @cached_property
     def supercells(self) -> list[Any]:
-        """The calculators on supercells to which this one was given, the last ones first."""
+        """Calculators made from this one for supercells, the latest first."""
         return []
 
     @property
@@ -173,12 +173,12 @@ class Repulsion(Restartable):
 
     @property
     def rate(self) -> Any:
-        """Forces by the velocity, -m times these matrices, in 1/ms: shape (1 or particles, dim, dim), or zero."""
+        """Velocity-dependent forces, -m times these matrices, in 1/ms: shape (1 or particles, dim, dim), or zero."""
         return sum((term.rate() for term in self.terms), 0.0)
 
     @property
     def turning(self) -> float:
-        """The largest rate in rad/ms at which velocities are turned by forces that depend on them; zero without such forces."""
+        """The largest rate of gyration in rad/ms; zero if nothing gyrates."""
         rate = self.rate
         return float(np.sqrt((rate**2).sum(axis=(1, 2)) / 2).max()) if np.ndim(rate) else 0.0
 
@@ -223,7 +223,7 @@ class Repulsion(Restartable):
         raise NotImplementedError
 
     def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
-        """Its derivative by the Cartesian wavevector in N, shape (dim, wavevectors, particles * dim, particles * dim)."""
+        """Its gradient over Cartesian wavevectors in N, shape (dim, wavevectors, particles * dim, particles * dim)."""
         raise NotImplementedError
 
     def bloch_series(self, along: NDArray[np.float64],

@@ -39,7 +39,7 @@ HELD = 1e-12  # relative component of a blocked force below which it is round-of
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """The linear equations of motion of a structure about a rest, within its constraints.
+    """The linear equations of motion of a structure about an equilibrium, within its constraints.
 
     With the Hessian H, foundation included, and the orthonormal directions P that the constraints leave free,
 
@@ -56,7 +56,7 @@ class LinearSystem:
     Attributes
     ----------
     atoms : ase.Atoms
-        A copy of the structure at this rest, from which its calculator measures displacements.
+        A copy of the structure in this equilibrium, from which its calculator measures displacements.
 
     Examples
     --------
@@ -116,10 +116,10 @@ class LinearSystem:
 
     @classmethod
     def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None, *also: str) -> LinearSystem:
-        """The system about the rest of a moving structure, whose positions are its state; the forces need not balance there.
+        """The system about the equilibrium of a moving structure, at whose positions the forces need not balance.
 
         The rest is the reference if the forces balance there. It is the present positions if the forces are smaller there, or if
-        these are another rest, well away from the reference.
+        these are another equilibrium, well away from the reference.
 
         Parameters
         ----------
@@ -199,7 +199,7 @@ class LinearSystem:
 
     @cached_property
     def static(self) -> NDArray[np.float64]:
-        """The static forces at this rest in N, shape (particles, dim)."""
+        """The static forces in this equilibrium in N, shape (particles, dim)."""
         return static_forces(self.calc)
 
     @cached_property
@@ -292,7 +292,7 @@ class LinearSystem:
 
     @cached_property
     def turning(self) -> float:
-        """The largest rate in rad/ms at which forces by the velocity turn it, zero where there are none."""
+        """The largest rate of gyration in rad/ms; zero if nothing gyrates."""
         return self.atoms.calc.turning  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]  which `about` sets
 
     @property

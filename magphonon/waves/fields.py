@@ -115,7 +115,7 @@ class Field:
         return hull_window(self.sites, self.spacing)
 
     def transforms(self, top: float) -> Iterator[tuple[NDArray[np.float64], list[NDArray[np.complex128]]]]:
-        """Of each segment its angular frequencies up to `top`, and the motions over these with a Hann window and its derivative.
+        """For each segment: angular frequencies up to `top`, and the motions with a Hann window and with its derivative.
 
         They are divided by half the sum of the window, so that a wave of the amplitude A has the peak A.
         """

@@ -78,7 +78,7 @@ class Scan:
         return (self.times[-1] - self.times[0]) / (len(self.times) - 1)
 
     def placed(self, places: Mapping[str, tuple[float, float]]) -> Scan:
-        """The points of which `places` tells x and y in mm, by name; the others are left out."""
+        """The points for which `places` gives x and y in mm, by name; the others are left out."""
         kept = [k for k, name in enumerate(self.names) if name in places]
         if not kept:
             raise ValueError(f'the positions of the points {_listed(self.names)} are missing; known are those of the points '

@@ -255,19 +255,19 @@ def ridge(spectrum: Spectrum) -> Ridge:
     """Ridge of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
 
     With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity uncertain
-    by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins: the imaginary part is how far away the cell is, and the real part is not zero
-    where the wave grows or decays within the window, as a pulse does that passes early or late in the record.  B is taken
-    from the median over the frequency line, so that leakage and other waves count as noise too.
+    by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins.  The imaginary part of the ratio is the distance from the cell. The real part
+    is not zero if the wave grows or decays within the window, as a pulse early or late in the record does.  B is taken from the
+    median over the frequency line, so leakage and other waves count as noise too.
 
     If the motion is not a plane wave, the halves of the row disagree by D, and the whole is uncertain by D/2, less the
     contribution of noise to D.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
-    background), so that noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each point
-    gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger. To this
-    mean that of `_jumps` from line to line is added, likewise less noise and widened. A difference of more than a bin is not an
-    uncertainty of one wave: one half has then found another wave, which the whole row would resolve.
+    background), so noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each point
+    gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger. The same
+    mean of the `_jumps` from line to line is added. If D is more than a bin, it is no uncertainty of one wave: one half has
+    found another wave, which the whole row would resolve.
 
     For a dispersive wave that runs one way this overestimates the uncertainty: in a long row it reaches the halves at different
-    times, at which different parts of its branch are strong.
+    times, when different parts of its branch are strong.
 
     Examples
     --------

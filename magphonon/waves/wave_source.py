@@ -46,7 +46,7 @@ def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
     ----------
     cell : ase.Atoms
     source : {'row', 'point', 'bench'}
-        Fronts along R1, or across R2; of a shaken bench they leave the lowest row as those of a row do.
+        Fronts along R1, or across R2; those of a shaken bench leave the lowest row, like those of a row.
 
     Examples
     --------
@@ -105,9 +105,8 @@ class BurstSetup:
 def burst_setup(cell: Atoms, patch: Atoms, source: str) -> BurstSetup:
     """Where to drive a patch and where to measure it.
 
-    Ends of a row of sources send waves of their own across the fronts: at the measured row they move the ridge by more
-    than a wavenumber bin.  So the force falls off as cos^2 towards the ends, and the measured row crosses the middle of the
-    beam half way up.
+    The ends of a row of sources send waves of their own, which would move the ridge by more than a wavenumber bin. Therefore
+    the force falls off as cos^2 towards the ends, and the measured row crosses the middle of the beam half way up.
 
     Parameters
     ----------

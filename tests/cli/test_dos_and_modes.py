@@ -88,7 +88,7 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
         assert {file.name for file in (tmp_path / command).iterdir()} == files | {'scene.toml', 'provenance.json'}
     told = capsys.readouterr().out.splitlines()
     assert ['X,', 'branch', '1', '15.9155', '35.5881', 'transverse'] in [line.split() for line in told]
-    assert any(line.startswith('not drawn') for line in told)
+    assert any(line.startswith('no picture') for line in told)
     atoms = lattices.parallelogram(lattices.triangular(L0, MASS), 7, 7)
     light = 24
     masses = atoms.get_masses()

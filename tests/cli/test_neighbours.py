@@ -65,7 +65,7 @@ def test_speeds_feel_neighbours_much_farther_away(shells):
     ('prototype', {'law__shells': None}, r'^\d+ shells of neighbours \(shells = "auto"\): the others would shift no frequency'),
     ('wigner', {'law__shells': None}, r'^All neighbours count \(shells = "auto"\)\.$'),
     ('prototype', {'law__shells': 5}, r'^5 shells of neighbours \(shells = 5\): the others would shift M, .* Omit law.shells'),
-    ('measured', {}, r'if the forces go on falling as at the end of their table\. Measure the force farther away'),
+    ('measured', {}, r'if the forces keep falling as at the end of their table\. Measure the force farther away'),
 ])
 def test_what_is_said_of_how_many_count(name, changes, words):
     told = neighbours(scene_of(changed(name, **changes)) if changes else read_scene(name))

@@ -141,7 +141,7 @@ def test_a_date_of_the_shell_that_is_none(monkeypatch, capsys):
     monkeypatch.setenv('SOURCE_DATE_EPOCH', 'abc')
     assert main(['bands', '--verbose', 'chain']) == 2
     assert capsys.readouterr().err == ('magphonon: SOURCE_DATE_EPOCH of the shell must be whole seconds since 1970, not '
-                                       "'abc'; mend or unset it\n")
+                                       "'abc'; correct or unset it\n")
     monkeypatch.setenv('SOURCE_DATE_EPOCH', '0')
     assert main(['check', '--verbose', 'chain']) == 0
 

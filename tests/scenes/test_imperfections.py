@@ -59,7 +59,7 @@ def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
     assert main(['check', '--verbose', str(tmp_path / 'v.toml')]) == 0
     said = capsys.readouterr().out
     assert moved in said
-    assert 'At this rest it is stable' in said
+    assert 'This equilibrium is stable' in said
     assert main(['frf', '--verbose', str(tmp_path / 'v.toml'), '-o', str(tmp_path / 'out')]) == 0
     assert moved in capsys.readouterr().out
     (tmp_path / 'soft.toml').write_text(text.replace('stiffness_N_per_m = 80.0', 'stiffness_N_per_m = 1.0'))
@@ -134,7 +134,7 @@ def test_a_row_repeats_along_its_period_alone():
     ({'disorder': {'seed': 1, 'position_m': 0.02}}, r'disorder\.position_m = 0\.02 is more than a tenth'),
     ({'patch': None, 'frf': None}, r'defects: there is no structure for them; add a table \[patch\]'),
     ({'uncertainty': {'mass_percent': 1.0}},
-     'defects and uncertainty: tolerances of all particles alike are those of the perfect'),
+     'defects and uncertainty: tolerances that all particles share are for the perfect'),
 ])
 def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
     def written(value):

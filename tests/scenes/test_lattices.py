@@ -46,7 +46,7 @@ def test_every_shape(table, model, scene_with):
     (('', 'chain'), r'has no table \[patch\]; add one'),
     (('kind = "hexagon"\nside_m = 300',), r'the patch of 2.7e\+09 cells is too large .* check its unit'),
     (('kind = "half_hexagon"\nside_m = 0.01',), 'none of them inside its rim; make it larger'),
-    (('kind = "hexagon"\nside_m = 3e-5', 'wigner'), "law.shells = 'all': the force has so long a range"),
+    (('kind = "hexagon"\nside_m = 3e-5', 'wigner'), "law.shells = 'all': the force reaches so far"),
     (('kind = "hexagon"\nside_m = 5', 'chain'), 'cut from a planar cell'),
 ])
 def test_patches_that_cannot_be_cut_are_refused_when_they_are_wanted(arguments, message, scene_with):

@@ -256,7 +256,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r'ASE reads no structure in .*noise\.xyz'):
         scene({'file': 'noise.xyz'})
     atoms = written(tmp_path, 1)
-    with pytest.raises(ValueError, match=r'foundation and law\.kind = "saved" say two things'):
+    with pytest.raises(ValueError, match=r'foundation and law\.kind = "saved" exclude each other'):
         scene({'file': 'mine.traj'}, {'kind': 'saved'}, foundation={'stiffness_N_per_m': 1.0})
     with pytest.raises(ValueError, match=r'mine\.traj has a cell of its own; take cell_m out'):
         scene({'file': 'mine.traj', 'cell_m': [[1, 0]]})
@@ -264,7 +264,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     ase.io.write(tmp_path / 'bare.traj', bare)
     with pytest.raises(ValueError, match='written without a calculator of magphonon'):
         scene({'file': 'bare.traj'}, {'kind': 'saved'})
-    with pytest.raises(ValueError, match=r'uncertainty\.a_percent: of particles from a file these are'):
+    with pytest.raises(ValueError, match=r'uncertainty\.a_percent: for particles from a file only these are'):
         scene({'file': 'bare.traj'}, uncertainty={'a_percent': 1.0})
     with pytest.raises(ValueError, match='stiffness_percent belongs to a foundation, but the scene has none'):
         scene({'file': 'bare.traj'}, uncertainty={'stiffness_percent': 1.0})

@@ -471,4 +471,4 @@ def test_hum_is_named(mains, kind):
             u = u + (0.15 if kind == 'burst' else 1.0) * np.sin(2e-3 * np.pi * mains * t + rng.uniform(0, 6))
         points[f'{k}'] = Samples(t, {'x': u}, (10.0 * k, 0.0))
     told = [note for note in assembled('f.csv', points, False).notes if note.startswith('hum')]
-    assert [f'a line at {mains} Hz' in note for note in told] == [True] * bool(mains)
+    assert [f'a steady line at {mains} Hz' in note for note in told] == [True] * bool(mains)
