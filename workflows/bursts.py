@@ -70,7 +70,7 @@ def draw_maps(out, maps, carriers_Hz):
         add_radians(row[1])
     return save_picture(figure, out / 'bursts.png',
                         'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model: '
-                        'shear tells the models apart, the longitudinal branch hardly moves.')
+                        'shear distinguishes the models, the longitudinal branch hardly moves.')
 
 
 def compared(record, wave, motion, model, branch):

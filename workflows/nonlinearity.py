@@ -333,7 +333,7 @@ def draw_local_mode(out, family, seen, rates):
         legend_above(ax, ncols=2)
     return save_picture(figure, out / 'local_mode.png',
                         'A light particle in a row vibrates: (a) its frequency, (b) how fast disturbances grow, in time '
-                        'steps over some ten of their beats. Between about 6 % and 24 % of the spacing two waves of the row '
+                        'steps over about ten of their beats. Between about 6 % and 24 % of the spacing two waves of the row '
                         'grow at its expense.')
 
 

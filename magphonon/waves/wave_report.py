@@ -46,7 +46,7 @@ def agreements(records: Mapping[str, Sequence[Wave]]) -> list[str]:
         for wave in found:
             misfits, on = wave.misfits, wave.agrees_with
             if on:
-                both = ': it does not tell the models apart' if {model for model, _ in on} == {*MODELS} else ''
+                both = ': it does not distinguish the models' if {model for model, _ in on} == {*MODELS} else ''
                 off = {name: [f'{misfits[model, name].bins:.2f}' for model in MODELS if (model, name) in on] for _, name in on}
                 branches = ', '.join(dict.fromkeys(
                     f'{name} of both models ({" and ".join(off[name])} bins)' if len(off[name]) == len(MODELS)

@@ -222,7 +222,7 @@ def test_longitudinal_waves_are_no_evidence_and_a_ridge_on_both_models_tells_non
     assert longitudinal not in report({'x': shear})
     both = replace(wave, ridge=replace(wave.ridge, sigma_omega=wave.ridge.sigma_omega + 0.02))
     assert {model for model, _ in both.agrees_with} == {'complete', 'conventional'}  # 0.3 bins apart at xi = 1
-    words = 'it does not tell the models apart'
+    words = 'it does not distinguish the models'
     assert [words in report({'x': [one]}) for one in (both, *shear)] == [True, False]
     assert re.search(r'agrees with longitudinal of both models \(0.0\d and 0.\d\d bins\): it does', report({'x': [both]}))
     assert 'conventional longitudinal (' not in report({'x': [both]})
