@@ -61,7 +61,7 @@ def chart(quick):
     """Error against time for one magnet, by closed form, and for patches."""
     budget = {'repeats': 2 if quick else 5, 'patience': 0.3 if quick else 1.0}
     table = one_magnet('one magnet, 121 frequencies', quick, budget)
-    checks = [Check(f'frf, one magnet: {m.method} off the closed form', m.error, 0.0, 1e-12)
+    checks = [Check(f'frf, one magnet: {m.method}, error against the closed form', m.error, 0.0, 1e-12)
               for m in table if m.method in ('modal sum', DIRECT)]
     for n in [32] if quick else [32, 100]:
         panel = f'N = {n * n}, {len(FREQUENCIES)} frequencies'
@@ -69,7 +69,7 @@ def chart(quick):
         own = measure(candidates(shaken, panel, quick), shaken.error, **budget)
         own = [whole(m) if m.method == STEPPED or (m.method == DIRECT and (quick or n > 50)) else m for m in own]
         table += own
-        checks += [Check(f'frf, {panel}: {m.method} off the series', m.error, 0.0, 1e-8, consistency=True)
+        checks += [Check(f'frf, {panel}: {m.method}, difference from the series', m.error, 0.0, 1e-8, consistency=True)
                    for m in own if m.method in ('modal sum', DIRECT)]
         steps = min((m for m in own if m.method == STEPPED), key=lambda m: m.error)
         products = min(m.cost['products'] for m in own if m.method == SERIES and m.error <= steps.error)

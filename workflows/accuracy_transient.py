@@ -265,9 +265,9 @@ def fourier(burst, cost):
 def judged(panel, table):
     """What no machine changes."""
     series = {m.setting: m for m in table if m.method == SERIES}
-    checks = [Check(f'transient, {panel}: error of the series asked for 1e-09', series['tolerance = 1e-09'].error, 0.0, 1e-9,
+    checks = [Check(f'transient, {panel}: error of the series at tolerance 1e-09', series['tolerance = 1e-09'].error, 0.0, 1e-9,
                     consistency=True)]
-    checks += [Check(f'transient, {panel}: {m.method} off Lanczos', m.error, 0.0, 1e-10, consistency=True)
+    checks += [Check(f'transient, {panel}: {m.method}, difference from Lanczos', m.error, 0.0, 1e-10, consistency=True)
                for m in table if m.method in ('modal superposition', 'FFT of the periodic lattice')]
     steps = cheapest([m for m in table if m.method == VERLET], TARGET)
     if steps:

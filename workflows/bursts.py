@@ -79,9 +79,9 @@ def compared(record, wave, motion, model, branch):
     own, off = wave.misfits[model, branch], wave.misfits[other, branch]
     apart = {'shear': 5, 'longitudinal': 1}[branch]  # bins: D* hardly moves the longitudinal branch
     return [Check(f'{record}: strongest motion is the {motion} one', float(wave.motion == motion), 1.0, 0.0),
-            Check(f'{record}: ridge off its own branch (bins)', own.bins, 0.0, HALF_A_BIN),
-            Check(f'{record}: the same in its uncertainties', own.omega / own.sigma_omega, 0.0, NORMAL),
+            Check(f'{record}: distance to its own branch (bins)', own.bins, 0.0, HALF_A_BIN),
+            Check(f'{record}: the same / its uncertainty', own.omega / own.sigma_omega, 0.0, NORMAL),
             Check(f'{record}: nearest branch with which the ridge agrees is its own',
                   float(wave.agrees_with[:1] == ((model, branch),)), 1.0, 0.0),
-            Check(f'control: {record}: ridge off the {other} branch (bins)', off.bins, 0.0, apart, control=True),
-            Check(f'control: {record}: the same in its uncertainties', off.omega / off.sigma_omega, 0.0, NORMAL, control=True)]
+            Check(f'control: {record}: distance to the {other} branch (bins)', off.bins, 0.0, apart, control=True),
+            Check(f'control: {record}: the same / its uncertainty', off.omega / off.sigma_omega, 0.0, NORMAL, control=True)]

@@ -109,7 +109,7 @@ def never_hardens():
     repulsive = [largest(InversePower(1.0, rng.uniform(0.5, 8)), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     pulling = [largest(Spring(1.0, 0.1), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     return [Check(f'{what}, repulsive laws', max(0, *repulsive), 0, 1e-12),
-            Check(f'control: {what}, springs that pull (the least of them)', min(pulling), 0, 1e-3, control=True)]
+            Check(f'control: {what}, for springs that pull (smallest value)', min(pulling), 0, 1e-3, control=True)]
 
 
 def frequency_at_M(model, amplitude):
@@ -151,7 +151,7 @@ def at_every_amplitude(paper):
         rows += [Check(f'{at} (rad/s)', complete, paper['M_complete'][0], 1e-6),
                  Check(f'{at}, complete / D0 alone', complete / conventional, 0.5, 1e-6),
                  Check(f'control: {at}, D0 alone (rad/s)', conventional, paper['M_complete'][0], 0.5, control=True)]
-    return [*rows, Reported(f'M shear in time at an amplitude of {VISIBLE:g} L0 (rad/s), beside that of small motion',
+    return [*rows, Reported(f'M shear in time at an amplitude of {VISIBLE:g} L0 (rad/s), and of small motion',
                             frequency_at_M('complete', VISIBLE), paper['M_complete'][0])]
 
 
@@ -214,8 +214,8 @@ def elastic_rim(out):
         ax.set(xlabel='steps along the measured row', ylabel='amplitude (µm)', ylim=(3e-3, 2))
         ax.label_outer()
     legend_of_set(figure)
-    return [Reported('rim on beams: how far static repulsion bends them (mm), beside the spacing', sag / units.mm, 10),
-            *(Reported(f'rim on beams: change along the measured row at {carrier:g} Hz, over the largest amplitude', change)
+    return [Reported('rim on beams: how far static repulsion bends them (mm), and the spacing', sag / units.mm, 10),
+            *(Reported(f'rim on beams: change along the measured row at {carrier:g} Hz / largest amplitude', change)
               for carrier, change in zip(scene.burst.carriers_Hz, off, strict=True))], \
         save_picture(figure, out / 'elastic_rim.png', (
             'The prototype with a rigidly held rim, as everywhere else here, and with a rim on elastic beams of 1/4 inch, '

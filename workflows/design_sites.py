@@ -116,7 +116,7 @@ def demultiplexer(table):
     write_build_list(table, best[1])
     write_build_list(table.with_name('demultiplexer_parts.csv'), best[1], best[1].tolerances(robust(8, 1.0)), PARTS)
     steps = by_time_steps(best[1].objective, best[1].atoms)
-    return [Check('demultiplexer: softly weaker contrast by time steps (dB)', steps, best[1].value, 0.05),
+    return [Check('demultiplexer: soft minimum of both contrasts, by time steps (dB)', steps, best[1].value, 0.05),
             Reported('demultiplexer: designed in (CPU-s)', process_time() - start)]
 
 
@@ -125,10 +125,10 @@ def judged(table):
     told = bench.judge(table, DRAWS)
     rows = [Check(f'demultiplexer: draws of {DRAWS} at 1 % scatter that fail {GOAL:g} dB, by another solver',
                   told['draws'] - told['kept'], 0, (1 - SHARE) * DRAWS),
-            Reported('demultiplexer: strengths that it takes, beside those in the list', told['strengths'], len(STRENGTHS)),
-            Reported('demultiplexer: pillars that it takes, beside those in the list', told['springs'], len(PILLARS))]
+            Reported('demultiplexer: number of strengths used, and in the list', told['strengths'], len(STRENGTHS)),
+            Reported('demultiplexer: number of pillars used, and in the list', told['springs'], len(PILLARS))]
     for port, f, here, there in zip('AB', bench.HERTZ, own_decibels(bench.read(table)), told['dB'], strict=True):
-        rows.append(Check(f'demultiplexer: {f:g} Hz to port {port} (dB), beside another solver', here, there, KEPT))
+        rows.append(Check(f'demultiplexer: {f:g} Hz to port {port} (dB), and by another solver', here, there, KEPT))
     return [*rows, Reported('demultiplexer: worst tenth of the draws (dB)', told['tenth'])]
 
 
@@ -151,7 +151,7 @@ def promises_of_d0(starts=STARTS):
     design = optimise(atoms, contrast(atoms, at), OVER, steps=60, model='conventional', starts=starts)
     kept = [number for number in design.given_by_starts if number >= GOAL]
     return [Check(f'control: of {starts} designs with D0 alone, those that keep {GOAL:g} dB', len(kept), starts, 0, control=True),
-            *(Reported(f'D0 alone, {which}: it promises this weaker contrast (dB), beside the truth', promise, truth)
+            *(Reported(f'D0 alone, {which}: weaker contrast promised (dB), and true', promise, truth)
               for which, promise, truth in ends(design.starts, design.given_by_starts))]
 
 
@@ -175,9 +175,9 @@ class Four:
 
     @property
     def rows(self):
-        return [Check(f"control: {self.name}, D0's design in truth, beside D0's promise", self.given_by_d0, self.promised_by_d0,
+        return [Check(f"control: {self.name}: true value of D0's design, and its promise", self.given_by_d0, self.promised_by_d0,
                       0.2, control=True),
-                Check(f'{self.name}, in truth, beside the promise of D0 + D*', self.given, self.promised, self.tolerance)]
+                Check(f'{self.name}: true value, and promise of D0 + D*', self.given, self.promised, self.tolerance)]
 
 
 def mesh(n):
@@ -213,7 +213,7 @@ def gap(starts=3):
     best = max(alone)
     return [*Four(f'gap above branch {BRANCHES} of a cell of nine (Hz)', *best, promise,
                   omega[:, BRANCHES:].min() - omega[:, :BRANCHES].max(), 1e-3).rows,
-            *(Reported(f'gap with D0 alone, {which}: it promises (Hz), beside the truth', p, t)
+            *(Reported(f'gap with D0 alone, {which}: promised (Hz), and true', p, t)
               for which, p, t in ends(*zip(*alone, strict=True)))]
 
 

@@ -36,18 +36,18 @@ def main(out):
         step, phase = OMEGA[1] - OMEGA[0], np.angle(guided[:, k] / complete[k])
         checks += [
             Check(f'frf peak (rad/s), {at}', OMEGA[abs(guided[:, k]).argmax()] * units.s, omega_0, step * units.s / omega_0),
-            Check(f'frf amplitude off the closed form, {at}', departure(guided[:, k], complete[k]), 0, TOLERANCE),
-            Check(f'frf phase off the closed form (rad), {at}', abs(phase).max(), 0, 2 * TOLERANCE),  # twice as steep
-            Check(f'frf from one impulse, off the closed form, {at}',
+            Check(f'frf amplitude, error against the closed form, {at}', departure(guided[:, k], complete[k]), 0, TOLERANCE),
+            Check(f'frf phase, error against the closed form (rad), {at}', abs(phase).max(), 0, 2 * TOLERANCE),  # twice as steep
+            Check(f'frf from one impulse, error against the closed form, {at}',
                   departure(impulse.response[:, k], complete[k]), 0, TOLERANCE),
         ]
         off = departure(guided[:, k], conventional[k])
         if theta0 < np.pi / 2:
-            checks += [Check(f'frf, free horizontally, off the closed form, {at}',
+            checks += [Check(f'frf, free horizontally, error against the closed form, {at}',
                              departure(free[:, k], complete[k][::SPARSE]), 0, TOLERANCE),
-                       Check(f'control: frf amplitude off D0 alone, {at}', off, 0, 0.5, control=True)]
+                       Check(f'control: frf amplitude, difference from D0 alone, {at}', off, 0, 0.5, control=True)]
         else:
-            checks.append(Check(f'frf amplitude off D0 alone, which is right here, {at}', off, 0, TOLERANCE))
+            checks.append(Check(f'frf amplitude, difference from D0 alone, which is right here, {at}', off, 0, TOLERANCE))
     return Outcome(checks, [draw(out, paper, guided, free, complete)])
 
 

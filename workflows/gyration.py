@@ -84,7 +84,7 @@ def edges(gaps):
             *pairs('middle gap with D0 alone', gaps['conventional'], (3.344168, 3.537844), 1e-6, ('from', 'to')),
             Check('waves along the edges of the strip within the gap', len(flows['complete'].q), 0, 1e-12),
             Check('control: D0 alone', len(flows['conventional'].q), 0, 0.5, control=True),
-            Check('more of them along the right edge than back, D0', flows['conventional'].right, 1, 1e-12),
+            Check('net number of them along the right edge, D0', flows['conventional'].right, 1, 1e-12),
             Check('and along the left edge', flows['conventional'].left, -1, 1e-12),
             Check('their speed d omega/dk over the period of the strip, D0', slope, 0.2117, 5e-3)]
 
@@ -97,7 +97,7 @@ def bursts(gaps):
     travels = sum(with_dstar[:2]) * with_dstar[2] / energy
     return [Check('burst, D0 alone: share of its energy that does not run to the right', 1 - there, 0, 0.16),
             Check('share that runs to the left, D0', back, 0, 1e-3),
-            Check('energy that travels with D*, over all that enters with D0 alone', travels, 0, 1e-3),
+            Check('energy that travels with D* / energy that enters with D0 alone', travels, 0, 1e-3),
             Check('control: D0 alone', there + back, 0, 1e-3, control=True)]
 
 

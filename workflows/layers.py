@@ -73,7 +73,7 @@ def upright_magnets():
     ends = [pair_force(RING, RING, (L0, 0, z))[2] for z in (STEP, -STEP)]
     stiffness = -(ends[0] - ends[1]) / (2 * STEP)
     D = layer(UprightMagnets(LAW), 1.5).calc.bloch_matrix(np.array([[2 / 3, 1 / 3, 0]]))
-    return [Check('the same of upright dipoles', (1.5 - D[0, 2, 2].real) * L0 / force, 27.0, 1e-9),
+    return [Check('the same for upright dipoles', (1.5 - D[0, 2, 2].real) * L0 / force, 27.0, 1e-9),
             Check("rings: stiffness of a pair out of the plane by Laplace's equation, N/mm", law.vertical(L0), stiffness, 1e-6,
                   consistency=True),
             Check("control: phi'/r, as of a force along the bond", law.planar.dphi(L0) / L0, stiffness, 0.5, control=True)]

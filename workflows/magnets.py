@@ -81,11 +81,11 @@ def beside_the_fit(ring, law, L0, paper):
     fit = paper['f_at_spacing'] * u.N
     return [
         Check('ring: mass at 7.5 g/cm3 (g)', DENSITY * ring.volume, paper['mass'] * u.kg, 1e-3),
-        *(Reported(f'exponent of the ring law fitted from {near} to {far} mm, beside that of the paper',
+        *(Reported(f'exponent of the ring law fitted from {near} to {far} mm, and in the paper',
                    fitted_exponent(law, near, far), paper['a']) for near, far in WINDOWS),
         Reported('force at 10 mm, computed / fitted: not explained', f / fit, 1),
         *(Reported(f'the same {what}', force / fit, 1) for what, force in candidates(ring, L0).items()),
-        *(Reported(f'mass at 7.5 g/cm3 {what} (kg), beside that of the paper', DENSITY * other.volume / u.kg, paper['mass'])
+        *(Reported(f'mass at 7.5 g/cm3 {what} (kg), and in the paper', DENSITY * other.volume / u.kg, paper['mass'])
           for what, other in other_shapes(ring).items()),
         Check('out-of-plane stiffness of a bond / -(a_loc - 1) f/r', stiffness / (-(a - 1) * f / L0), 1, 1e-6),
         Check('control: the same / -f/r of a central law', stiffness / (-f / L0), 1, 1, control=True),

@@ -38,7 +38,7 @@ def main(out):
               Check('steel balls, D*/D0 of a contact, 2/3 of the overlap over the spacing', ratios['steel'],
                     2 / 3 * 3e-6 / 0.019997, 1e-9),
               Check('magnets, D*/D0 of a bond, 1/a', ratios['prototype'], 1 / 4.5824, 1e-12)]
-    checks += [Check(f'{SCENES[name]}: highest change of a squared frequency by D*, over the highest', change, 0, 1e-3, control)
+    checks += [Check(f'{SCENES[name]}: largest change of omega^2 by D* / highest omega^2', change, 0, 1e-3, control)
                for name, change, control in ((n, static_change(cells[n]), n != 'steel') for n in SCENES)]
     return Outcome(checks, [_draw_bands(out), _draw_shares(out, ratios)])
 
@@ -114,7 +114,7 @@ def _mass_defect():
     masses[20] *= 0.5
     chain.set_masses(masses)
     local = bloch_modes(chain, [[0, 0, 0]])[0].max()
-    return Check('mode of a particle of half the mass in a chain, over the band edge', local / edge, (1 - 0.5**2) ** -0.5, 1e-9)
+    return Check('mode of a particle of half the mass in a chain / band edge', local / edge, (1 - 0.5**2) ** -0.5, 1e-9)
 
 
 def _draw_bands(out):

@@ -75,12 +75,12 @@ def gap():
     wrong = abs(np.exp(-1j * back.omega[0] * T)[:, None] - multipliers).min(axis=1).max() / T
     return [Check('width of the gap at -q, in Hz', (high - low) / HZ, 0.476629, 2e-6),
             Check('the same, by coupled modes eps k/(2 m sqrt(w1 w2))', (high - low) / HZ, coupled / HZ, 2e-4),
-            Check('where it is, in Hz: two waves of the mean lattice that differ by W', shear(crossing['complete']) / HZ,
+            Check('its middle, in Hz: two waves of the mean lattice that differ by W', shear(crossing['complete']) / HZ,
                   33.18603, 1e-6),
             Check('control: D0 alone', shear(crossing['conventional'], 'conventional') / HZ, 33.18603, 0.01, control=True),
-            Check('quasi-frequencies less those of the monodromy of three rows, in rad/ms', away, 0, 1e-11),
+            Check('quasi-frequencies minus those from the monodromy matrix of three rows, in rad/ms', away, 0, 1e-11),
             Check('control: those at +q', wrong, 0, 1e-4, control=True),
-            Check('share of the wave in itself at +q: no gap', pair(back)[1], 1, 1e-3),
+            Check('share of the harmonic at +q itself: no gap', pair(back)[1], 1, 1e-3),
             Check('control: at -q', pair(there)[1], 1, 0.1, control=True)]
 
 
@@ -114,7 +114,7 @@ def gain():
     return [Check('growth at W = 2 w, in 1/s', growth(EPS) * units.s, 1.223413, 1e-6),
             Check('the same, by eps k/(4 m w)', growth(EPS) * units.s, formula * units.s, 1e-5),
             Check('control: D0 alone', growth(EPS, model='conventional') * units.s, 1.223413, 0.5, control=True),
-            Check('depth from which it grows against losses of 4 per s', threshold, 0.0817, 1e-3),
+            Check('depth above which it grows, with losses of 4 per s', threshold, 0.0817, 1e-3),
             Check('verdict at a depth of 0.0816: stable', held[0], 1, 1e-12),
             Check('verdict at 0.0818', held[1], 0, 1e-12)]
 

@@ -106,10 +106,10 @@ def main(out):
     checks += [
         Check(f'light particle in a row, w at {last:.2f} L0', family.omega[-1], seen[-1], 1e-4, consistency=True),
         Check('control: light particle, w of small amplitude', family.omega[0], seen[-1], 1e-3, control=True),
-        Check(f'growth of what disturbs it at {family.amplitude[worst]:.2f} L0', family.growth[worst], rates[worst], 0.1,
+        Check(f'growth of disturbances at {family.amplitude[worst]:.2f} L0', family.growth[worst], rates[worst], 0.1,
               consistency=True),
         # of a fit over some beats, as all of them
-        Check('growth in time at amplitudes that last, largest', max(rates[family.stable]), 0, 0.01),
+        Check('largest growth at stable amplitudes', max(rates[family.stable]), 0, 0.01),
         Check('control: at all amplitudes', max(rates), 0, 0.01, control=True),
     ]
     return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_waves(out, (t, h, expected), (x, e, forms)),

@@ -138,7 +138,7 @@ def draw(out, verdicts):
     least = min(min(v.truth, v.choice.error) for v in verdicts if v.truth > 0 and v.choice.error > 0)
     ends = np.array([10 ** np.floor(np.log10(least)), 1.0])
     ax.plot(ends, ends, color='0.4', lw=0.8, label='estimate = truth')
-    ax.set(xlabel='true relative error of the method chosen', ylabel='relative error that the plan told', xlim=ends, ylim=ends)
+    ax.set(xlabel='true relative error of the method chosen', ylabel='relative error predicted by the plan', xlim=ends, ylim=ends)
     legend_above(ax, ncols=2)
 
     amplitudes = np.logspace(-3, -0.8, 40)

@@ -56,7 +56,7 @@ def light_mass():
         masses[50] = mu
         top = modes(along_x(101, masses=masses)).omega[-1] / 2  # omega_max = 2 sqrt(k/m)
         if mu < 1:
-            rows.append(Check(f'chain with one mass of {mu:g}: its mode over the band edge', top, (mu * (2 - mu)) ** -0.5, 1e-9))
+            rows.append(Check(f'chain with one mass of {mu:g}: its mode / band edge', top, (mu * (2 - mu)) ** -0.5, 1e-9))
     return [*rows, Check(f'control: the chain without it, against the mode of {mu:g}', top, (LIGHT[1] * (2 - LIGHT[1])) ** -0.5,
                          0.02, control=True)]
 
@@ -101,7 +101,7 @@ def missing_magnet(out, known):
         f'{rest.shift:.2g} mm.'))
     return [*pairs('honeycomb, a magnet missing: local modes (Hz)', found, known['honeycomb_hole_Hz'], 1e-4,
                    ('first', 'second', 'third')),
-            Check('control: their number before the others move', len(unmoved.omega), 3, 0.5, control=True),
+            Check('control: number of local modes before the other magnets move', len(unmoved.omega), 3, 0.5, control=True),
             Reported('farthest that a magnet moves towards the hole (mm)', rest.shift, 10)], picture
 
 
@@ -215,9 +215,9 @@ def scattered_magnets(out, known):
     what = f'prototype, strengths scatter by {100 * SCATTER:g} %: width of M shear (Hz)'
     place = np.average(frequencies, weights=here * weight)
     # either is known to some 5 % from so many magnets
-    return [Check(f'{what}, A(k, omega) beside exact supercells', width, theirs, 0.15, consistency=True),
-            Check('control: the resolution of A(k, omega) alone, beside the same', resolution, theirs, 0.3, control=True),
-            Reported('where it lies then (Hz), beside that of equal magnets', float(place), known['M_complete_Hz'][0])], \
+    return [Check(f'{what}, A(k, omega), and exact supercells', width, theirs, 0.15, consistency=True),
+            Check('control: the resolution of A(k, omega) alone, and exact supercells', resolution, theirs, 0.3, control=True),
+            Reported('its frequency then (Hz), and with equal magnets', float(place), known['M_complete_Hz'][0])], \
         save_picture(ax.figure, out / 'scattered_magnets.png', 'Scatter of 1 % in the strength of each magnet broadens M shear.')
 
 
@@ -250,8 +250,8 @@ def each_magnet(known):
         own = np.isclose(units.hertz(omega), frequency, rtol=1e-6)
         here, there, less = (units.hertz(x) for x in (std[own][0], drawn[:, own].std(), without[own][0]))
         what = f'each magnet by itself, 16 of them: scatter of the {name} (Hz)'
-        rows += [Check(f'{what}, first order beside {SAMPLES} supercells', here, there, 0.1, consistency=True),
-                 Reported(f'{what}: mean shift in these, beside it', units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
+        rows += [Check(f'{what}, to first order, compared with {SAMPLES} supercells', here, there, 0.1, consistency=True),
+                 Reported(f'{what}: mean shift of these', units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
     return [*rows, Check('control: the last scatter, of masses and pillars alone', less, there, 0.1, control=True)]
 
 
@@ -270,10 +270,10 @@ def disordered_chain():
     alike = 2 / np.pi * np.arcsin(omega / 2)
     return [*(Check(f'disordered chain, share of modes below {w:g} sqrt(k/m)', a, b, 0.05)
               for w, a, b in zip(omega, here, below / CHAIN, strict=True)),
-            Check('control: the same of equal masses, below 1.95', alike[-1], below[-1] / CHAIN, 0.05, control=True),
+            Check('control: the same for equal masses, below 1.95', alike[-1], below[-1] / CHAIN, 0.05, control=True),
             # some 50 modes at each frequency, of lengths that scatter by 60 %
             Check('power of the frequency in the localisation length of long waves', reach_power(chain), -2, 0.25),
-            Check('control: the same of equal masses', reach_power(along_x(CHAIN // 10)), -2, 0.25, control=True)]
+            Check('control: the same for equal masses', reach_power(along_x(CHAIN // 10)), -2, 0.25, control=True)]
 
 
 def reach_power(chain):

@@ -32,8 +32,8 @@ def main(out):
               for name, std, sample in zip(POINTS, linear.std / HERTZ, sampled, strict=True)]
     uncorrelated = Tolerances(tolerances.changes, np.diag(np.diag(tolerances.covariance)))
     wrong = at_points(scene, uncorrelated).std[1] / HERTZ, at_points(scene, tolerances, 'conventional').std[1] / HERTZ
-    checks += [Check('control: of M shear, a and b as if independent (Hz)', wrong[0], sampled[1], 1, control=True),
-               Check('control: of M shear, D0 alone (Hz)', wrong[1], sampled[1], 0.1, control=True)]
+    checks += [Check('control: deviation of M shear, a and b taken as independent (Hz)', wrong[0], sampled[1], 1, control=True),
+               Check('control: deviation of M shear, D0 alone (Hz)', wrong[1], sampled[1], 0.1, control=True)]
     bare = scene.model_copy(update={'foundation': None})
     spacing = at_points(bare, Uncertainty(spacing_percent=1.0).tolerances(bare))
     percent = 100 * spacing.std[1] / spacing.values[1]

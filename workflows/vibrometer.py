@@ -66,11 +66,11 @@ def maps(scene, out):
             wave = next(wave for wave in found if wave.motion == 'transverse')
             record, misfits = f'vibrometer {carrier:g} Hz, {model} simulation', wave.misfits
             own, off = misfits[model, 'shear'], misfits[other, 'shear']
-            checks += [Check(f'{record}: ridge off its own shear branch, Gamma-K (bins)', own.bins, 0, HALF_A_BIN),
-                       Check(f'{record}: the same in its uncertainties', own.omega / own.sigma_omega, 0, NORMAL),
+            checks += [Check(f'{record}: distance to its own shear branch, Gamma-K (bins)', own.bins, 0, HALF_A_BIN),
+                       Check(f'{record}: the same in units of its uncertainty', own.omega / own.sigma_omega, 0, NORMAL),
                        Check(f'{record}: it agrees with its own branch and no other',
                              float(wave.agrees_with == ((model, 'shear'),)), 1, 0),
-                       Check(f'control: {record}: ridge off the {other} shear branch (bins)', off.bins, 0, 1, control=True)]
+                       Check(f'control: {record}: distance to the {other} shear branch (bins)', off.bins, 0, 1, control=True)]
             table[-1].append(wave)
             if model == 'complete':
                 checks.append(between_lines(record, carrier, compare(wave.ridge, gamma_m).bins))
@@ -103,8 +103,8 @@ def draw_experiment(out, scene):
 def between_lines(record, carrier, bins):
     """The row of Gamma-M: as near as Gamma-K where waves are long, off by more than a bin where they are not."""
     if carrier < APART:
-        return Check(f'{record}: ridge off Gamma-M, whose waves come from a row (bins)', bins, 0, HALF_A_BIN)
-    return Check(f'control: {record}: ridge off Gamma-M, whose waves come from a row (bins)', bins, 0, 1, control=True)
+        return Check(f'{record}: distance to Gamma-M, as for a row of sources (bins)', bins, 0, HALF_A_BIN)
+    return Check(f'control: {record}: distance to Gamma-M, as for a row of sources (bins)', bins, 0, 1, control=True)
 
 
 def longitudinal(cell, found, record):
@@ -121,8 +121,8 @@ def longitudinal(cell, found, record):
     misfit, nearest = compare(replace(wave.ridge, **arrays), oblique), min(misfit.bins for misfit in wave.misfits.values())
     record += ', longitudinal motion'
     return [Check(f'{record}: branches of Gamma-K with which the ridge agrees', len(wave.agrees_with), 0, 0),
-            Check(f'control: {record}: ridge off the nearest of them (bins)', nearest, 0, 1, control=True),
-            Check(f'{record}: ridge above 58.2 Hz off shear waves M + k (bins)', misfit.bins, 0, HALF_A_BIN)]
+            Check(f'control: {record}: distance to the nearest of them (bins)', nearest, 0, 1, control=True),
+            Check(f'{record}: distance above 58.2 Hz to shear waves M + k (bins)', misfit.bins, 0, HALF_A_BIN)]
 
 
 def both_motions(scene, out):
@@ -140,10 +140,10 @@ def both_motions(scene, out):
             own, off = misfits['complete', name], misfits['conventional', name]
             near, apart = (TENTH_OF_A_BIN, TENTH_OF_A_BIN) if name == 'longitudinal' else (HALF_A_BIN, 3)
             record = f'row of sources, {carrier:g} Hz: {name} ridge'
-            checks += [Check(f'{record} off its own branch, Gamma-M (bins)', own.bins, 0, near),
-                       Check(f'control: {record} off that of D0 alone (bins)', off.bins, 0, apart, control=True)]
+            checks += [Check(f'{record} distance from its own branch, Gamma-M (bins)', own.bins, 0, near),
+                       Check(f'control: {record} distance from that of D0 alone (bins)', off.bins, 0, apart, control=True)]
     shear, along = (separations(wave) for wave in table[0])
-    checks.append(Check('row of sources, 60 Hz: ridge off D0 alone, shear over longitudinal, against the branches',
+    checks.append(Check('row of sources, 60 Hz: distance to D0 alone, shear / longitudinal, of ridges and of branches',
                         *np.divide(shear, along), OF_BRANCHES))
     figure, axes = plot_waves(table, [f'{motion} motion, {carrier:g} Hz' for carrier in BOTH for motion in MOTIONS], BOTH)
     figure.set_size_inches(PAGE_in, HEIGHT_in * len(axes))
@@ -177,8 +177,8 @@ def gap(scene, out):
         off = {model: abs(measured / U - 1)[steps].max() for model, U in responses.items()}
         record = f'burst of 15 Hz from a {source}, {motion} motion'
         checks += [Check(f'{record}: points of a ridge', sum(points), 0, 0),
-                   Check(f'{record}: amplitudes off the linear response', off['complete'], 0, LINEAR, consistency=True),
-                   Check(f'control: {record}: amplitudes off those of D0 alone', off['conventional'], 0, 0.3, control=True)]
+                   Check(f'{record}: difference from the linear response', off['complete'], 0, LINEAR, consistency=True),
+                   Check(f'control: {record}: amplitudes, difference from D0 alone', off['conventional'], 0, 0.3, control=True)]
         expected = {model: slowest(cell, source, motion, model) for model in MODELS}
         if source == 'row':
             n = 1 + np.arange(len(measured))  # behind a row the origin does not matter

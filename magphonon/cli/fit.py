@@ -132,8 +132,8 @@ def _fit_together(options, name, kinds):
                         _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}),
                         [one for functions in kinds['transfer functions'].values() for one in functions],
                         GAIN if options.gain_sigma is None else options.gain_sigma)
-    _told(options, scene, [ready_table(one) for names in kinds.values() for one in names], partial(joint_report, found), ' '
-                                                                                                                         'joint_fit')
+    _told(options, scene, [ready_table(one) for names in kinds.values() for one in names], partial(joint_report, found),
+          'joint_fit')
 
 
 def _shared_errors(options):
