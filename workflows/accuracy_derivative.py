@@ -150,10 +150,10 @@ def checks(curves, amplitudes):
     both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
     first_order = slope(DISTANCES, one, 1e-6, 1e-3)
     tests = [
-        Check('derivative, plus-minus: power above the floor', slope(DISTANCES, both, 1e-4, 1e-2), 2, 0.05),
-        Check('derivative, plus-minus: power below the floor', slope(DISTANCES, both, 1e-9, 1e-7), -1, 0.2),  # round-off scatters
-        Check('derivative, one-sided: power above the floor', first_order, 1, 0.05),
-        Check('control: one-sided as good as plus-minus', first_order, 2, 0.3, control=True),
+        Check('derivative, both sides: power above the floor', slope(DISTANCES, both, 1e-4, 1e-2), 2, 0.05),
+        Check('derivative, both sides: power below the floor', slope(DISTANCES, both, 1e-9, 1e-7), -1, 0.2),  # round-off scatters
+        Check('derivative, one side: power above the floor', first_order, 1, 0.05),
+        Check('control: one side as good as both', first_order, 2, 0.3, control=True),
     ]
     for name in ('held', 'ase'):
         u = curves[WINDOW, LOOPS[name]]

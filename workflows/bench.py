@@ -59,7 +59,7 @@ def judged(path, quantities, intervals, truths, control, least=LEAST, control_tr
                   SURELY * (high - low) / 3.92 / abs(truth))
             for name, (low, high), truth in zip(quantities, intervals[0], truths[0], strict=True)]
     held, wrong = (((ends[..., 0] <= true) & (true <= ends[..., 1])) for ends, true in ((intervals, truths), (control, others)))
-    return [*rows, Check(f'{path}: share of {held.size} intervals of 95 %, of {len(held)} specimens, that hold the truth',
+    return [*rows, Check(f'{path}: share of {held.size} intervals of 95 %, of {len(held)} specimens, that contain the true value',
                          held.mean(), 1, 1 - least),
             Check(f'control: {path}, {without}: share of {wrong.size} intervals, of {len(wrong)} specimens', wrong.mean(), 1,
                   1 - least, control=True)]

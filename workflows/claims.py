@@ -105,7 +105,7 @@ def never_hardens():
         complete, D0 = (cell.calc.bloch_matrix(q, model) for model in ('complete', 'conventional'))
         return np.linalg.eigvalsh(complete - D0).max() / abs(D0).max()
 
-    what = f'largest eigenvalue of D*(k) over the largest entry of D0(k), {DRAWN} drawn cells'
+    what = f'largest eigenvalue of D*(k) / largest entry of D0(k), {DRAWN} drawn cells'
     repulsive = [largest(InversePower(1.0, rng.uniform(0.5, 8)), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     pulling = [largest(Spring(1.0, 0.1), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     return [Check(f'{what}, repulsive laws', max(0, *repulsive), 0, 1e-12),
@@ -185,11 +185,11 @@ def loop_work():
 
     literal = abs(np.array([work('literal', radius) for radius in LOOPS]))
     power = np.polyfit(np.log(LOOPS), np.log(literal), 1)[0]
-    what = 'work around a loop of radius u over f L0 (u/L0)^3'
+    what = 'work around a loop of radius u / (f L0 (u/L0)^3)'
     return [Check(f'{what}, complete model', scaled('complete').max(), 0, 1e-6),
             Check('the same, D0 alone with projected lengths', scaled('conventional').max(), 0, 1e-6),
             Check('control: the same, only the magnitude updated', scaled('literal').max(), 0, 1e-6, control=True),
-            Check('power of the radius in the work of the force of which only the magnitude is updated', power, 3, 0.02)]
+            Check('power of the radius in the work, if only the magnitude of the force is updated', power, 3, 0.02)]
 
 
 def elastic_rim(out):

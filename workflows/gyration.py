@@ -86,7 +86,7 @@ def edges(gaps):
             Check('control: D0 alone', len(flows['conventional'].q), 0, 0.5, control=True),
             Check('net number of them along the right edge, D0', flows['conventional'].right, 1, 1e-12),
             Check('and along the left edge', flows['conventional'].left, -1, 1e-12),
-            Check('their speed d omega/dk over the period of the strip, D0', slope, 0.2117, 5e-3)]
+            Check('their speed d omega/dk / period of the strip, D0', slope, 0.2117, 5e-3)]
 
 
 def bursts(gaps):

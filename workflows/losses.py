@@ -38,7 +38,7 @@ def main(out):
                Check('decay at 40 Hz by the group velocity, c/(2 v)', C / u.s / (2 * speed), closed(40.0).imag, 2e-4),
                Check('decay at 40 Hz, D0 alone', shear(cell, 40.0, 'conventional').imag,
                      closed(40.0, 'conventional').imag, 1e-7),
-               Check('control: decay at 40 Hz, D0 alone, against that of the lattice',
+               Check('control: decay at 40 Hz, D0 alone, compared with the lattice',
                      shear(cell, 40.0, 'conventional').imag, closed(40.0).imag, 0.3, control=True),
                *each_its_own()]
     return Outcome(checks, [picture(out, cell)])

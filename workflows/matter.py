@@ -35,7 +35,7 @@ def main(out):
     ratios = {name: static_share(atoms) for name, atoms in cells.items()}
     checks = [*_planar_crystals(known), *_crystals_in_space(known, cells['fcc']),
               _mass_defect(),
-              Check('steel balls, D*/D0 of a contact, 2/3 of the overlap over the spacing', ratios['steel'],
+              Check('steel balls, D*/D0 of a contact, 2/3 overlap / spacing', ratios['steel'],
                     2 / 3 * 3e-6 / 0.019997, 1e-9),
               Check('magnets, D*/D0 of a bond, 1/a', ratios['prototype'], 1 / 4.5824, 1e-12)]
     checks += [Check(f'{SCENES[name]}: largest change of omega^2 by D* / highest omega^2', change, 0, 1e-3, control)
@@ -100,7 +100,7 @@ def _crystals_in_space(known, fcc):
 
     return [
         Check('Yukawa crystals change from bcc to fcc at kappa', crossing, known['yukawa_bcc_fcc'], 5e-4),
-        Check('fcc, phonopy in space against D0 + D*, squares over the highest', apart(complete), 0, 1e-8),
+        Check('fcc, phonopy in space against D0 + D*, omega^2 / highest omega^2', apart(complete), 0, 1e-8),
         Check('control: fcc, phonopy against D0 alone', apart(conventional), 0, 0.05, control=True),
     ]
 

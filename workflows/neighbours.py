@@ -62,11 +62,11 @@ def _closed_forms(known):
         Check('dipole crystal c_L^2', c_L**2, known['dipole_c_L_squared'], 1e-11),
         Check('dipole crystal c_T^2', c_T**2, known['dipole_c_T_squared'], 1e-11),
         Check('dipole crystal c_L/c_T, sqrt(11) of Golden and Kalman', c_L / c_T, 11**0.5, 1e-11),
-        Check('dipole chain c^2 over that of nearest neighbours, zeta(3)', sound_speeds(chain)[1] ** 2 / nearest[0],
+        Check('dipole chain, c^2 / nearest neighbours, zeta(3)', sound_speeds(chain)[1] ** 2 / nearest[0],
               known['dipole_chain_c_squared'], 1e-12),
-        Check('dipole chain omega^2 at X over that of nearest neighbours, 31/32 zeta(5)',
+        Check('dipole chain, omega^2 at X / nearest neighbours, 31/32 zeta(5)',
               bloch_modes(chain, [M])[0][0, 1] ** 2 / nearest[1], known['dipole_chain_edge_squared'], 1e-12),
-        Check('Bloch matrix with the sums divided elsewhere, relative', abs(ours - other).max() / abs(ours).max(), 0, 1e-11,
+        Check('Bloch matrix with the sums split differently, relative', abs(ours - other).max() / abs(ours).max(), 0, 1e-11,
               consistency=True),
     ]
 
@@ -84,7 +84,7 @@ def _prototype(known):
         Check('M shear, direct sum over 30 spacings (Hz)', shear[3], known['prototype_M_Hz'][0], 1e-4),
         Check('control: M shear of nearest neighbours (Hz)', shear[0], known['prototype_M_Hz'][0], 0.1, control=True),
         Check('mass of the pillar that moves, over that of the magnet', share, known['pillar_share'], 1e-3),
-        *(Reported(f'{branch} at M, all neighbours and the pillars\' mass, over that of the paper\'s model', heavy / paper, 1)
+        *(Reported(f'{branch} at M, all neighbours and the pillars\' mass / the paper\'s model', heavy / paper, 1)
           for branch, heavy, paper in zip(('shear', 'longitudinal'), at_M(heavier), at_M(nearest), strict=True)),
     ]
 
@@ -103,7 +103,7 @@ def _as_built(known):
             for name, where, branch in PLACES for effect in cells]
     softer = np.sqrt(found['paper'][:2, 0] ** 2 - np.array([9, 11]) * tilt)
     return [*rows, *pairs('leaning (Hz), from c f L', found['lean'][:2, 0], softer, 1e-9, ('cut-off', 'M shear')),
-            Check('moving mass of pillars: cut-off over that of the paper', found['mass'][0, 0] / found['paper'][0, 0],
+            Check('moving mass of pillars: cut-off / that of the paper', found['mass'][0, 0] / found['paper'][0, 0],
                   (1 + known['pillar_share']) ** -0.5, 1e-4)]
 
 

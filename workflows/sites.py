@@ -72,7 +72,7 @@ def dimerised_chain():
     u = abs(ends.shapes[0, :, 0] + np.array([1, -1])[:, None] * ends.shapes[1, :, 0])
     left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
     return [*edges, *pairs('its modes at the ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5, ('first', 'second')),
-            Check('decay of such a mode in a cell', left[3] / left[1], k2 / k1, 1e-4),
+            Check('decay of such a mode per cell', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
             Check('control: with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
 
@@ -249,10 +249,10 @@ def each_magnet(known):
     for name, frequency in (('cut-off', known['gamma_Hz']), ('M shear', known['M_complete_Hz'][0])):
         own = np.isclose(units.hertz(omega), frequency, rtol=1e-6)
         here, there, less = (units.hertz(x) for x in (std[own][0], drawn[:, own].std(), without[own][0]))
-        what = f'each magnet by itself, 16 of them: scatter of the {name} (Hz)'
+        what = f'independent scatter of 16 magnets: deviation of the {name} (Hz)'
         rows += [Check(f'{what}, to first order, compared with {SAMPLES} supercells', here, there, 0.1, consistency=True),
                  Reported(f'{what}: mean shift of these', units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
-    return [*rows, Check('control: the last scatter, of masses and pillars alone', less, there, 0.1, control=True)]
+    return [*rows, Check('control: the last deviation, of masses and pillars alone', less, there, 0.1, control=True)]
 
 
 def disordered_chain():

@@ -49,8 +49,8 @@ def main(out):
         checks += [
             Check(f'{name}: foundation needed, largest misfit over a from 1 to 8 (f/L0)', misfit['complete'], 0, 1e-9),
             Check(f'control: {name}, D0 alone (f/L0)', misfit['conventional'], 0, 0.5, control=True),
-            Check(f'{name}: runs 5 % off the border that go the wrong way', wrong(grown['complete']), 0, 0),
-            Check(f'control: {name}, D0 alone, runs that go the wrong way', wrong(grown['conventional']), 0, 0, control=True),
+            Check(f'{name}: runs 5 % from the border with the wrong result', wrong(grown['complete']), 0, 0),
+            Check(f'control: {name}, D0 alone, runs with the wrong result', wrong(grown['conventional']), 0, 0, control=True),
             Check(f'{name}: growth rates of runs, largest misfit', misfit_of_rates(grown['complete']), 0, 1e-3),
         ]
     checks += _angles()

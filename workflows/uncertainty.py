@@ -37,12 +37,12 @@ def main(out):
     bare = scene.model_copy(update={'foundation': None})
     spacing = at_points(bare, Uncertainty(spacing_percent=1.0).tolerances(bare))
     percent = 100 * spacing.std[1] / spacing.values[1]
-    checks.append(Check('1 % of spacing without foundation: % of M shear, (a + 1)/2', percent, 2.7912, 1e-9))
+    checks.append(Check('1 % in the spacing, no foundation: change of M shear (%), (a + 1)/2', percent, 2.7912, 1e-9))
 
     response, sampled = oscillator()
     apart = abs(response.std / sampled - 1)
     half_way = response.values < response.values.max() / np.sqrt(2)  # within the peak's width the second order counts
-    checks += [Check(f'oscillator: deviation of the amplitude beside the peak, linear / {SAMPLES} drawn - 1',
+    checks += [Check(f'oscillator: deviation of the amplitude beside the peak, linear / {SAMPLES} random - 1',
                      apart[half_way].max(), 0, TOLERANCE, consistency=True),
                Check('control: the same on top of the peak, where the slope vanishes', apart.max(), 0, 0.05, control=True)]
     return Outcome(checks, [*draw_bands(out), draw_limit(out, scene), draw_response(out, response, sampled)])

@@ -255,7 +255,7 @@ def not_compiled(calc: Any) -> str | None:
     if not calc.tie.known:  # constant springs
         return None
     if calc.tie.modulation(calc.anchors) is None:
-        return f'the foundation is {calc.tie!r}, and compiled steps know springs only'
+        return f'the foundation is {calc.tie!r}, and compiled steps support springs only'
     return 'modulated springs are not slack at rest' if calc.slack.any() else None
 
 

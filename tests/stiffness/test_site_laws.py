@@ -183,6 +183,6 @@ def test_a_law_of_a_script_that_changes_moves_in_time_steps_and_is_refused_elsew
     for tool in modes, verdict:
         with pytest.raises(ValueError, match='time steps know it'):
             tool(atoms)
-    with pytest.raises(ValueError, match='compiled steps know springs only'):
+    with pytest.raises(ValueError, match='compiled steps support springs only'):
         DrivenVerlet(atoms, 0.01, engine='compiled').run(1)
     assert atoms.calc.on(atoms.calc.reference).tie.rate == rate
