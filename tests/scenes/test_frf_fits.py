@@ -322,9 +322,9 @@ def test_the_place_of_a_measurement(tmp_path):
 
 
 @pytest.mark.parametrize(('header', 'row', 'words'), [
-    ('frequency_Hz,re_m_per_N,im_m_per_N,direction_deg', '{f},1,1,90', 'direction_deg alone'),
-    ('frequency_Hz,re_m_per_N,im_m_per_N,drive_deg', '{f},1,1,90', 'drive_deg alone'),
-    ('time_s,drive_N,answer_m,x_m,y_m', '{f},1,1,0,0', 'x_m, y_m alone'),
+    ('frequency_Hz,re_m_per_N,im_m_per_N,direction_deg', '{f},1,1,90', 'has only direction_deg;'),
+    ('frequency_Hz,re_m_per_N,im_m_per_N,drive_deg', '{f},1,1,90', 'has only drive_deg;'),
+    ('time_s,drive_N,answer_m,x_m,y_m', '{f},1,1,0,0', 'has only x_m, y_m;'),
     ('frequency_Hz,amplitude_m_per_N,phase_deg', '{f},-90,1', 'exchanged with phase_deg'),
     ('frequency_Hz,re_m_per_N,im_m_per_N', '{f},0,0', 'is zero at every frequency'),
 ])
