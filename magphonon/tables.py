@@ -51,8 +51,8 @@ PREAMBLE = 200
 """Number of lines among which the header is looked for: instruments write what they are above it."""
 SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # the line by which Excel is told the separator
 BRACKETS = re.compile(r'(?P<name>.*?)\s*(?:\[(?P<a>[^][]*)\]|\((?P<b>[^()]*(?:\([^()]*\)[^()]*)?)\)'
-                      r'|\s/\s*(?P<c>\S.*)|\sin\s(?P<d>\S+))')
-"""A name with its unit: r [mm], r (mm), r / mm, r in mm."""
+                      r'|\s/\s*(?P<c>\S.*)|/(?P<d>[^][\s]+)|\sin\s(?P<e>\S+))')
+"""A name with its unit: r [mm], r (mm), r / mm, r/mm, r in mm."""
 DECIBELS = re.compile(r'dB(?:[ _](?:re[ _:.]*)?)?1?[ _]*(?P<unit>.*)', re.IGNORECASE)
 WORDS = {
     'r': ('distance', 'abstand', 'd', 'separation', 'spacing', 'weg'), 'gap': ('spalt', 'luftspalt', 'clearance'),
@@ -65,11 +65,11 @@ WORDS = {
     'drive': ('force', 'kraft', 'hammer'), 'mass': ('masse',),
     'answer': ('displacement', 'velocity', 'acceleration', 'response', 'beschleunigung', 'auslenkung', 'schnelle')}
 """What instruments call a quantity: their words in small letters."""
-SPELT = {'hz': 'Hz', 'khz': 'kHz', 'sec': 's', 'sek': 's', 'msec': 'ms', 'newton': 'N', '°': 'deg', 'degrees': 'deg',
-         'grad': 'deg', 'degree': 'deg', 'radians': 'rad', 'micron': 'um', '-': '', '1': '', 'gf': 'gf',
+SPELT = {'hz': 'Hz', 'hertz': 'Hz', 'khz': 'kHz', 'sec': 's', 'sek': 's', 'seconds': 's', 'msec': 'ms', 'newton': 'N',
+         '°': 'deg', 'degrees': 'deg', 'grad': 'deg', 'degree': 'deg', 'radians': 'rad', 'micron': 'um', '-': '', '1': '',
          'lb': 'lbf', 'lbs': 'lbf', 'inch': 'in', 'inches': 'in'}
 """Units as instruments spell them, in small letters."""
-ATOM = re.compile(r'([munk]?N|[munc]?m|[mu]?s)(2?)')
+ATOM = re.compile(r'([munk]?N|[munc]?m|in|[mu]?s|[km]?gf|lbf)(2?)')
 
 
 @dataclass(frozen=True)
@@ -215,9 +215,11 @@ def _of_array(path, name, values, factor, blank):
         return np.array([str(int(one)) if isinstance(one, (float, np.floating)) and one == int(one) else str(one)
                          for one in values.tolist()])
     try:
-        values = np.asarray(values, float)
+        values = np.asarray(values, None if values.dtype.kind in 'cmM' else float)
+        if values.dtype.kind != 'f':
+            raise TypeError
     except (TypeError, ValueError):
-        raise ValueError(f'{path}: {name} holds no numbers') from None
+        raise ValueError(f'{path}: {name} holds no real numbers (its type is {values.dtype})') from None
     for k in np.flatnonzero(~np.isfinite(values))[:1] if not blank else ():
         raise ValueError(f'row {k + 1} of {path}: {name} is {values[k]}, not a finite number')
     return values
@@ -331,9 +333,20 @@ def _spelt(unit, units):
     return next((name for name in units if name and parts is not None and _parts(name) == parts), None)
 
 
+def unit_of_label(path: Any, dataset: Mapping[str, Any], axis: str, units: Mapping[str, float], otherwise: float) -> float:
+    """The unit of an axis of a dataset 58: as its label says, or `otherwise` where it has none."""
+    label = str(dataset.get(f'{axis}_axis_units_lab') or '').strip()
+    if label.upper() in ('', 'NONE'):
+        return otherwise
+    if (spelt := _spelt(label, units)) is None:
+        raise ValueError(f'{path}, node {dataset["rsp_node"]}: {shown(label)} is no known unit of such data; export it '
+                         f'in SI, or in {", ".join(name.replace("_per_", "/") for name in [*units][1:5])}')
+    return units[spelt]
+
+
 def _parts(unit):
     """Numerator and sorted denominators of a unit; None of what is none."""
-    unit = unit.replace('_per_', '/').replace('²', '2').replace('^', '').replace('(', '').replace(')', '')
+    unit = unit.replace('_per_', '/').replace('sec', 's').replace('²', '2').replace('^', '').replace('(', '').replace(')', '')
     over, *under = re.sub(r'[\s*·.]', '', unit).split('/')
     if not over or any(ATOM.sub('', one) for one in under):
         return None

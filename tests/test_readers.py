@@ -312,7 +312,35 @@ def test_a_tdms_file_of_channels_is_a_scan(tmp_path):
     assert_scan(read_scan(tmp_path / 's.tdms'), t, v)
 
 
+WORDS_OF_POINTS = {  # how instruments name the column of a point, by row, column and direction
+    'A1': lambda row, k, axis: f'{"ABC"[row]}{k}',
+    'Ref 1': lambda row, k, axis: f'{("Ref", "Point", "Channel")[row]} {k}',
+    'Vx 1': lambda row, k, axis: f'V{axis} {10 * row + k}',
+    'x1': lambda row, k, axis: f'{axis}{10 * row + k}',
+    'u_x1': lambda row, k, axis: f'u_{axis}{10 * row + k}',
+    'Point 1 X': lambda row, k, axis: f'Point {10 * row + k} {axis.upper()}',
+}
+
+
+@pytest.mark.parametrize('name', WORDS_OF_POINTS)
+def test_no_column_of_a_wide_table_is_taken_for_that_of_another_point(name, tmp_path):
+    rng = np.random.default_rng(sum(map(ord, name)))
+    axes = ('x', 'y') if name[-1] not in '1' or name[0] in 'Vxu' else ('',)
+    columns = [(row, k, axis) for row in range(3) for k in (1, 2, 4) for axis in axes]
+    t, u = 1e-3 * np.arange(30), rng.standard_normal((30, len(columns)))
+    order = rng.permutation(len(columns))
+    head = ['time [s]', *(f'{WORDS_OF_POINTS[name](*columns[k])} [mm]' for k in order)]
+    (tmp_path / 's.csv').write_text(text([head, *([a, *row] for a, row in zip(t, u[:, order], strict=True))]))
+    scan = read_scan(tmp_path / 's.csv')
+    assert len(scan.names) == 9
+    assert {*scan.motions} == {*axes}
+    for (row, k, axis), values in zip(columns, u.T, strict=True):
+        point = WORDS_OF_POINTS[name](row, k, axis) if axes == ('',) else str(10 * row + k)
+        assert_allclose(scan.motions[axis][:, scan.names.index(point)], values, rtol=1e-9)
+
+
 @pytest.mark.parametrize(('written', 'mend'), [
+    ('time_s,17 [mm],u 17 [mm]\n0,1,2\n1,2,3\n', "'u 17' is a second column of the point '17'"),
     ('time_s,P1,P2\n0,1,2\n1,2,3\n', r'lacks the column particle or x_m,y_m; .*a column for each point with its unit'),
     ('time_s,P1 [m/s],P2 [mm]\n0,1,2\n1,2,3\n', 'columns of displacements and of velocities'),
     ('time_s,point,v_y [m/s]\n0,1,1\n0.1,1,2\n0.3,1,1\n', 'its samples are too far apart for motion at'),
@@ -324,7 +352,62 @@ def test_scans_that_cannot_be_known_are_refused_with_the_mend(written, mend, tmp
         read_scan(tmp_path / 's.csv')
 
 
+@pytest.mark.parametrize('kind', ['m8[us]', 'M8[ms]', complex])
+def test_arrays_that_are_no_real_numbers_are_refused(kind, tmp_path):
+    """Numbers of microseconds under the name time_s, for one."""
+    u = np.random.default_rng(0).standard_normal((20, 3))
+    np.savez(tmp_path / 's.npz', time_s=(1000 * np.arange(20)).astype(kind), u_m=u)
+    with pytest.raises(ValueError, match='time_s holds no real numbers'):
+        read_scan(tmp_path / 's.npz')
+
+
 # --- transfer functions --------------------------------------------------------------------------------------------------------
+
+SI = ({'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'in': 0.0254}, {'N': 1.0, 'kN': 1e3, 'lbf': 4.4482216},
+      {'Hz': 1.0, 'rad/s': 1 / (2 * np.pi)})
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_the_labels_of_a_universal_file_are_its_units(seed, tmp_path):
+    """With a dataset 164 that says otherwise, or with none; the quantity, its unit, and how it is written are drawn."""
+    pyuff = pytest.importorskip('pyuff')
+    rng = np.random.default_rng(seed)
+    order, f = int(rng.integers(3)), np.linspace(20, 90, 8)
+    h = rng.standard_normal(8) + 1j * rng.standard_normal(8)  # m/N, m/s/N or m/s^2/N
+    lengths = SI[0] | ({'g': 9.80665} if order == 2 else {})
+    length, force, per = (str(rng.choice([*units])) for units in (lengths, *SI[1:]))
+    over = length + ('', '/s', rng.choice(['/s^2', '/s²']))[order] * (length != 'g')
+    in_one = bool(rng.integers(2))  # the label of the ordinate says all
+    told = {'ordinate_axis_units_lab': f'({over})/{force}' if in_one else over, 'abscissa_axis_units_lab': per,
+            'orddenom_axis_units_lab': 'NONE' if in_one else force}
+    one = {'type': 58, 'binary': 0, 'func_type': 4, 'rsp_node': 1, 'rsp_dir': 1, 'ref_node': 2, 'ref_dir': 1,
+           'x': f / SI[2][per], 'data': h / lengths[length] * SI[1][force], 'abscissa_spec_data_type': 18,
+           'ordinate_spec_data_type': (8, 11, 12)[order], 'orddenom_spec_data_type': 13} | told
+    other = {'type': 164, 'units_code': 1, 'units_description': 'x', 'temp_mode': 1, 'length': 7.0, 'force': 3.0, 'temp': 1.0,
+             'temp_offset': 0.0}
+    pyuff.UFF(str(tmp_path / 'f.uff')).write_sets([other] * bool(rng.integers(2)) + [one], 'overwrite')
+    (found,) = read_transfer(tmp_path / 'f.uff')
+    assert_allclose(found.omega, 2e-3 * np.pi * f, rtol=1e-5)  # pyuff writes five digits
+    assert_allclose(found.response, 1e3 * h / (2j * np.pi * f) ** order, rtol=1e-4)
+
+
+@pytest.mark.parametrize(('wrong', 'mend'), [
+    ({'ordinate_axis_units_lab': 'V'}, "node 1: 'V' is no known unit of such data"),
+    ({'ordinate_axis_units_lab': 'm/s'}, "'m/s' is no known unit"),  # of a displacement
+    ({'data': np.ones(8)}, 'node 1 has no imaginary part'),
+    ({'rsp_node': 5}, 'does not say where its nodes are'),
+])
+def test_universal_files_that_cannot_be_known_are_refused_with_the_mend(wrong, mend, tmp_path):
+    pyuff = pytest.importorskip('pyuff')
+    one = {'type': 58, 'binary': 0, 'func_type': 4, 'rsp_node': 1, 'rsp_dir': 1, 'ref_node': 2, 'ref_dir': 1,
+           'x': 20.0 + np.arange(8), 'data': np.exp(1j * np.arange(8)), 'abscissa_spec_data_type': 18,
+           'ordinate_spec_data_type': 8, 'orddenom_spec_data_type': 13}
+    pyuff.UFF(str(tmp_path / 'f.uff')).write_sets([one], 'overwrite')
+    read_transfer(tmp_path / 'f.uff')  # the control
+    pyuff.UFF(str(tmp_path / 'f.uff')).write_sets([one, one | wrong] if 'rsp_node' in wrong else [one | wrong], 'overwrite')
+    with pytest.raises(ValueError, match=mend):
+        read_transfer(tmp_path / 'f.uff')
+
 
 def response(seed):
     """Frequencies in Hz and a receptance in m/N."""

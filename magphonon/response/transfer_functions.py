@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units as u
 from ..errors import one_of
 from ..readers import content
-from ..tables import FREQUENCY, GRAVITY, LENGTH, MOST_BYTES, PURE, TIME, read_table
+from ..tables import FORCE, FREQUENCY, GRAVITY, LENGTH, MOST_BYTES, PURE, TIME, read_table, unit_of_label
 from .frf import Dof
 
 MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
@@ -258,7 +258,7 @@ def _of_datasets(path, sets):
     for nodes in (one for one in sets if one['type'] in (15, 2411)):
         places |= {int(n): (x * u.m / metre, y * u.m / metre)
                    for n, x, y in zip(*(np.atleast_1d(nodes[name]).tolist() for name in ('node_nums', 'x', 'y')), strict=True)}
-    found = []
+    found, somewhere = [], set()
     for one in sets:
         if one['type'] != 58 or one['func_type'] != RESPONSE_FUNCTION:
             continue
@@ -268,12 +268,23 @@ def _of_datasets(path, sets):
         if not known or not (shaken or per in (0, *FORCES)):
             raise ValueError(f'{path}: the function of node {one["rsp_node"]} is not a displacement, velocity or acceleration '
                              f'per force or per motion of the bench (types {what} and {per}); export it as one of these')
+        if not np.imag(one['data']).any():
+            raise ValueError(f'{path}: the function of node {one["rsp_node"]} has no imaginary part; export complex functions')
+        motions = {name: factor for name, (factor, order) in MOTIONS.items() if order == QUANTITIES[what]}
+        own = u.m * u.s ** -QUANTITIES[what] / metre
+        under = unit_of_label(path, one, 'orddenom', *((motions, own) if shaken else (FORCE, u.N / newton)))
+        ratios = {f'{a}_per_{b}': x / y * under for a, x in motions.items() for b, y in FORCE.items()}  # in one label
+        unit = unit_of_label(path, one, 'ordinate', motions | ratios, own) / under
         order = 0 if shaken else QUANTITIES[what]
-        unit = 1.0 if shaken else u.m * u.s**-order / metre / (u.N / newton)
         ends = [_end(path, one, end, places) for end in ('rsp', 'ref')]
         name = f'{path}, node {one["rsp_node"]}, direction {one["rsp_dir"]}'
-        omega, data = 2 * np.pi * u.Hz * np.asarray(one['x'], float), np.asarray(one['data'], complex)
+        per = unit_of_label(path, one, 'abscissa', FREQUENCY | {'rad/s': 1 / u.s}, FREQUENCY['Hz'])
+        omega, data = per * np.asarray(one['x'], float), np.asarray(one['data'], complex)
+        somewhere |= {name} if ends[0] is None else set()
         found.append(TransferFunction(name, omega, unit * data, None, order, *ends, shaken=shaken))
+    if len(somewhere) > 1:
+        raise ValueError(f'{path} does not say where its nodes are, and all of {", ".join(sorted(somewhere))} would be taken for '
+                         'the point of [frf.response]; export the geometry too (dataset 15), or one function a file')
     if not found:
         types = sorted({one['func_type'] for one in sets if one['type'] == 58})
         raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; '

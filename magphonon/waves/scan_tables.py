@@ -10,9 +10,10 @@ import numpy as np
 
 from .. import units as u
 from ..dynamics.motion import Motion
+from ..errors import shown
 from ..files import MEGABYTE, refuse_endless, refuse_overflow, whole_file
 from ..readers import content
-from ..tables import LENGTH, SPEED, TEXT, TIME, Table, read_table
+from ..tables import LENGTH, SPEED, TEXT, TIME, Table, read_table, unit_of_label
 from .scans import Samples, Scan, assembled
 
 MOST_BYTES = 1000 * MEGABYTE  # largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB
@@ -23,12 +24,12 @@ LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, t
           'lengths in m, mm, um or nm and times in s, ms or us, as in the header')
 ASKED = {'columns': {'time': TIME, 'x': LENGTH, 'y': LENGTH} | NAMES | MOTIONS, 'needed': ['time'], 'blank': MOTIONS,
          'layout': LAYOUT, 'points': LENGTH | SPEED}
-COLUMN = re.compile(r'(?:[uv](?:_([xyz]))?[ _-]+)?(?:(?:[^\W\d_]+[ _#.-]*)(?=\d))?(.+)')
-"""The name of a column of one point: its direction, and its number or name without a word such as Point before a number."""
+COLUMN = re.compile(r'(?:(?:[uv]?_?([xyz])|[uv])(?:[ _-]+|(?=\d)))?(.+?)(?:[ _-]([xyz]))?', re.IGNORECASE)
+"""The name of a column of one point: its direction before or behind it, as u_y 17, Vy 17, y17, Point 17 Y."""
+WORD = re.compile(r'^[^\W\d_]+[ _#.-]*(?=\d)')  # before the number of a point, such as Point
 HEADER = 'time_s', 'particle', 'u_x_m', 'u_y_m'
 TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)  # function types and abscissa types of records over time, 0 for unknown
 ORDINATES = {8: 'displacement', 11: 'velocity'}
-LABELS = LENGTH | {name.replace('_per_', '/'): unit for name, unit in SPEED.items()}
 AXES = {0: '', 1: 'x', 2: 'y', 3: 'z'}
 
 
@@ -158,11 +159,19 @@ def _points(path, held) -> tuple[dict[str, Samples], bool]:
 
 
 def _of_columns(table: Table) -> tuple[dict[str, Samples], bool]:
-    """The same of a table with one column for each point: v_y 17 [mm/s], or Point 17 [mm/s] where the direction is not told."""
+    """The same of a table with one column for each point: v_y 17 [mm/s], or Point 17 [mm/s] where the direction is not told.
+
+    Its name is the number alone, unless that would make one point of two, such as A1 and B1.
+    """
+    parts = [COLUMN.fullmatch(name or '-').groups(default='') for name in table.points]  # pyright: ignore[reportOptionalMemberAccess]
+    whole = [((before or behind).lower(), point) for before, point, behind in parts]
+    short = [(axis, WORD.sub('', point)) for axis, point in whole]
+    named = short if len({*short}) == len(short) else whole
     found: dict[str, dict[str, Any]] = {}
-    for name, values in table.points.items():
-        axis, point = (COLUMN.fullmatch(name) or COLUMN.fullmatch(f'u {name}')).groups()  # pyright: ignore[reportOptionalMemberAccess]
-        found.setdefault(point, {})[axis or ''] = table['time'], values
+    for (axis, point), column, values in zip(named, table.points, table.points.values(), strict=True):
+        if axis in found.setdefault(point, {}):
+            raise ValueError(f'{table.path}: {shown(column)} is a second column of the point {shown(point)}; rename one of them')
+        found[point][axis] = table['time'], values
     kinds = {table.spelt[name] in SPEED for name in table.points}
     if len(kinds) > 1:
         raise ValueError(f'{table.path} has columns of displacements and of velocities; keep those of one kind')
@@ -200,14 +209,14 @@ def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
         if axis is None:
             raise ValueError(f'{path}: node {one["rsp_node"]} is measured in the direction {one["rsp_dir"]}, a rotation; export '
                              'translations')
-        unit = LABELS.get(str(one.get('ordinate_axis_units_lab', '')).strip().replace('µ', 'u'), own)
+        unit = unit_of_label(path, one, 'ordinate', SPEED if kinds == {'velocity'} else LENGTH, own)
         point = found.setdefault(str(int(one['rsp_node'])), {})
         if axis in point:
             raise ValueError(f'{path} holds two records of node {one["rsp_node"]} in the direction {one["rsp_dir"]}; keep one')
-        times, data = np.asarray(one['x'], float), np.real(one['data'])
-        if times.shape != data.shape or not (abs(times) < 1e6).all():
+        times, data = np.asarray(one['x'], float) * unit_of_label(path, one, 'abscissa', TIME, u.s), np.real(one['data'])
+        if times.shape != data.shape or not (abs(times) < 1e6 * u.s).all():
             raise ValueError(f'{path}: the record of node {one["rsp_node"]} is damaged; export it again')
-        point[axis] = times * u.s, data * unit * (-1 if one['rsp_dir'] < 0 else 1)
+        point[axis] = times, data * unit * (-1 if one['rsp_dir'] < 0 else 1)
     _refuse_unlike(path, found)
     return {name: Samples(next(iter(point.values()))[0], {axis: values for axis, (_, values) in point.items()}, places.get(name))
             for name, point in found.items()}, kinds == {'velocity'}
