@@ -33,10 +33,10 @@ so once in 14."""
 SURELY = 3.5  # standard deviations that one value may be off: once in two thousand, while one interval in twenty misses
 
 
-def main(out):
-    """Every path, a row for each statement."""
+def main(out, quick=False):
+    """Every path, a row for each statement; `quick` takes fewer specimens where each costs seconds."""
     del out
-    return Outcome([row for path in PATHS for row in path()])
+    return Outcome([row for path in PATHS for row in path(quick)])
 
 
 def judged(path, quantities, intervals, truths, control, least=LEAST, control_truths=None, without='nearest neighbours'):
@@ -90,7 +90,7 @@ def scene_text(shells):
             f'kind = "inverse_power"\nforce_N = 0.26\na = 4.0\nshells = {shells}\n[foundation]\nstiffness_N_per_m = 23.0\n')
 
 
-def ridges(source):
+def ridges(source, quick):
     """`spectrum` and `fit --bands`: three bursts, shear and longitudinal.
 
     Of a point source exponent and foundation are known to ten percent beforehand, by priors that are two and seven percent off.
@@ -104,7 +104,7 @@ def ridges(source):
     found, truths = {'"auto"': [], '1': []}, []
     with tempfile.TemporaryDirectory() as folder:
         scene_file, table = Path(folder, 'bench.toml'), Path(folder, 'ridges.csv')
-        for side in (1, -1, 0.3, -0.3):
+        for side in (1, -1) if quick else (1, -1, 0.3, -0.3):
             lab = bench.built(bench.sites(vectors, *((0.26, 0.22) if source == 'row' else (0.28, 0.25))), law, REACH, rng)
             moved = partial(bench.small_motion, shapes=bench.modes(lab))
             scans = [line_scan(lab, vectors, source, strong * force * np.array(along), carrier, duration, rng, moved=moved)
@@ -130,7 +130,7 @@ def ridges(source):
                   found['1'])
 
 
-def designed():
+def designed(_):
     """`design` and `uncertainty` before anything is built: a spacing for M, branch 1, and what 60 lattices built so will have.
 
     The magnets are known by their datasheet; strength, spacing, mass and pillars of each lattice are drawn with the tolerances.
@@ -172,12 +172,12 @@ def _at_M(law, remanence, spacing, mass, spring):
     return bench.bloch(law, vectors, 20.5 * spacing, M, mass, (spring, spring))[0] / (2 * np.pi)
 
 
-def photographed():
+def photographed(quick):
     """`modes` of a photo of the magnets at rest, turned, in pixels, 30 um uncertain: the lowest frequencies of the patch."""
     law, rng, count = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3), 6
     places, marks = bench.sites(bench.triangular(SPACING), 0.11, 0.1), np.array([[-0.08, -0.08], [0.08, -0.07]])
     found, truths = {REACH: [], 1.2 * SPACING: []}, []
-    for _ in range(20):
+    for _ in range(6 if quick else 20):
         lab, turn = bench.built(places, law, REACH, rng), 2e4 * np.exp(1j * rng.uniform(0, 6))
         truths.append(bench.modes(lab)[0][:count] / (2 * np.pi))
         at, seen = ([turn * (x @ [1, 1j]) for x in (lab.rest + 3e-5 * rng.standard_normal(lab.rest.shape), marks)])
@@ -200,13 +200,13 @@ def photographed():
     return judged('photo', [f'frequency of mode {k + 1} (Hz)' for k in range(count)], every, truths, near)
 
 
-def noise_of_the_plane():
+def noise_of_the_plane(quick):
     """`spectrum` of all magnets while noise alone moves them, and `fit --bands`."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 7e-3, REACH + 5e-3), np.random.default_rng(6)
     vectors, names, frames = bench.triangular(SPACING), ('force', 'a', 'bond stiffness'), 4000
     found, truths = {1: [], 9: []}, []
     with tempfile.TemporaryDirectory() as folder:
-        for specimen in range(4):
+        for specimen in range(2 if quick else 4):
             lab = bench.built(bench.sites(vectors, 0.22, 0.22), law, REACH, rng)
             omega, shapes = bench.modes(lab)
             w = 2 * np.pi * np.fft.rfftfreq(frames, 1e-3)
@@ -230,7 +230,7 @@ def noise_of_the_plane():
     return judged('noise of the plane', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found[9], truths, found[1])
 
 
-def forces():
+def forces(_):
     """`fit`: tables of forces whose rows share errors of the known size, of discs of which the fit is not told."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, 25e-3), np.random.default_rng(7)
     errors = SharedErrors(distance=0.1, zero=12e-3, hysteresis=2e-3, backlash=0.06)
@@ -250,13 +250,14 @@ def forces():
                   [[f, -slope, -slope * SPACING / f]] * 10, found[exact], least=0.8, without='no errors that all rows share')
 
 
-def transfer_functions():
+def transfer_functions(quick):
     """`fit --frf`: one magnet pushed, three others seen along x and y, noise of 1 % of the peak; the last for control."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3)
     places, names = bench.sites(bench.triangular(SPACING), 0.085, 0.075), ('force', 'foundation_x', 'foundation_y')
     found, truths = [], []
-    for cutoff in (REACH, REACH, 13e-3):
-        if len(found) < 2:
+    specimens = 1 if quick else 2
+    for cutoff in (*[REACH] * specimens, 13e-3):
+        if len(found) < specimens:
             lab = bench.built(places, law, REACH, rng)
             functions, free = tapped(lab, places, rng), ~lab.held
             truths.append([float(law(SPACING)[0]) * lab.strengths[free].mean() ** 2, *lab.springs[free].mean(axis=0)])
@@ -264,8 +265,8 @@ def transfer_functions():
         stated = {name: value * np.exp(np.array([-1.96, 1.96]) * sigma) if np.isfinite(sigma) else [np.nan] * 2
                   for name, (value, sigma) in values.items()}  # of what is not this model no interval is stated, and none holds
         found.append([stated[name] for name in names])
-    return judged('transfer functions', ('force (N)', 'foundation x (N/m)', 'foundation y (N/m)'), found[:2], truths, found[2:],
-                  control_truths=truths[1:])
+    return judged('transfer functions', ('force (N)', 'foundation x (N/m)', 'foundation y (N/m)'), found[:-1], truths, found[-1:],
+                  control_truths=truths[-1:])
 
 
 def tapped(lab, places, rng, noise=0.01):

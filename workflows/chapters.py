@@ -13,7 +13,7 @@ PAPER = ('Weijian Jiao and Stefano Gonella', 'Dynamics of interacting particle s
 PARTS = {'paper': 'The paper', 'beyond': 'Beyond the paper', 'tests': 'Tests of the package itself'}
 """Parts of the report; the last is folded."""
 FORMULAS = "the paper's formulas, evaluated in 50-digit arithmetic (reference.toml)"
-SHORTENED = ('speed_accuracy', 'design_sites')
+SHORTENED = ('speed_accuracy', 'design_sites', 'bench')
 """Workflows that are shorter with --quick, and when all are run."""
 
 

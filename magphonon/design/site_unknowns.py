@@ -16,6 +16,7 @@ it in place of x, J stays and A becomes A - J M. The scatter is found by maximis
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -23,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from ..errors import Unstable
 from ..interactions.law_cards import LawDerivative
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
@@ -253,6 +253,15 @@ def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp],
     return np.exp(best), float(known), float(evidence)
 
 
+class Place(NamedTuple):
+    """Logarithms of parameters, the unknowns of the sites, the lattice that has them, and what `solved` returns of it."""
+
+    x: NDArray[np.float64]
+    z: NDArray[np.float64]
+    built: ParametricLattice
+    fields: tuple[Any, list[Solved]]
+
+
 @dataclass(frozen=True)
 class _Problem:
     """What is fitted: lattice, parameters, functions, and what is known before."""
@@ -264,8 +273,10 @@ class _Problem:
     sites: Sites
     noise: float
 
-    def lattice(self, x, z, scatter):
-        return at_sites(self.build(dict(zip(self.names, np.exp(x).tolist(), strict=True))), self.sites, z, scatter)
+    def place(self, x, z, scatter) -> Place:
+        """The lattice with these parameters and sites, and its fields."""
+        built = at_sites(self.build(dict(zip(self.names, np.exp(x).tolist(), strict=True))), self.sites, z, scatter)
+        return Place(x, z, built, solved(built, self.functions))
 
     def gain(self, x):
         return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
@@ -275,30 +286,22 @@ class _Problem:
         measured = np.concatenate([one.response for one in self.functions])
         return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
 
-    def linear(self, x, z, scatter, noise) -> Linear:
-        built = self.lattice(x, z, scatter)
-        fields = solved(built, self.functions)
-        h, slopes = response_slopes(built, self.functions, self.names, fields=fields)
+    def linear(self, place: Place, scatter: NDArray[np.float64], noise: float) -> Linear:
+        x, built, (basis, own) = place.x, place.built, place.fields
+        h, slopes = response_slopes(built, self.functions, self.names, fields=place.fields)
         weight = (weights(self.functions) * self.gain(x) / noise)
-        of_sites = weight[:, None] * site_slopes(built, *fields, self.sites, scatter)
+        of_sites = weight[:, None] * site_slopes(built, basis, own, self.sites, scatter)
         return Linear(self.off(h, x, noise), split(weight * slopes).T, np.concatenate([of_sites.real, of_sites.imag]))
-
-    def cost(self, x, z, scatter, noise) -> float:
-        try:
-            h = np.concatenate([one.h for one in solved(self.lattice(x, z, scatter), self.functions)[1]])
-        except Unstable:
-            return np.inf
-        return self.sum_of(self.off(h, x, noise), x, z)
 
     def sum_of(self, r, x, z) -> float:
         known = self.before.root @ (x - self.before.centre)
         return float(r @ r + z @ z + known @ known)
 
-    def descended(self, x, z, scatter, noise, steps, tolerance):
-        """Steps of Levenberg and Marquardt from x and z on; at the end both, and what is linear there."""
+    def descended(self, place, scatter, noise, steps, tolerance):
+        """Steps of Levenberg and Marquardt from a place on; at the end this and what is linear there."""
         damping, known = DAMPED, self.before.information
         for _ in range(steps):
-            at = self.linear(x, z, scatter, noise)
+            x, z, at = place.x, place.z, self.linear(place, scatter, noise)
             now = self.sum_of(at.r, x, z)
             for _ in range(TRIES):
                 C = Eliminated(at.A, 1 + damping)
@@ -308,16 +311,19 @@ class _Problem:
                 dx = np.linalg.lstsq(F + damping * np.diag(np.diag(F)), CJ.T @ r + known @ (self.before.centre - x), BLIND)[0]
                 dz = at.A.T @ C(r - at.J @ dx) - z / (1 + damping)
                 dx = np.clip(x + dx, -BOUND, BOUND) - x
-                then = self.cost(x + dx, z + dz, scatter, noise)
-                if then < now:
-                    break
+                with suppress(ValueError):  # a step after which magnets touch, or nothing holds them, is too long
+                    there = self.place(x + dx, z + dz, scatter)
+                    h = np.concatenate([one.h for one in there.fields[1]])
+                    then = self.sum_of(self.off(h, there.x, noise), there.x, there.z)
+                    if then < now:
+                        break
                 damping = max(MORE * damping, DAMPED)
             else:
-                return x, z, at
-            x, z, damping = x + dx, z + dz, LESS * damping  # pyright: ignore[reportPossiblyUnbound]  TRIES is not zero
+                return place, at
+            place, damping = there, LESS * damping  # pyright: ignore[reportPossiblyUnbound]  TRIES is not zero
             if now - then < tolerance * now:  # pyright: ignore[reportPossiblyUnbound]
                 break
-        return x, z, self.linear(x, z, scatter, noise)
+        return place, self.linear(place, scatter, noise)
 
 
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
@@ -341,22 +347,25 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         return fit
     built = build(fit.by_name)
     one = _Problem(build, fit.names, functions, Before.of(fit.names, priors), Sites.of(built.system), fit.noise)
-    x, z, scatter, noise = np.log(fit.factors), np.zeros(one.sites.ends[2]), FIRST, fit.noise
+    scatter, noise = FIRST, fit.noise
+    place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), scatter)
     wide = fit.misfit / START if known else START
     while wide > 1 + 0.2 * known:
-        x, z, _ = one.descended(x, z, scatter, noise * wide, FEW, ROUGH)
+        place, _ = one.descended(place, scatter, noise * wide, FEW, ROUGH)
         wide /= LOWER
     for _ in range(ROUNDS):
-        x, z, at = one.descended(x, z, scatter, noise, MOST, FINE)
-        factors, determined, gained = scatter_factors(at, z, one.sites.kinds, np.log(FIRST / scatter))
+        place, at = one.descended(place, scatter, noise, MOST, FINE)
+        factors, determined, gained = scatter_factors(at, place.z, one.sites.kinds, np.log(FIRST / scatter))
         if gained < 0:
             return fit
-        left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(x) - determined)))
+        left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
         if abs(np.log([*factors, left])).max() < SETTLED:
             break
-        scatter, z, noise = scatter * factors, z / factors[one.sites.kinds], noise * left
+        place = place._replace(z=place.z / factors[one.sites.kinds])  # the same sites
+        scatter, noise = scatter * factors, noise * left
     else:
-        x, z, at = one.descended(x, z, scatter, noise, MOST, FINE)
+        place, at = one.descended(place, scatter, noise, MOST, FINE)
+    x, z = place.x, place.z
     if scatter[0] > MOST_SCATTER:
         return replace(fit, information=0 * fit.information, site_scatter=scatter)
     M, before = one.sites.means(built, fit.names, scatter), one.before

@@ -221,8 +221,9 @@ def _fields(system, forces, omega, damping):
         found = np.array([G(columns).reshape(len(system), 3, -1)[:, :dim].reshape(-1, len(forces)).T
                           for G in resolvents(system, omega, damping)]).swapaxes(0, 1)
         return sparse.eye_array(dim * len(system), format='csr'), found
-    refuse_unstable(system)
     squares, vectors = system.spectrum
+    if (squares < 0).any():
+        refuse_unstable(system)
     shapes = system.shapes @ vectors
     modal = np.array([force[:, :dim].ravel() for force in forces]) @ shapes
     return shapes, modal[:, None] / (squares - omega[:, None] ** 2 + 1j * damping * omega[:, None])

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.design import ParametricLattice, StiffnessDerivative, force_change
-from magphonon.design.site_unknowns import SURE, Linear, Sites, at_sites, scatter_factors, site_slopes
+from magphonon.design.least_squares import Before
+from magphonon.design.site_unknowns import SURE, Linear, Sites, _Problem, at_sites, scatter_factors, site_slopes
 from magphonon.design.transfer_fits import solved
 from magphonon.response import Dof, TransferFunction
 from magphonon.stiffness import LinearSystem
@@ -95,3 +96,25 @@ def test_the_scatter_with_the_largest_evidence():
     alone = evidence(np.full(2, 1e-9)) + np.sum((np.log(1e-9) / SURE) ** 2)  # without what is known of the scatter
     assert_allclose(gained, best + np.sum((np.log(found) / SURE) ** 2) / 2 - alone, rtol=1e-6)
     assert evidence(np.ones(2)) < best - 10
+
+
+def test_a_step_after_which_magnets_touch_is_shortened(built):
+    """The lattice of the first trial is refused, as that of a law which begins at a distance would be."""
+    sites, omega, built_so_often = Sites.of(built.system), np.linspace(0.1, 0.7, 30), []
+    free = np.flatnonzero(built.system.mobile)
+    seen = TransferFunction('one', omega, 0j * omega, 1.0, 0, Dof(free[3], (0.6, 0.8, 0)), Dof(free[0], (1, 0, 0)))
+    (there,) = solved(at_sites(built, sites, np.random.default_rng(4).standard_normal(sites.ends[2]), SCATTER), [seen])[1]
+    measured = replace(seen, response=there.h, sigma=0.01 * abs(there.h).max())
+
+    def build(_):
+        built_so_often.append(1)
+        if len(built_so_often) == 2:
+            raise ValueError('two such magnets are too close')
+        return built
+
+    one = _Problem(build, ('gain',), [measured], Before.of(('gain',), None), sites, 1.0)
+    start = one.place(np.zeros(1), np.zeros(sites.ends[2]), SCATTER)
+    end, at = one.descended(start, SCATTER, 1.0, 20, 1e-3)
+    before = one.linear(start, SCATTER, 1.0).r
+    assert at.r @ at.r < 0.05 * before @ before
+    assert np.array_equal(at.r, one.linear(one.place(end.x, end.z, SCATTER), SCATTER, 1.0).r)  # it is linear where it ended
