@@ -22,9 +22,10 @@ Examples
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias, TypeVar
+from itertools import islice
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class Finding:
 
 Judge: TypeAlias = Callable[[Any], Finding | str | Iterable[str] | None]
 J = TypeVar('J', bound=Judge)
+WORTH = 0.98  # share of an interval that must not be left for a measurement to be proposed
 
 
 class Findings(dict[str, Judge]):
@@ -103,3 +105,51 @@ class Findings(dict[str, Judge]):
         found = self.asked(case, verbose)
         first = [found.pop(self.first).words] if self.first else []
         return [*filter(None, first), *(one.words for one in found.values() if one.words and (verbose or one.fault))]
+
+
+class Proposal(NamedTuple):
+    """One more measurement, the quantity that it would narrow most, and the half width of the interval of that now and then."""
+
+    measurement: str
+    quantity: str
+    now: float
+    then: float
+
+    def __str__(self) -> str:
+        now = f'instead of {100 * self.now:.2g} %' if self.now <= 1 else 'and is not determined now'
+        return f'{self.measurement}, and {self.quantity} is known to {100 * self.then:.2g} % {now}.'
+
+
+def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Mapping[str, Any]) -> list[Proposal]:
+    """The measurements that narrow an interval, best first.
+
+    Parameters
+    ----------
+    widths : callable
+        Half width of each quantity, for what is known now or is added by one of the plans.
+    now : Any
+        What it takes for nothing more.
+    plans : dict
+        What it takes for each measurement, by the words for it.
+
+    Examples
+    --------
+    >>> from magphonon.findings import proposals
+    >>> widths = lambda added: {'the mass': (1e4 + added) ** -0.5}
+    >>> print(proposals(widths, 0.0, {'weigh it as before': 1e4, 'weigh it to 0.2 %': 25e4})[0])
+    weigh it to 0.2 %, and the mass is known to 0.2 % instead of 1 %.
+    """
+    before, found = widths(now), []
+    for words, plan in plans.items():
+        then = widths(plan)
+        name = min((name for name in then if then[name] < WORTH * before[name]), default='',
+                   key=lambda name: then[name] / before[name])
+        if name:
+            found.append(Proposal(words, name, before[name], then[name]))
+    return sorted(found, key=lambda one: one.then / one.now)
+
+
+def next_lines(proposed: Iterable[Proposal]) -> list[str]:
+    """Lines of the three best proposals."""
+    lines = [f'  {one}' for one in islice(proposed, 3)]
+    return ['\nWhat to measure next:', *lines] if lines else []

@@ -37,9 +37,9 @@ for name, share in fit.shares.items():
 figure = plot_fit(forces, fit)
 
 # %%
-# The zero of the distances matters most by far.  If it were known to 0.02 mm, the slope would be known to
+# The zero of the distances matters most by far.  The fit says what to measure next:
 
-print(f'{fit.with_care:.1%}')
+print(*fit.proposals[:3], sep='\n')
 
 # %%
 # From the shell, ``magphonon fit forces.csv --spacing 10mm --distance-sigma 0.05mm`` does the same.  It prints the tables

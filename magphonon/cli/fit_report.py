@@ -12,10 +12,11 @@ import numpy as np
 
 from .. import units as u
 from ..design.least_squares import DETERMINED, FITS, NORMAL
-from ..findings import Findings
-from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, WITH_CARE, shells_within
+from ..findings import Findings, next_lines
+from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, shells_within
 from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
+from ..scenes.next_records import after_responses, after_ridges
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 from .neighbours import neighbours, omitted
@@ -90,14 +91,8 @@ def known_before(case):
 def what_makes_the_slope_uncertain(case):
     fit = case.fit
     shares = sorted(fit.shares.items(), key=lambda item: -item[1])
-    told = ', '.join(f'{name} {100 * share:.0f} %' for name, share in shares if share > 0.005)
-    yield f'What makes the slope uncertain: {told} (of its variance).'
-    if fit.with_care < 0.8 * fit.half_widths[1]:
-        yield (f'Measure the zero of the distances to {WITH_CARE / u.mm:g} mm, and the slope is known to '
-               f'{100 * fit.with_care:.2g} % instead of {100 * fit.half_widths[1]:.2g} %.')
-    k = int(np.argmin(fit.repeated / fit.half_widths[:2]))
-    yield (f'Measure the table again with a new set-up, and the {("force", "slope")[k]} is known to '
-           f'{100 * fit.repeated[k]:.2g} % instead of {100 * fit.half_widths[k]:.2g} %.')
+    parts = ', '.join(f'{name} {100 * share:.0f} %' for name, share in shares if share > 0.005)
+    yield f'What makes the slope uncertain: {parts} (of its variance).'
 
 
 @FORCES.remark
@@ -170,6 +165,11 @@ def conflicts(case):
         if conflict > CONFLICT:
             yield (f'The {name} comes out as {value / unit:.2g} {symbol}, {conflict:.1f} standard deviations from what was '
                    'assumed: its error is larger than stated, or the magnets have a different shape.')
+
+
+@FORCES.check
+def next_table(case):
+    return next_lines(case.fit.proposals)
 
 
 def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> str:
@@ -399,6 +399,11 @@ def correlations(found):
 
 
 @RIDGES.check
+def next_ridges(found):
+    return next_lines(after_ridges(found)) if found.fits['complete'].follows else []
+
+
+@RIDGES.check
 def entries(found):
     """The entries of the complete model for a scene file, if all of its parameters are determined."""
     fit, scene = found.fits['complete'], found.fitted()
@@ -479,3 +484,8 @@ def which_model(found):
         'conventional': 'D0 alone follows the data and D0 + D* does not; they speak for D0 alone'
                         + (', and the complete model ends without static forces.' if found.endless else '.'),
         None: 'this cannot decide between the models.'}[found.verdict]
+
+
+@RESPONSES.check
+def next_receiver(found):
+    return next_lines(after_responses(found))

@@ -9,7 +9,8 @@ import numpy as np
 from .. import units as u
 from ..design.joint_fits import RESPONSES
 from ..design.least_squares import DETERMINED, NORMAL
-from ..findings import Findings
+from ..findings import Findings, next_lines
+from ..interactions.fits import SHAPE_WEIGHT
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
@@ -29,8 +30,7 @@ def joint_report(found, verbose: bool = True) -> str:
     if not verbose:
         return '\n'.join([first, *(one.words for one in JOINT.asked(found).values() if one.words)])
     joint, values = found.joints['complete'], found.values()
-    along = np.array([*found.along().values()])
-    alone = {name: np.sqrt(np.diag(along @ joint.alone(name).covariance() @ along.T)) for name in found.records}
+    alone = {name: [joint.alone(name).sigma_along(v) for v in found.along().values()] for name in found.records}
     rows = [('', 'all together', *found.records)]
     for k, (name, (value, sigma)) in enumerate(values.items()):
         unit = f' ({UNITS[name]})' if UNITS[name] else ''
@@ -93,14 +93,20 @@ def responses(found):
                '"magphonon fit --frf" whether positions, units or neighbours are wrong.')
 
 
-@JOINT.remark
-def simpler(found):
-    told = ', '.join(f'{words} {weight:.2g}' for words, weight in found.weights().items())
-    return f'Weights of simpler lattices: {told}.' if told else None
+@JOINT.check
+def laws(found):
+    yield f'Weights of laws: {", ".join(f"{words} {weight:.2g}" for words, weight in found.laws.items())}.'
+    if found.specimen.family.tau < 1 and found.laws['the shape in the scene'] < SHAPE_WEIGHT / 5:
+        yield ('The records contradict the shape of the magnets in the scene, and the values above rest on it. Repeat the fit '
+               'with kind = "inverse_power", for any smooth law.')
 
 
-@JOINT.remark
+@JOINT.check
+def springs(found):
+    weight = found.one_spring
+    return None if weight is None else f'One spring for both directions has the weight {weight:.2g} against two.'
+
+
+@JOINT.check
 def what_next(found):
-    yield '\nWhat to measure next:'
-    for words, name, now, then in found.next_records():
-        yield f'  {words}, and {name} is known to {100 * NORMAL * then:.2g} % instead of {100 * NORMAL * now:.2g} %.'
+    return next_lines(found.proposals)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 BEFORE, RIDGES, RESPONSES = 'known before', 'ridges', 'transfer functions'  # names of records
 SHARED = 0.01
@@ -114,9 +114,9 @@ class Joint:
         """That of all records together."""
         return np.sum([one.information for one in self.records], axis=0)
 
-    def covariance(self, *added: NDArray[np.float64]) -> NDArray[np.float64]:
+    def covariance(self, added: ArrayLike = 0.0) -> NDArray[np.float64]:
         """Of the logarithms of the parameters, with more information `added`."""
-        information = self.information + sum(added)
+        information = self.information + added
         size = np.sqrt(np.diag(information))
         return np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
 
@@ -124,6 +124,14 @@ class Joint:
     def sigma(self) -> NDArray[np.float64]:
         """Relative standard uncertainty of each parameter."""
         return np.sqrt(np.diag(self.covariance()))
+
+    def sigma_along(self, direction: NDArray[np.float64], added: ArrayLike = 0.0) -> float:
+        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
+        return float(np.sqrt(direction @ self.covariance(added) @ direction))
+
+    def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+        """What is added if such a product is known from elsewhere, to a relative standard uncertainty."""
+        return np.outer(direction, direction) / sigma**2
 
     def alone(self, name: str) -> Joint:
         """One record with what is known beforehand, at the parameters of all."""

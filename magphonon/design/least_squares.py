@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..stiffness.bond import Model
 
@@ -117,14 +117,20 @@ class ParameterFit:
         sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
         return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
 
-    def sigma_along(self, direction: NDArray[np.float64]) -> float:
-        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
-        values, vectors = np.linalg.eigh(self.information)
+    def sigma_along(self, direction: NDArray[np.float64], added: ArrayLike = 0.0) -> float:
+        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`, with more
+        information `added`, in the uncertainties stated.
+        """
+        values, vectors = np.linalg.eigh(self.information + added)
         parts = vectors.T @ direction
         blind = values <= BLIND * max(values.max(initial=0.0), 1e-300)
         if (abs(parts[blind]) > FAINT * np.linalg.norm(direction)).any():
             return np.inf
         return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
+
+    def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+        """What is added if such a product is known from elsewhere, to a relative standard uncertainty."""
+        return (self.scatter / sigma) ** 2 * np.outer(direction, direction)
 
     @property
     def covariance(self) -> NDArray[np.float64]:

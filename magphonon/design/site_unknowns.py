@@ -326,6 +326,29 @@ class _Problem:
         return place, self.linear(place, scatter, noise)
 
 
+def normal_matrices(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
+                    functions: Sequence[TransferFunction]) -> list[NDArray[np.float64]]:
+    """What each function, measured or not, tells at a fit of the means of the sites of this patch, and of each site.
+
+    They are the products of the slopes of its residuals, shape (parameters + unknowns,) * 2.
+    """
+    built = build(fit.by_name)
+    sites = fit.where or Sites.of(built.system)
+    z = fit.sites if fit.where else np.zeros(sites.ends[2])
+    one = _Problem(build, fit.names, functions, Before.of(fit.names, None), sites, fit.noise)
+    at = one.linear(fit.of_batch.x, z, fit.site_scatter, fit.noise)
+    M = sites.means(built, fit.names, fit.site_scatter)
+    rows = np.hstack([at.J, at.A - at.J @ M]).reshape(2, -1, len(fit.names) + len(z))
+    own = np.split(rows, np.cumsum([len(one.omega) for one in functions])[:-1], axis=1)
+    return [np.einsum('cpi,cpj->ij', part, part, optimize=True) for part in own]
+
+
+def eliminated(whole: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Information of the first n unknowns from that of all, of which the others have a normal prior each."""
+    sites = whole[n:, n:] + np.eye(len(whole) - n)
+    return whole[:n, :n] - whole[:n, n:] @ np.linalg.solve(sites, whole[n:, :n])
+
+
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                        functions: Sequence[TransferFunction],
                        priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
@@ -370,5 +393,5 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         return replace(fit, information=0 * fit.information, site_scatter=scatter)
     M, before = one.sites.means(built, fit.names, scatter), one.before
     own, batch = (at.J.T @ Eliminated(A)(at.J) + before.information for A in (at.A - at.J @ M, at.A))
-    return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z,
+    return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z, where=one.sites,
                    residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch))

@@ -80,7 +80,9 @@ class TransferFit(ParameterFit):
         Scatter from site to site of strengths and of springs, both relative, and of anchors, in shortest bonds; zero where a
         lattice without scatter follows the data to within the noise.
     sites : ndarray, shape (unknowns,)
-        The unknowns of the sites, in standard deviations of the scatter and in the order of `site_unknowns.Sites`.
+        The unknowns of the sites, in standard deviations of the scatter.
+    where : site_unknowns.Sites, optional
+        Which unknowns these are.
     batch : Batch, optional
         The parameters of the lattice of which this patch is a sample; those of the patch, where no sites scatter.
     """
@@ -90,6 +92,7 @@ class TransferFit(ParameterFit):
     square: float
     site_scatter: np.ndarray = field(default_factory=lambda: np.zeros(3))
     sites: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    where: Any = None
     batch: Batch | None = None
 
     @property

@@ -23,6 +23,7 @@ an inverse power cannot be distinguished, and an average over such a list is bot
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, field, replace
 from math import factorial
 from typing import Any, NamedTuple
@@ -32,6 +33,7 @@ from numpy.typing import NDArray
 
 from .. import units as u
 from ..errors import not_negative, positive
+from ..findings import Proposal, proposals
 from .force_tables import Forces
 from .pair_laws import PairLaw, Tabulated, local_exponent, repulsion
 
@@ -56,7 +58,9 @@ FINEST = 1e-4
 UNLIKELY = 0.01
 """Probability of the scatter of the rows below which their given uncertainty is widened by it."""
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
-WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached; `Fit.with_care` is told for it
+WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached
+MORE_ROWS, FARTHER = 10, 1.5
+"""Rows that are proposed at one distance, the smallest of the table or so many times the largest."""
 CURVE = slice(0, 2 + len(BENDS))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
 ZEROS = slice(FORCE_ZERO, BACKLASH + 1)  # and the z of each pair after them
@@ -131,10 +135,8 @@ class Fit:
         Half width of a 95 % interval in standard deviations, by Student's distribution if the noise is learned from the table.
     shares : dict of str to float
         Shares of the variance of the slope by their cause; they add up to one.
-    with_care : float
-        Half width of the interval of ln(-f') if the zero of the distances were known to WITH_CARE.
-    repeated : ndarray, shape (2,)
-        Half widths of ln f and ln(-f') if the table were measured once more, with new shared errors except for the gain.
+    proposals : list of Proposal
+        What to measure next, and how much narrower an interval becomes.
     zeros : ndarray, shape (4,)
         F0 in N, d in mm, h in N and b in mm as the table has them.
     weight : float
@@ -159,8 +161,7 @@ class Fit:
     covariance: NDArray[np.float64]
     wide: float
     shares: dict[str, float]
-    with_care: float
-    repeated: NDArray[np.float64]
+    proposals: list[Proposal]
     zeros: NDArray[np.float64]
     weight: float
     conflicts: NDArray[np.float64]
@@ -178,14 +179,19 @@ class Fit:
     @property
     def half_widths(self) -> NDArray[np.float64]:
         """Half widths of the intervals of 95 % of ln f, ln(-f') and a."""
-        turns = np.array([[1, 0], [1, 1 / self.exponent], [0, 1]])
-        return self.wide * np.sqrt(np.einsum('ta,ab,tb->t', turns, self.covariance, turns))
+        return _half_widths(self.covariance, self.exponent, self.wide)
 
     @property
     def intervals(self) -> NDArray[np.float64]:
         """Ends of the intervals of 95 %, shape (3, 2): of f in N, of -df/dr in N/mm and of a."""
         f, slope, a = self.half_widths[:, None] * (-1, 1)
         return np.array([self.force * np.exp(f), -self.slope * np.exp(slope), self.exponent + a])
+
+
+def _half_widths(covariance, a, wide):
+    """Of ln f, ln(-f') and a, from the covariance of ln f and a."""
+    turns = np.array([[1, 0], [1, 1 / a], [0, 1]])
+    return wide * np.sqrt(np.einsum('ta,ab,tb->t', turns, covariance, turns))
 
 
 def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = None, shape: PairLaw | None = None) -> Fit:
@@ -244,13 +250,15 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     ln_f, a = mean = weights @ answers
     apart = np.einsum('i,ia,ib->ab', weights, answers - mean, answers - mean)
     gain = np.diag([shared.gain**2, 0.0])
-    covariance = np.einsum('i,iab->ab', weights, [part.C[:2, :2] for part in found]) + apart + gain
+
+    def averaged(plan):
+        return np.einsum('i,iab->ab', weights, [plan(part)[:2, :2] for part in found]) + apart + gain
+
+    covariance = averaged(lambda part: part.C)
     if not a > 2 * np.sqrt(covariance[1, 1]):
         raise ValueError(f'within their uncertainties, the forces need not fall with the distance (a = {a:.3g} with a standard '
                          f'uncertainty of {np.sqrt(covariance[1, 1]):.2g}); are the columns exchanged, or is all of it noise?')
     turn = np.array([1, 1 / a])  # from ln f and a to ln(-f') = ln f + ln a - ln r0
-    with_care = weights @ [part.knowing_distance(turn) for part in found] + turn @ (apart + gain) @ turn
-    again = [weights @ [part.repeated(way) for part in found] + way @ (apart + gain) @ way for way in (np.eye(2)[0], turn)]
     causes = np.append(weights @ [part.causes(turn) for part in found], turn @ gain @ turn)
     causes[0] += turn @ apart @ turn
     wide = NORMAL if forces.sigma is not None else float(t.ppf((1 + COVERED) / 2, weights @ [part.freedom for part in found]))
@@ -266,7 +274,9 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     return Fit(
         Tabulated(r[falling], np.exp(curve[falling])), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
-        float(wide * np.sqrt(with_care)), wide * np.sqrt(again), zeros, float(weights[own:].sum()),
+        proposals(lambda plan: dict(zip(('the force', 'the slope', 'the exponent'),
+                                        _half_widths(averaged(plan), a, wide) / [1, 1, a], strict=True)), lambda part: part.C,
+                  _plans(forces, best)), zeros, float(weights[own:].sum()),
         abs(zeros) / np.sqrt(told), shared.pair or 0.0,
         float(weights @ [part.drift > 0 for part in found]),
         float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
@@ -301,6 +311,14 @@ class LawFamily:
         (ln_g, falls), (by_p, bent) = self.log_law(np.asarray(r)), self.slopes(r)
         return ln_g + by_p @ p, by_p, falls + bent @ p
 
+    def coordinates(self, other: LawFamily, r: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Exponent at the spacing and bends c_2 .. c_6 of the middle of another family, which fit it best at distances in mm."""
+        a = -float(other.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
+        own, by_p, _ = self.curve(np.zeros(CURVE.stop), r)
+        a_own = -float(self.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
+        target = other.curve(np.zeros(CURVE.stop), r)[0] - own - by_p[:, 1] * (a - a_own)
+        return a, np.linalg.lstsq(by_p[:, 2:], target)[0]
+
 
 class _Model:
     """What a table holds as a function of p = (ln f0, delta, c_2 .. c_6, F0, d, h, b), and the prior deviations of these."""
@@ -313,6 +331,12 @@ class _Model:
         self.of_pair = (forces.pair[:, None] == np.unique(forces.pair)) * 1.0 if shared.pair else np.zeros((len(forces.r), 0))
         self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max()),
                                      np.full(self.of_pair.shape[1], shared.pair)]).astype(float)
+
+    def at(self, r):
+        """The same for rows at other distances, one after the other there and back, of no particular pair."""
+        other = copy(self)
+        other.r, other.s, other.of_pair = r, np.resize([-1.0, 1.0], len(r)), np.zeros((len(r), self.of_pair.shape[1]))
+        return other
 
     def curve(self, p, r):
         """Logarithm of f at true distances, its derivatives by the parameters of the curve, and d ln f/d ln r."""
@@ -359,16 +383,32 @@ class _Solution:
         return np.array([by_prior[CURVE].sum(), *by_prior[ZEROS], by_prior[ZEROS.stop:].sum(),
                          turn @ self.C[:2, :2] @ turn - by_prior.sum()])
 
-    def knowing_distance(self, turn):
-        """The variance of turn . (ln f, a) if the zero of the distances were known to WITH_CARE."""
+    def knowing(self, place, sigma):
+        """Their covariance if one of them were known to sigma beforehand."""
         precision = np.linalg.inv(self.C)
-        precision[DISTANCE_ZERO, DISTANCE_ZERO] += max(1 / WITH_CARE**2 - 1 / self.model.prior[DISTANCE_ZERO] ** 2, 0.0)
-        return turn @ np.linalg.inv(precision)[:2, :2] @ turn
+        precision[place, place] += max(sigma**-2 - self.model.prior[place] ** -2, 0.0)
+        return np.linalg.inv(precision)
 
-    def repeated(self, turn):
-        """The variance of turn . (ln f, a) after the same table once more, whose shared errors are others."""
+    def with_rows(self, r):
+        """Their covariance after MORE_ROWS more at one distance, there and back, with the noise of the row nearest to it."""
+        sigma = self.noise[abs(self.model.r - r).argmin()]
+        J = self.model.at(np.full(MORE_ROWS, r)).rows(self.p)[1] / sigma
+        return np.linalg.inv(np.linalg.inv(self.C) + J.T @ J)
+
+    def repeated(self):
+        """The covariance of the curve after the same table once more, whose shared errors are others."""
         twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # known before but once
-        return turn @ np.linalg.inv(twice)[:2, :2] @ turn
+        return np.linalg.inv(twice)
+
+
+def _plans(forces, best):
+    """What may be measured next, in words, and the covariance of a solution then."""
+    zero, near, far = best.noise.min(), forces.r.min(), FARTHER * forces.r.max()
+    return {f'measure the zero of the distances to {WITH_CARE / u.mm:g} mm': lambda one: one.knowing(DISTANCE_ZERO, WITH_CARE),
+            f'measure the zero of the force to {zero / u.N:.1g} N': lambda one: one.knowing(FORCE_ZERO, zero),
+            f'measure {MORE_ROWS} more rows at {near / u.mm:.3g} mm': lambda one: one.with_rows(near),
+            f'measure {MORE_ROWS} more rows at {far / u.mm:.3g} mm': lambda one: one.with_rows(far),
+            'measure the table again with a new set-up': lambda one: one.repeated()}
 
 
 def _with_pairs(forces, shared, spacing):

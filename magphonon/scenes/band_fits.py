@@ -140,11 +140,9 @@ class BandFits:
         A parameter with an uncertainty of more than a half is not determined, and its value means little.
         """
         fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
-        L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), changes_of(scene)
         found = {name: (value_of(scene, name), sigma) for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)
                  if name != EXPONENT}
-        slopes = [0.0 if changes[name].law is None else changes[name].law.d2phi(L) / law.d2phi(L) for name in fit.names]
-        found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
+        found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(along(scene, fit.names)['bond stiffness'])
         return found
 
     def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -309,6 +307,8 @@ def value_of(scene: Scene, name: str) -> float:
     """A parameter of the scene in SI."""
     if name in SPRINGS:
         return float(np.max(scene.foundation.changes[SPRINGS[name]]) / (u.N / u.m))
+    if name == 'bond stiffness':
+        return float(scene.law.potential().d2phi(scene.lattice.spacing_m * u.m) / (u.N / u.m))
     return float(repulsion(scene.law.potential(), scene.lattice.spacing_m * u.m) / u.N if name == 'force'
                  else getattr(scene.law, PLACES[name][-1]))
 
@@ -337,6 +337,14 @@ def changes_of(scene: Scene) -> dict[str, StiffnessDerivative]:
         changes |= {name: StiffnessDerivative(foundation=scene.foundation.changes[spring]) for name, spring in SPRINGS.items()
                     if spring in scene.foundation.changes}
     return changes
+
+
+def along(scene: Scene, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    """Parameters and the stiffness of a bond as products of powers of the parameters, shape (parameters,) each."""
+    law, changes, L = scene.law.potential(), changes_of(scene), scene.lattice.spacing_m * u.m
+    laws = [changes[name].law if name in changes else None for name in names]
+    own = {name: one for name, one in zip(names, np.eye(len(names)), strict=True) if name != EXPONENT}
+    return own | {'bond stiffness': np.array([0.0 if one is None else one.d2phi(L) / law.d2phi(L) for one in laws])}
 
 
 def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -84,6 +84,14 @@ class FrfFits:
             return better.model
         return 'conventional' if self.endless and self.ratio < 1 else None
 
+    def build(self, model: Model = 'complete') -> Callable[[dict[str, float]], ParametricLattice]:
+        """The patch with factors of its parameters, as `fit_transfer` takes it."""
+        return partial(_built, self.scene, model)
+
+    def built(self, model: Model = 'complete') -> ParametricLattice:
+        """The patch with the parameters of the fit."""
+        return self.build(model)(self.fits[model].by_name)
+
     def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the parameters of the fit, without the gain, which belongs to the instrument."""
         return _with(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
@@ -91,13 +99,10 @@ class FrfFits:
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr."""
         fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
-        L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), band_fits.changes_of(scene)
         found = {name: (fit.by_name['gain'] if name == 'gain' else value_of(scene, name), sigma)
                  for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
-        shapes = {name: change.law for name, change in changes.items() if change.law is not None}
-        slopes = [shapes[name].d2phi(L) / law.d2phi(L) if name in shapes else 0.0 for name in fit.names]
-        if any(slopes):
-            found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
+        if (slopes := band_fits.along(scene, fit.names)['bond stiffness']).any():
+            found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(slopes)
         return found
 
     def curves(self, model: Model = 'complete') -> list[NDArray[np.complex128]]:

@@ -24,7 +24,8 @@ from ..design.sensitivities import LawDerivative, StiffnessDerivative, frequency
 from ..design.site_unknowns import with_site_unknowns
 from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer
 from ..errors import one_of
-from ..interactions.fits import ANY_SIZE, BENDS, LawFamily, SharedErrors, curve_record
+from ..findings import Proposal
+from ..interactions.fits import ANY_SIZE, BENDS, SHAPE_WEIGHT, LawFamily, SharedErrors, curve_record
 from ..interactions.force_tables import Forces
 from ..interactions.pair_laws import PairLaw, Tabulated, local_exponent, repulsion
 from ..response.transfer_functions import TransferFunction
@@ -34,11 +35,13 @@ from ..stiffness.rest import LinearSystem
 from ..waves.ridge_tables import RidgePoints
 from . import band_fits, frf_fits
 from .laws import TableLaw
+from .next_records import best
 from .scene import Scene
 
 LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))
 CLOCK = 1e-3  # relative standard deviation of a clock
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
+NEAREST_MEASURED = 0.8  # spacings from which on shapes are compared
 NOTHING, HUGE = 1e-20, 1e9  # N: forces of trials of a fit are kept between them, the former at the spacing
 ROUNDS = 2  # times that tables are read near the joint fit
 
@@ -199,12 +202,12 @@ class JointFits:
 
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each of these."""
-        factors, C, (force, a) = self.factors(model), self.joints[model].covariance(), self.specimen.start
+        factors, joint, (force, a) = self.factors(model), self.joints[model], self.specimen.start
         present = {'force': force / u.N, 'a': a, 'bond stiffness': force * a / self.specimen.family.r0 / (u.N / u.m),
                    'mass': getattr(self.specimen.scene.lattice, 'mass_kg', 0.0)}
         return {name: (float((present[name] if name in present else band_fits.value_of(self.specimen.scene, name))
                              * np.prod([factors[one] ** power for one, power in zip(factors, v, strict=True)])),
-                       float(np.sqrt(v @ C @ v))) for name, v in self.along().items()}
+                       joint.sigma_along(v)) for name, v in self.along().items()}
 
     def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Frequencies of the fitted lattice in rad/ms, and their relative standard uncertainties, by wavevector and branch."""
@@ -225,39 +228,55 @@ class JointFits:
             more = chi2 - more
         return float(np.sign(more) * np.sqrt(abs(more)))
 
-    def next_records(self) -> list[tuple[str, str, float, float]]:
-        """What to measure next: the measurement in words, the parameter that gains most from it, and its relative uncertainty now
-        and afterwards.
+    @property
+    def proposals(self) -> list[Proposal]:
+        """What to measure next: a record once more with a new set-up, or one parameter by itself."""
+        joint = self.joints['complete']
+        return best(joint, self.along(), {f'repeat what "{one.name}" holds, with a new set-up': one.information
+                                          for one in joint.records[:-1]})
+
+    @property
+    def laws(self) -> dict[str, float]:
+        """Weights of any smooth law, of an inverse power, and of the shape that the scene names, by all records together."""
+        joint, family, scene = self.joints['complete'], self.specimen.family, self.specimen.scene
+        shaped, a0, before = slice(1, len(LAW)), self.specimen.start[1], self.specimen.before
+        known = np.diag(before.information)[shaped] * ([name not in self.specimen.known for name in LAW[shaped]])
+        precision = np.linalg.inv(joint.covariance()[shaped, shaped])
+        L, b = precision - np.diag(known), precision @ joint.x[shaped] - known * before.estimate[shaped]  # of the records alone
+        tried = {'any smooth law': LawFamily(family.r0), 'an inverse power': LawFamily(family.r0)}
+        if scene.law.kind in ('magnets', 'table'):
+            tried['the shape in the scene'] = LawFamily(family.r0, scene.law.potential())
+        r = np.geomspace(NEAREST_MEASURED * family.r0, repulsion_of(self.specimen.cell).bonds.lengths.max(), KNOTS)
+        ln = {words: np.log(SHAPE_WEIGHT) for words in tried}
+        ln['any smooth law'] = np.log(1 - SHAPE_WEIGHT * (len(tried) - 1))
+        for words, one in tried.items():
+            a, bends = family.coordinates(one, r)
+            size = np.append(one.spread / a0, np.full(len(BENDS), one.tau / family.tau * (words != 'an inverse power')))
+            ln[words] += _evidence(L, b, np.append(np.log(a / a0), bends), np.diag(size**2))
+        weights = np.exp(np.array([*ln.values()]) - max(ln.values()))
+        return dict(zip(ln, (weights / weights.sum()).tolist(), strict=True))
+
+    @property
+    def one_spring(self) -> float | None:
+        """Weight of one spring for both directions against two, which differ by 20 % or so (Savage and Dickey); None if the fit
+        has but one.
         """
-        joint, found = self.joints['complete'], []
-        plans = {f'repeat what "{one.name}" holds, with a new set-up': one.information for one in joint.records[:-1]}
-        plans |= {f'know {name} to 1 %': 1e4 * np.outer(v, v) for name, v in self.along().items() if name != 'bond stiffness'}
-        for words, information in plans.items():
-            now, then = (np.sqrt([v @ C @ v for v in self.along().values()])
-                         for C in (joint.covariance(), joint.covariance(information)))
-            known = words.split()[1]
-            gains = np.where([name == known for name in self.along()], 0.0, now / then)
-            k = int(gains.argmax())
-            found.append((words, list(self.along())[k], float(now[k]), float(then[k])))
-        return sorted(found, key=lambda one: one[3] / one[2])[:3]
+        from scipy.stats import norm
 
-    def weights(self) -> dict[str, float]:
-        """Weights of simpler lattices relative to the fitted one, which contains each as a special case (Savage and Dickey).
+        if len(self.specimen.springs) < 2:
+            return None
+        joint = self.joints['complete']
+        turn = np.array([(name == 'foundation_x') * 1.0 - (name == 'foundation_y') for name in joint.names])
+        x, y = (band_fits.value_of(self.specimen.scene, name) for name in self.specimen.springs)
+        found = turn @ joint.x + np.log(x / y)
+        odds = norm.logpdf(found, scale=joint.sigma_along(turn)) - norm.logpdf(0.0, scale=SPRINGS_DIFFER)
+        return float(1 / (1 + np.exp(-np.clip(odds, -50, 50))))
 
-        They compare one spring with two, which differ by 20 % or so, and the inverse power with any smooth law.
-        """
-        from scipy.stats import multivariate_normal as normal
 
-        joint, C, special = self.joints['complete'], self.joints['complete'].covariance(), {}
-        if len(self.specimen.springs) == 2:
-            turn = np.array([(name == 'foundation_x') * 1.0 - (name == 'foundation_y') for name in joint.names])[None]
-            x, y = (band_fits.value_of(self.specimen.scene, name) for name in self.specimen.springs)
-            special['one spring for both directions'] = turn, np.log([x / y]), SPRINGS_DIFFER**2
-        if self.specimen.family.tau == 1:
-            special['an inverse power'] = np.eye(len(joint.names))[2 : len(LAW)], np.zeros(len(BENDS)), 1.0
-        odds = {words: normal.logpdf(turn @ joint.x + there, cov=turn @ C @ turn.T)
-                - normal.logpdf(0 * there, cov=size * np.eye(len(turn))) for words, (turn, there, size) in special.items()}
-        return {words: float(1 / (1 + np.exp(-np.clip(ln, -50, 50)))) for words, ln in odds.items()}
+def _evidence(L, b, mean, C):
+    """Logarithm of the mean of a likelihood e^(b.x - x.L.x/2) over a normal distribution."""
+    g, turned = b - L @ mean, np.eye(len(b)) + C @ L
+    return b @ mean - mean @ L @ mean / 2 + g @ np.linalg.solve(turned, C @ g) / 2 - np.linalg.slogdet(turned)[1] / 2
 
 
 SPRINGS_DIFFER = 0.2  # standard deviation of the logarithm of the ratio of two springs, before anything is measured

@@ -19,7 +19,7 @@ KINDS = {  # lattice and patch, force in N, or discs, springs along x and y in N
     'holes': ('triangular', 'kind = "hexagon"\nside_m = 0.04', 0.12, (30.0, 30.0), [(0.015, 0.00866), (-0.02, 0.0)])}
 
 
-def specimen(folder, kind, seed, points=70):
+def specimen(folder, kind, seed, points=70, places=PLACES):
     """A scene that is some percent off, transfer functions of a patch, and the means of its free sites."""
     lattice, patch, force, springs, holes = KINDS[kind]
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
@@ -38,15 +38,15 @@ def specimen(folder, kind, seed, points=70):
     atoms, push = scene.shaken()[0], np.array([np.cos(0.7), np.sin(0.7)])
     reach = 1.001e-3 * atoms.calc.bonds.lengths.max()  # pairs farther than those of the scene make another lattice
     law = bench.tabulated(shape, 0.62 * L, 1.1 * reach)
-    places, w = 1e-3 * atoms.calc.anchors[:, :2], 2 * np.pi * np.linspace(8, 160, points)
+    sites, w = 1e-3 * atoms.calc.anchors[:, :2], 2 * np.pi * np.linspace(8, 160, points)
     held = np.isin(np.arange(len(atoms)), atoms.constraints[0].index)
-    lab = bench.built(places, law, reach, rng, mass=MASS, springs=springs, damping=DAMPING, held=held)
-    drive, *seen = (int(np.linalg.norm(places - at, axis=1).argmin()) for at in PLACES)
+    lab = bench.built(sites, law, reach, rng, mass=MASS, springs=springs, damping=DAMPING, held=held)
+    drive, *seen = (int(np.linalg.norm(sites - at, axis=1).argmin()) for at in places)
     u = 1e3 * bench.response(lab, bench.pushed(lab, drive, push), w)[:, seen]  # mm/N
     sigma = 0.01 * abs(u).max()
     u = u * (1 + 0.01 * rng.standard_normal()) + sigma * (rng.standard_normal(u.shape) + 1j * rng.standard_normal(u.shape))
     functions = [TransferFunction(f'{k}, {axis}', 1e-3 * w, u[:, k, axis], sigma, 0, Dof(seen[k], np.eye(3)[axis]),
-                                  Dof(drive, [*push, 0])) for k in range(3) for axis in (0, 1)]
+                                  Dof(drive, [*push, 0])) for k in range(len(seen)) for axis in (0, 1)]
     free = ~lab.held
     true = float(law(L)[0]) * lab.strengths[free].mean() ** 2
     truth = dict(zip(('foundation_x', 'foundation_y'), lab.springs[free].mean(axis=0).tolist(), strict=True))

@@ -17,6 +17,7 @@ from workflows import bench_lattice as bench
 
 L = 10e-3
 LAWS = {'power': bench.power_law(0.28, 4.6, L), 'two powers': lambda r: 0.18 * (L / r) ** 3.2 + 0.09 * (L / r) ** 6}
+DISC = 'kind = "magnets"\ndisc = {diameter_m = 0.005, height_m = 0.005}\nremanence_T = 1.3'
 ERRORS = {'distance': 0.1, 'zero': 0.012, 'hysteresis': 0.002, 'backlash': 0.06, 'gain': 0.01}  # mm and N, standard deviations
 PAIR = 0.035  # of the force of one pair, of magnets whose strengths scatter by 2.5 %
 MASS, SPRINGS = 8e-4, {'triangular': (20.0, 24.0), 'square': (60.0, 72.0)}  # softer ones do not hold the square lattice
@@ -71,17 +72,18 @@ def responses(scene, law, rng):
                              Dof(drive, [*push, 0])) for k in range(3) for axis in (0, 1)]
 
 
-def specimen(folder, name, seed, shells='"auto"', lattice='triangular', **faults):
+def specimen(folder, name, seed, shells='"auto"', lattice='triangular', named=None, **faults):
     """A scene that is some ten percent off, its table and its ridges, and what is true of force, exponent and springs."""
-    rng, law = np.random.default_rng([seed, len(name)]), bench.tabulated(LAWS[name], 0.62 * L, 1.1 * REACH)
+    force_of = LAWS[name] if name in LAWS else bench.disc_force(2.5e-3, 5e-3, 1.3)
+    rng, law = np.random.default_rng([seed, len(name)]), bench.tabulated(force_of, 0.62 * L, 1.1 * REACH)
     force, slope = (float(value) for value in law(L))
     truth = {'force': force, 'a': -slope * L / force, 'bond stiffness': -slope,
              'foundation_x': SPRINGS[lattice][0], 'foundation_y': SPRINGS[lattice][1]}
     f, a, x, y = (truth[key] * float(np.exp(0.1 * rng.standard_normal())) for key in truth if key != 'bond stiffness')
+    shape = named or f'kind = "inverse_power"\nforce_N = {f}\na = {a}'
     (folder / 'lab.toml').write_text(
-        f'title = "lab"\n[lattice]\nkind = "{lattice}"\nspacing_m = {L}\nmass_kg = {MASS}\n[law]\nkind = "inverse_power"\n'
-        f'force_N = {f}\na = {a}\nshells = {shells}\n[foundation]\nstiffness_N_per_m = {x}\nstiffness_y_N_per_m = {y}\n'
-        f'[patch]\n{PATCHES[lattice]}\n{FRF}')
+        f'title = "lab"\n[lattice]\nkind = "{lattice}"\nspacing_m = {L}\nmass_kg = {MASS}\n[law]\n{shape}\nshells = {shells}\n'
+        f'[foundation]\nstiffness_N_per_m = {x}\nstiffness_y_N_per_m = {y}\n[patch]\n{PATCHES[lattice]}\n{FRF}')
     gain = faults.pop('gain', 0.0)
     return read_scene(folder / 'lab.toml'), table(law, rng, gain), ridges(law, rng, lattice=lattice, **faults), truth
 
@@ -128,6 +130,21 @@ def test_transfer_functions_join(tmp_path):
     wrong = replace(table, estimate=table.estimate + 0.3 * np.eye(len(joint.x))[0])
     first, *_ = Joint(joint.names, told([wrong, *others])[1], (wrong, *others)).pulls()
     assert (first.record, first.fault) == ('table', 'the gain, or a pair unlike the mean')
+    assert found.one_spring < 0.1  # 20 and 24 N/m, each known to 2 %
+    softer = np.log(found.values()['foundation_x'][0] / found.values()['foundation_y'][0])
+    same = replace(joint, x=joint.x + softer * np.array([name == 'foundation_y' for name in joint.names]))
+    assert replace(found, joints={'complete': same}).one_spring > 0.8
+
+
+@pytest.mark.slow
+def test_the_law_that_is_true_has_the_weight(tmp_path):
+    """Discs that are named rise above their first weight of 0.1, and fall from it where another law is true; so does a power."""
+    discs, others = (fitted(*specimen(tmp_path, name, 6, named=DISC)[:3]).laws for name in ('disc', 'two powers'))
+    assert discs['the shape in the scene'] > 0.3
+    assert others['the shape in the scene'] < 0.01
+    power, others = (fitted(*specimen(tmp_path, name, 6)[:3]).laws for name in ('power', 'two powers'))
+    assert power['an inverse power'] > 0.3
+    assert others['an inverse power'] < 0.01
 
 
 @pytest.mark.long

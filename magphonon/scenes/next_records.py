@@ -1,0 +1,105 @@
+"""What to measure next: by how much one more record would narrow the intervals of a fit of a scene, from Jacobians at the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
+
+from .. import units as u
+from ..bands.bloch import bloch_modes
+from ..design.dispersion_fits import STEP, DispersionFit
+from ..design.joint_fits import Joint
+from ..design.least_squares import NORMAL, ParameterFit
+from ..design.sensitivities import StiffnessDerivative, frequency_sensitivities
+from ..design.site_unknowns import eliminated, normal_matrices
+from ..design.transfer_fits import responses
+from ..findings import Proposal, proposals
+from ..response.frf import Dof
+from ..waves.ridge_tables import RidgePoints
+from . import band_fits, frf_fits
+
+KNOWN = 0.01  # relative standard uncertainty to which a parameter may be measured by itself
+RANGES = np.linspace(0.4, 3.0, 4)  # ends of the phases, from one particle to the next, that one more burst covers
+MORE = 4  # points of a burst
+PLACES = 12  # free particles at which one more receiver is considered
+AVERAGED = 4  # times that a transfer function may be measured
+AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0)}
+
+
+def after_ridges(found: band_fits.BandFits) -> list[Proposal]:
+    """One more burst along the row of most points, or a parameter known from elsewhere."""
+    fit, points, scene = found.fits['complete'], found.points, found.fitted()
+    cell, changes = scene.perfect_cell(), band_fits.changes_of(scene)
+    rows, which = np.unique((points.q / points.xi[:, None]).round(9), axis=0, return_inverse=True)
+    along, modes = rows[np.bincount(np.ravel(which)).argmax()], np.array(fit.branches)[points.ridge]
+    points, plans = replace(points, sigma_xi=fit.sigma_xi), {}
+    for branch in sorted(set(modes.tolist())):
+        own = np.flatnonzero(modes == branch)
+        like = own[np.argsort(points.sigma_omega[own])[len(own) // 2]]
+        for ends in pairwise(RANGES):
+            xi = np.linspace(*ends, MORE)
+            more = points[np.r_[: len(points), np.full(MORE, like)]]
+            more.xi[-MORE:], more.q[-MORE:] = xi, np.outer(xi, along)
+            low, high = np.sort(u.hertz(bloch_modes(cell, more.q[[-MORE, -1]])[0][:, branch]))
+            plans[f'measure {MORE} points of branch {branch + 1} from {low:.3g} to {high:.3g} Hz'] = (
+                _information(fit, cell, changes, more) - _information(fit, cell, changes, points))
+    return best(fit, band_fits.along(scene, fit.names), plans)
+
+
+def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
+                 points: RidgePoints) -> NDArray[np.float64]:
+    """That of points, with the shift that all of a branch share as one more unknown, which is eliminated."""
+    n, modes = np.arange(len(points)), np.array(fit.branches)[points.ridge]
+    omega, slopes = frequency_sensitivities(cell, points.q, [changes[name] for name in fit.names])
+
+    def away(step):
+        return bloch_modes(cell, points.q * (1 + step / points.xi)[:, None])[0][n, modes] - omega[n, modes]
+
+    by_xi, beside = away(STEP) / STEP, np.maximum(*(abs(away(side * points.sigma_xi)) for side in (1, -1)))
+    sigma = np.hypot(points.sigma_omega, beside)
+    _, group = np.unique([modes, points.from_points], axis=1, return_inverse=True)
+    J, S = slopes[:, n, modes] / sigma, (np.ravel(group) == np.arange(len(n))[:, None]) * points.shift * by_xi / sigma
+    return J @ J.T - J @ S.T @ np.linalg.solve(np.eye(len(n)) + S @ S.T, S @ J.T)
+
+
+def after_responses(found: frf_fits.FrfFits) -> list[Proposal]:
+    """One more receiver in the patch, longer averages, or a parameter known from elsewhere."""
+    fit, built, functions = found.fits['complete'], found.built(), list(found.functions)
+    if not fit.follows:
+        return []
+    first, n, system = functions[0], len(fit.names), built.system
+    unseen = np.setdiff1d(np.flatnonzero(system.mobile), [one.answer.particle for one in functions])
+    asked = [(k, axis) for k in unseen[np.unique(np.linspace(0, len(unseen) - 1, PLACES).astype(int))] for axis in AXES]
+    more = [replace(first, answer=Dof(k, AXES[axis]), sigma=None if first.sigma is None else np.median(first.sigma))
+            for k, axis in asked]
+    size = np.split(responses(built, more), len(more)) if more else []  # a noise that is not stated is a share of the peaks
+    more = [replace(one, response=h) for one, h in zip(more, size, strict=True)]
+    parts = normal_matrices(fit, found.build(), [*functions, *more])
+    measured = sum(parts[: len(functions)])
+    now, places = eliminated(measured, n), system.calc.anchors[:, :2] / u.m
+    plans = {f'measure along {axis} at ({places[k, 0]:.3g}, {places[k, 1]:.3g}) m': eliminated(measured + part, n) - now
+             for (k, axis), part in zip(asked, parts[len(functions) :], strict=True)}
+    plans[f'average {AVERAGED} times as long'] = eliminated(AVERAGED * measured, n) - now
+    return best(fit, band_fits.along(found.fitted(), fit.names), plans)
+
+
+def best(fit: ParameterFit | Joint, along: Mapping[str, NDArray[np.float64]],
+         plans: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
+    """The best of plans that add information, and of one parameter known from elsewhere.
+
+    Parameters
+    ----------
+    fit : ParameterFit or Joint
+    along : dict
+        What is to be known better: products of powers of the parameters.
+    plans : dict
+        What each record would add to the information, by the words for it.
+    """
+    known = {f'know {name} to {100 * KNOWN:g} %': (fit.knowing(v, KNOWN), name) for name, v in along.items()}
+    return proposals(lambda plan: {name: NORMAL * fit.sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
+                     (0.0, ''), {words: (added, '') for words, added in plans.items()} | known)
