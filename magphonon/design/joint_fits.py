@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 BEFORE, RIDGES, RESPONSES = 'known before', 'ridges', 'transfer functions'  # names of records
 SHARED = 0.01
@@ -114,7 +114,7 @@ class Joint:
         """That of all records together."""
         return np.sum([one.information for one in self.records], axis=0)
 
-    def covariance(self, added: ArrayLike = 0.0) -> NDArray[np.float64]:
+    def covariance(self, added: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
         """Of the logarithms of the parameters, with more information `added`."""
         information = self.information + added
         size = np.sqrt(np.diag(information))
@@ -125,7 +125,7 @@ class Joint:
         """Relative standard uncertainty of each parameter."""
         return np.sqrt(np.diag(self.covariance()))
 
-    def sigma_along(self, direction: NDArray[np.float64], added: ArrayLike = 0.0) -> float:
+    def sigma_along(self, direction: NDArray[np.float64], added: NDArray[np.float64] | float = 0.0) -> float:
         """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
         return float(np.sqrt(direction @ self.covariance(added) @ direction))
 

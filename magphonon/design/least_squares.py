@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..stiffness.bond import Model
 
@@ -117,7 +117,7 @@ class ParameterFit:
         sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
         return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
 
-    def sigma_along(self, direction: NDArray[np.float64], added: ArrayLike = 0.0) -> float:
+    def sigma_along(self, direction: NDArray[np.float64], added: NDArray[np.float64] | float = 0.0) -> float:
         """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`, with more
         information `added`, in the uncertainties stated.
         """

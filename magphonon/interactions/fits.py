@@ -317,7 +317,7 @@ class LawFamily:
         own, by_p, _ = self.curve(np.zeros(CURVE.stop), r)
         a_own = -float(self.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
         target = other.curve(np.zeros(CURVE.stop), r)[0] - own - by_p[:, 1] * (a - a_own)
-        return a, np.linalg.lstsq(by_p[:, 2:], target)[0]
+        return a, np.asarray(np.linalg.lstsq(by_p[:, 2:], target)[0], float)
 
 
 class _Model:

@@ -73,14 +73,14 @@ def after_responses(found: frf_fits.FrfFits) -> list[Proposal]:
     if not fit.follows:
         return []
     first, n, system = functions[0], len(fit.names), built.system
-    unseen = np.setdiff1d(np.flatnonzero(system.mobile), [one.answer.particle for one in functions])
+    unseen = np.setdiff1d(np.flatnonzero(system.mobile), [one.answer.particle for one in functions])  # pyright: ignore[reportAttributeAccessIssue]  a Dof since `with_dofs`
     asked = [(k, axis) for k in unseen[np.unique(np.linspace(0, len(unseen) - 1, PLACES).astype(int))] for axis in AXES]
-    more = [replace(first, answer=Dof(k, AXES[axis]), sigma=None if first.sigma is None else np.median(first.sigma))
-            for k, axis in asked]
+    noise = None if first.sigma is None else np.median(first.sigma)
+    more = [replace(first, answer=Dof(int(k), np.array(AXES[axis])), sigma=noise) for k, axis in asked]
     size = np.split(responses(built, more), len(more)) if more else []  # a noise that is not stated is a share of the peaks
     more = [replace(one, response=h) for one, h in zip(more, size, strict=True)]
     parts = normal_matrices(fit, found.build(), [*functions, *more])
-    measured = sum(parts[: len(functions)])
+    measured = np.sum(parts[: len(functions)], axis=0)
     now, places = eliminated(measured, n), system.calc.anchors[:, :2] / u.m
     plans = {f'measure along {axis} at ({places[k, 0]:.3g}, {places[k, 1]:.3g}) m': eliminated(measured + part, n) - now
              for (k, axis), part in zip(asked, parts[len(functions) :], strict=True)}

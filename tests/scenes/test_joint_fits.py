@@ -130,6 +130,7 @@ def test_transfer_functions_join(tmp_path):
     wrong = replace(table, estimate=table.estimate + 0.3 * np.eye(len(joint.x))[0])
     first, *_ = Joint(joint.names, told([wrong, *others])[1], (wrong, *others)).pulls()
     assert (first.record, first.fault) == ('table', 'the gain, or a pair unlike the mean')
+    assert found.laws['an inverse power'] > 0.5
     assert found.one_spring < 0.1  # 20 and 24 N/m, each known to 2 %
     softer = np.log(found.values()['foundation_x'][0] / found.values()['foundation_y'][0])
     same = replace(joint, x=joint.x + softer * np.array([name == 'foundation_y' for name in joint.names]))
@@ -138,13 +139,15 @@ def test_transfer_functions_join(tmp_path):
 
 @pytest.mark.slow
 def test_the_law_that_is_true_has_the_weight(tmp_path):
-    """Discs that are named rise above their first weight of 0.1, and fall from it where another law is true; so does a power."""
+    """Discs that are named rise above their first weight of 0.1, and fall from it where another law is true; so does a power,
+    which a table and ridges can only keep apart from laws that bend.
+    """
     discs, others = (fitted(*specimen(tmp_path, name, 6, named=DISC)[:3]).laws for name in ('disc', 'two powers'))
-    assert discs['the shape in the scene'] > 0.3
+    assert discs['the shape in the scene'] > 0.5
     assert others['the shape in the scene'] < 0.01
     power, others = (fitted(*specimen(tmp_path, name, 6)[:3]).laws for name in ('power', 'two powers'))
-    assert power['an inverse power'] > 0.3
-    assert others['an inverse power'] < 0.01
+    assert power['an inverse power'] > 0.05
+    assert others['an inverse power'] < 1e-3
 
 
 @pytest.mark.long
