@@ -336,7 +336,7 @@ def normal_matrices(fit: TransferFit, build: Callable[[dict[str, float]], Parame
     sites = fit.where or Sites.of(built.system)
     z = fit.sites if fit.where else np.zeros(sites.ends[2])
     one = _Problem(build, fit.names, functions, Before.of(fit.names, None), sites, fit.noise)
-    at = one.linear(fit.of_batch.x, z, fit.site_scatter, fit.noise)
+    at = one.linear(one.place(fit.of_batch.x, z, fit.site_scatter), fit.site_scatter, fit.noise)
     M = sites.means(built, fit.names, fit.site_scatter)
     rows = np.hstack([at.J, at.A - at.J @ M]).reshape(2, -1, len(fit.names) + len(z))
     own = np.split(rows, np.cumsum([len(one.omega) for one in functions])[:-1], axis=1)
