@@ -81,6 +81,7 @@ if tags.has('lite'):  # noqa: F821
     extensions.append('jupyterlite_sphinx')
     sphinx_gallery_conf['jupyterlite'] = {'notebook_modification_function': 'generate.lite.prepare'}
     jupyterlite_build_command_options = {'piplite-wheels': lite.wheel(Path(__file__).parent / 'generated/wheels')}
+    jupyterlite_content_dir = 'jupyterlite_contents'   # where sphinx-gallery puts notebooks, and its buttons look for them
     jupyterlite_silence = True
     sphinx_gallery_conf['run_stale_examples'] = True   # pages of an earlier build have no button
 

@@ -111,6 +111,28 @@ def test_examples_of_the_gallery_are_short_and_import_what_is_public():
         assert {name.partition('.')[0] for name in froms | plain} <= {'magphonon', 'numpy', 'importlib', 'itertools', 'ase'}
 
 
+@pytest.mark.parametrize('size', [(600, 200), (200, 600)])
+def test_a_thumbnail_shows_the_first_panel_as_large_as_its_frame(size, tmp_path):
+    pytest.importorskip('sphinx_gallery')
+    from PIL import Image, ImageDraw
+
+    with pytest.MonkeyPatch.context() as patch:  # importing it replaces the scaling of sphinx-gallery
+        patch.syspath_prepend(str(ROOT / 'docs'))
+        from generate import scraper
+    across = size[0] > size[1]
+    drawn = Image.new('RGB', size, 'white')
+    pen = ImageDraw.Draw(drawn)
+    for colour, first in (('red', 10), ('blue', 250)):  # in a frame of 400 x 280 the second would be cut
+        pen.rectangle([first, 10, first + 200, 190] if across else [10, first, 190, first + 100], fill=colour)
+    drawn.save(tmp_path / 'picture.png')
+    scraper.thumbnail(tmp_path / 'picture.png', tmp_path / 'thumb.png', 400, 280)
+    thumb = Image.open(tmp_path / 'thumb.png')
+    colours = {colour: count for count, colour in thumb.getcolors(400 * 280)}
+    assert thumb.size == (400, 280)
+    assert colours[255, 0, 0] > 0.5 * 400 * 280
+    assert not any(blue > 200 and red < 100 for red, _, blue in colours)
+
+
 def test_the_scene_of_own_positions_on_its_page_is_stable(tmp_path):
     from magphonon import modes, read_scene
 

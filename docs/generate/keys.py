@@ -25,7 +25,8 @@ def write(folder):
     for table, keys in groupby(scene_keys(), lambda key: key.table):
         keys = list(keys)
         pages[table] = ', '.join(f'`{key.name}`' for key in keys)
-        text = [f'# {f"[{table}]" if table else "The scene itself"}\n\n:::{{container}} keys\n\n',
+        text = [f'# {f"[{table}]" if table else "The scene itself"}\n\nKeys of {f"`[{table}]` in" if table else ""} a scene, the '
+                f'file that describes a lattice; [all tables](keys.md).\n\n:::{{container}} keys\n\n',
                 ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'), ROW.format(*5 * ['---']),
                 *map(row, keys), ':::\n']
         (folder / f'{name(table)}.md').write_text(''.join(text), encoding='utf-8')

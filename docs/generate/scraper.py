@@ -10,6 +10,7 @@ from sphinx_gallery import gen_rst
 from sphinx_gallery.scrapers import figure_rst
 
 SEEN = WeakSet()
+WHITE = 250  # of 255, from which a pixel counts as white
 
 
 def figures(block, block_vars, gallery_conf):
@@ -29,10 +30,26 @@ def figures(block, block_vars, gallery_conf):
 
 def thumbnail(picture, out, width, height):
     """The first panel of a picture, as large as its frame; sphinx-gallery itself would set all of it into white."""
-    drawn = Image.open(picture).convert('RGB')
-    inked = drawn.crop(ImageOps.invert(drawn.convert('L')).getbbox())   # what is not white
-    inked = ImageOps.expand(inked, drawn.width // 60, 'white')
-    ImageOps.fit(inked, (width, height), centering=(0, 0)).save(out)
+    drawn = trimmed(Image.open(picture).convert('RGB'))
+    ink = np.array(drawn.convert('L')) < WHITE
+    wide = first_panel(ink.T, ink.shape[0] * width // height)
+    high = first_panel(ink, ink.shape[1] * height // width)
+    shown = ImageOps.expand(trimmed(drawn.crop((0, 0, wide, high))), 8, 'white')
+    ImageOps.pad(shown, (width, height), color='white').save(out)
+
+
+def trimmed(picture):
+    """Without its white margins."""
+    return picture.crop(ImageOps.invert(picture.convert('L')).getbbox())
+
+
+def first_panel(ink, most):
+    """How many rows to show, at most so many: as far as the widest white gap of their second half, where a panel ends."""
+    if len(ink) <= most:
+        return len(ink)
+    blank = np.flatnonzero(~ink[:most].any(axis=1))
+    gaps = [gap for gap in np.split(blank, np.flatnonzero(np.diff(blank) > 1) + 1) if len(gap) and gap[-1] > most / 2]
+    return max(gaps, key=len)[0] if gaps else most
 
 
 gen_rst.scale_image = thumbnail

@@ -23,7 +23,7 @@ def arrow(ax, start, end, colour, text='', offset=(0, 0.12)):
     ax.text(end[0] + offset[0], end[1] + offset[1], text, color=colour, ha='center', va='center')
 
 
-figure, panels = plt.subplots(1, 3, figsize=(9, 2.9), layout='constrained')
+figure, panels = plt.subplots(1, 3, figsize=(9, 2.4), layout='constrained')
 fixed, rest = np.zeros(2), np.array([1.0, 0.0])
 
 particles(panels[0], [fixed, rest], INK)

@@ -45,7 +45,7 @@ print(f'moved by up to {rest.shift:.2f} mm; force left: {rest.after:.1e} N')
 from magphonon.plotting import new_axes
 from magphonon.plotting.axes import COLOURS
 
-ax = new_axes(5, 4.2)
+ax = new_axes(5, 3)
 moved = rest.atoms.positions - holed.positions
 ax.plot(*rest.atoms.positions[:, :2].T, 'o', color='0.7', markersize=5)
 ax.quiver(*holed.positions[:, :2].T, *5 * moved[:, :2].T, angles='xy', scale_units='xy', scale=1, color=COLOURS[1])
@@ -81,7 +81,7 @@ ax.legend(frameon=False)
 # into the hole and out of it, because nothing there pushes back.
 
 k = order[0]
-ax = new_axes(5, 4.2)
+ax = new_axes(5, 3)
 ax.plot(*rest.atoms.positions[:, :2].T, 'o', color='0.7', markersize=5)
 arrows = local.shapes[k] / abs(local.shapes[k]).max() * 8
 ax.quiver(*rest.atoms.positions[:, :2].T, *arrows[:, :2].T, angles='xy', scale_units='xy', scale=1, color=COLOURS[0])

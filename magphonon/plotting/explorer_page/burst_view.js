@@ -6,6 +6,7 @@ const BRIGHTEST = 0.6;  // of the largest displacement, from which a colour is f
 const CYCLES = 5;
 const HEARD = 3;  // periods over which a port is heard
 const FORCE_N = 2.5e-4;  // linear waves: it sets no picture, only the largest displacement that is told
+const STILL = 7;  // periods after which the waves are shown that stand still
 const LIMIT = 30;  // times the largest displacement under the push, from which a lattice that buckles is stopped
 const PERIOD_s = 0.5;  // of the carrier on the screen at first
 const TOLD = {carrier: 'carrier_Hz', damping: 'damping_per_s', gyration: 'gyration_rad_per_s', cycles: 'cycles'};
@@ -59,7 +60,7 @@ class BurstView {
   /** Both lattices at rest again, with the sliders where they are. */
   restart() {
     for (const name of ['carrier', 'damping', 'gyration']) {
-      const input = this.root.querySelector(`[name=${name}]`), unit = {carrier: 'Hz', damping: '1/s', gyration: 'rad/s'}[name];
+      const input = this.root.querySelector(`[name=${name}]`), unit = {carrier: 'Hz', damping: 's\u207b\u00b9', gyration: 'rad/s'}[name];
       this.drive[TOLD[name]] = Number(input.value);
       input.closest('label').querySelector('output').textContent = `${written(this.drive[TOLD[name]], 4)}\u202f${unit}`;
     }
@@ -102,6 +103,7 @@ class BurstView {
     const [[a, b], [one, other]] = [this.heard[model], this.ports];
     if (!(a > 0 && b > 0)) return '';
     const more = 10 * Math.log10(a / b), names = more > 0 ? [one, other] : [other, one];
+    if (Math.abs(more) < 0.5) return `; ${one.name} and ${other.name} are equally loud`;
     return `; ${names[0].name} is ${Math.abs(more).toFixed(0)}\u202fdB louder than ${names[1].name}`;
   }
 
@@ -132,7 +134,7 @@ class BurstView {
       }
       const place = p => [width / 2 + unit * x[p], (high - y[p]) * unit], dot = 0.42 * unit;
       for (const [level, particles] of shades) {
-        pen.fillStyle = level === 'held' ? (dark ? '#4a5058' : '#c4c8ce') : shade(level / LEVELS, dark);
+        pen.fillStyle = level === 'held' ? (dark ? '#6c747e' : '#9aa1aa') : shade(level / LEVELS, dark);
         pen.beginPath();
         for (const p of particles) {
           const [px, py] = place(p);
@@ -243,8 +245,12 @@ class BurstView {
     root.querySelectorAll('[name=tool]').forEach(input => input.addEventListener('change', () => { this.tool = input.value; }));
     if (this.data.law.kind !== 'power') root.querySelector('[name=tool][value=remove]').closest('label').hidden = true;
     new ResizeObserver(() => this.draw()).observe(root);
-    new IntersectionObserver(entries => { this.seen = entries.at(-1).isIntersecting; }).observe(root);
     this.playing = view.playing;
+    new IntersectionObserver(entries => {
+      this.seen = entries.at(-1).isIntersecting;
+      if (!this.seen || this.playing || this.bursts.complete.t > 0) return;
+      for (let k = 0; k < STILL; k++) this.advance(1 / this.drive.carrier_Hz);  // who asks the system for less motion sees one moment of it
+    }).observe(root);
     this.show();
   }
 
@@ -279,9 +285,10 @@ class BurstView {
     if (this.over) this.restart();
   }
 
-  /** Ten spacings from the source, what each lattice does after the push: first with D*, then with springs alone. */
+  /** Six spacings from the source, what each lattice does after the push: first with D*, then with springs alone. */
   sound() {
     const {x, y, held, size} = this.patch, s = this.drive.source, rate = 8000, fast = 8;
+    const [dx, dy] = this.drive.direction;
     let ear = s, least = Infinity;
     for (let p = 0; p < size; p++) {
       const far = Math.abs(Math.hypot(x[p] - x[s], y[p] - y[s]) - 6) + 0.1 * Math.abs(y[p] - y[s]);
@@ -294,7 +301,7 @@ class BurstView {
       const buffer = context.createBuffer(1, samples, rate), out = buffer.getChannelData(0);
       for (let n = 0; n < samples; n++) {
         burst.advance(fast / rate);
-        out[n] = burst.u[2 * ear + 1];
+        out[n] = dx * burst.u[2 * ear] + dy * burst.u[2 * ear + 1];
       }
       const loudest = out.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
       out.forEach((u, n) => { out[n] = 0.5 * u / loudest; });
@@ -316,7 +323,7 @@ function driveOf(data, state) {
 
 /** Blue for one way, orange for the other, paper at rest: a scale that the colour-blind can read. */
 function shade(value, dark) {
-  const [orange, blue, rest] = dark ? [[255, 140, 40], [70, 170, 255], [38, 42, 50]] : [[213, 94, 0], [0, 114, 178], [238, 240, 243]];
+  const [orange, blue, rest] = dark ? [[255, 140, 40], [70, 170, 255], [44, 49, 58]] : [[213, 94, 0], [0, 114, 178], [229, 232, 237]];
   const ends = value > 0 ? orange : blue, part = Math.abs(value);
   return `rgb(${ends.map((end, c) => Math.round(rest[c] + (end - rest[c]) * part)).join(',')})`;
 }

@@ -302,13 +302,15 @@ function start() {
   document.body.classList.toggle('chain', data.periods === 1);
   document.body.classList.toggle('structure', Boolean(data.structure));
   document.body.classList.toggle('only-burst', Boolean(data.structure) || address.get('view') === 'burst');
+  document.body.classList.toggle('only-bands', address.get('view') === 'bands');
+  document.body.classList.toggle('framed', parent !== window);
   if (document.body.classList.contains('only-burst')) element('burst').after(document.querySelector('main'));
   if (!data.structure) {
     listen();
     listenToTools();
     followLink();
   }
-  if (data.periods !== 1) view.burst = new BurstView(element('burst'), data, view.state, address);
+  if (data.periods !== 1 && address.get('view') !== 'bands') view.burst = new BurstView(element('burst'), data, view.state, address);
   let last = performance.now();
   const frame = now => {
     view.burst?.frame((now - last) / 1000);
