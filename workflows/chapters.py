@@ -40,8 +40,9 @@ class Chapter:
 
     @property
     def title(self):
-        """First line of the docstring of the workflow."""
-        return import_module(f'.{self.name}', __package__).__doc__.splitlines()[0].rstrip('.')
+        """What the docstring of the workflow says first."""
+        first = import_module(f'.{self.name}', __package__).__doc__.partition('\n\n')[0]
+        return ' '.join(first.split()).rstrip('.')
 
 
 @dataclass(frozen=True)
