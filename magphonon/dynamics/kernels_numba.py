@@ -178,7 +178,7 @@ def _of_bits(n):
     return lambda n: np.int64(n).view(np.float64)
 
 
-# --- laws: H/e at x, which is r0^2 e where bonds of a kind share a law, or e where each bond has its own ------------------
+# --- laws: H/e at x, which is r0^2 e where bonds of a kind share a law in double precision, or e ---------------------------
 
 
 class Polynomial(NamedTuple):
@@ -665,7 +665,11 @@ class CompiledKernel(Kernel):
         else:
             laws = [self._law(fit[0], reach, order) for reach in NEARER if (fit := law.polynomial(reach))]
             laws = [*laws[:1], *(x for x in laws[1:] if x.c.ndim == 2), self._law(fitted, np.inf, order)]
-        g, unit = (_flat(order.along(x[layout.kind])) for x in (law.g, 1 / layout.r0**2)) if own else (law.g, None)
+        g, unit = law.g, 1 / layout.r0**2
+        if own:
+            g, unit = (_flat(order.along(x[layout.kind])) for x in (g, unit))
+        elif dtype is np.float64:
+            unit = None
         strength = None if layout.each or layout.strength is None else _flat(layout.strength)
         R = [_flat(x) for x in order.R] if layout.offset is None or own else order.R
         bonds = Bonds((dtype(law.q), dtype(law.t)), *(x if x is None else same(x, dtype) for x in (*R, g, unit, strength)))
@@ -700,8 +704,9 @@ class CompiledKernel(Kernel):
         if isinstance(fitted, np.ndarray):
             count = (0.0,) * fitted.shape[1]
             if not own:
-                c = fitted / layout.r0[:, None] ** (2 + 2 * np.arange(len(count)))
-                return Polynomial(count, c.astype(self.dtype), (reach * layout.r0**2).astype(self.dtype), None)
+                r0 = layout.r0 if self.dtype is np.float64 else layout.r0**0  # single might not hold its powers
+                c = fitted / r0[:, None] ** (2 + 2 * np.arange(len(count)))
+                return Polynomial(count, c.astype(self.dtype), (reach * r0**2).astype(self.dtype), None)
             limit = np.full(len(kinds), reach, self.dtype)
             with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
                 shapes = fitted / fitted[:, :1]

@@ -15,7 +15,7 @@ from magphonon.stiffness import LinearSystem
 
 pytest.importorskip('numba')
 
-LAW, L0, FINER = InversePower(b=8900.0, a=4.5), 10.0, 4
+FINER = 4
 
 
 @dataclass
@@ -24,12 +24,13 @@ class Case:
 
     seed: int
     longest: float = 100.0  # rad, of the fastest wave, which goes through one in about a ms
+    size: float = 1.0  # of one and the same patch, in other units of length
 
     def __post_init__(self):
-        rng = self.rng = np.random.default_rng(self.seed)
-        cell = lattices.triangular(L0, 0.7)
-        atoms = [lattices.parallelogram(cell, *rng.integers(7, 13, 2)), lattices.hexagon(cell, rng.uniform(40, 60)),
-                 lattices.rectangle(cell, *rng.uniform(70, 130, 2))][rng.integers(3)]
+        rng, L0, mass = np.random.default_rng(self.seed), 10.0 * self.size, 0.7 * self.size**3
+        cell, law = lattices.triangular(L0, mass), InversePower(b=8900.0 * self.size**5.5, a=4.5)
+        atoms = [lattices.parallelogram(cell, *rng.integers(7, 13, 2)), lattices.hexagon(cell, self.size * rng.uniform(40, 60)),
+                 lattices.rectangle(cell, *self.size * rng.uniform(70, 130, 2))][rng.integers(3)]
         if rng.random() < 0.4:
             atoms = atoms[rng.random(len(atoms)) > 0.06]
         if rng.random() < 0.3:
@@ -41,9 +42,9 @@ class Case:
             atoms = atoms[rng.permutation(len(atoms))]
         atoms.set_array('site', None)
         if rng.random() < 0.3:
-            atoms.set_masses(0.7 * rng.uniform(0.5, 2, len(atoms)))
+            atoms.set_masses(mass * rng.uniform(0.5, 2, len(atoms)))
         springs = rng.uniform(0.3, 2.0)
-        atoms.calc = PairCalculator(atoms, LAW, foundation=springs, cutoff=1.4 * L0)
+        atoms.calc = PairCalculator(atoms, law, foundation=springs, cutoff=1.4 * L0)
         atoms.calc = atoms.calc.balanced(np.arange(len(atoms)))
         self.free = np.setdiff1d(np.arange(len(atoms)), atoms.constraints[0].index if atoms.constraints else [])
         self.atoms, self.omega = atoms, highest_frequency(atoms)
@@ -53,8 +54,9 @@ class Case:
         self.damping = rng.uniform(0, 0.05) * (rng.random() < 0.4)
         pushed = rng.choice(self.free, 3, replace=False)
         kind = rng.integers(3)
-        self.drives = [[], [Harmonic(pushed, (0.6, 0.8), 0.1 * self.strain, 0.5 * self.omega)],
-                       [ToneBurst(pushed[0], (0, 1), self.strain, 0.4 * self.omega, cycles=3)]][kind]
+        force = self.size * self.strain
+        self.drives = [[], [Harmonic(pushed, (0.6, 0.8), 0.1 * force, 0.5 * self.omega)],
+                       [ToneBurst(pushed[0], (0, 1), force, 0.4 * self.omega, cycles=3)]][kind]
         self.tolerance = 10 ** rng.uniform(-5, -2.5)
         self.phase = 10 ** rng.uniform(0.7, np.log10(self.longest))
         longest = max(one.longest(self.phase, self.tolerance / 4) for one in SPLITTINGS.values()) / self.omega
@@ -83,6 +85,15 @@ def test_the_error_is_within_the_tolerance(seeds):
         misfit, dyn = Case(seed).misfit()
         assert misfit < 1, seed
         assert dyn.engine == 'compiled'
+
+
+def test_units_of_length_do_not_matter():
+    for seed, size in zip((6, 9), 10.0 ** np.random.default_rng(0).uniform((-5, 3), (-4, 4)), strict=True):
+        (here, _), (there, dyn) = (Case(seed, size=one).misfit() for one in (1.0, size))
+        assert max(here, there) < 1
+        assert dyn._blocks._dtype is np.float32
+        powers = dyn._blocks.layout.r0[0] ** (-2.0 * len(dyn._blocks._kernel._given[5].count))
+        assert not 1e-45 < powers < 3e38  # the control: in such units single precision has no coefficients
 
 
 def test_a_law_cut_too_short_misses_the_tolerance():
