@@ -20,6 +20,8 @@ import re
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
+from hashlib import file_digest
+from pathlib import Path
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
@@ -73,6 +75,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    _refuse_copies(options.files)
     if options.frf is None and options.scene is None and len(options.files) > 1 and options.files[0].endswith('.toml'):
         _with_scene(options)
         return
@@ -83,6 +86,18 @@ def run(options: Namespace) -> None:
         _fit_bands(options)
     else:
         _fit_forces(options)
+
+
+def _refuse_copies(names):
+    """Raise ValueError for two files of the same bytes."""
+    seen = {}
+    for k, name in enumerate(names):
+        if (path := Path(ready_table(name))).is_file():
+            with open(path, 'rb') as file:
+                first = seen.setdefault(file_digest(file, 'sha256').digest(), k)
+            if first != k:
+                raise ValueError(f'{names[first]} and {name} hold the same numbers, and their noise would count as independent; '
+                                 'give one of them')
 
 
 def _with_scene(options):

@@ -174,3 +174,15 @@ def test_a_report_that_cannot_be_shown_has_a_status_of_its_own(tmp_path):
             done = command(*arguments, capture_output=False, stdout=full, stderr=subprocess.PIPE)
         assert done.returncode == 3
         assert done.stderr.strip() == f'magphonon: the report could not be shown (No space left on device){written}'
+
+
+@pytest.mark.parametrize('given', [['mine.toml'], ['--bands', 'prototype']])
+@pytest.mark.parametrize('again', ['ridges.csv', 'copy.csv'])
+def test_a_measurement_that_is_given_twice_is_refused(given, again, tmp_path, monkeypatch, capsys):
+    """Its noise would count as independent, and intervals would come out too narrow by the root of two."""
+    monkeypatch.chdir(tmp_path)
+    table = 'xi_rad,sigma_xi_rad,frequency_Hz,sigma_frequency_Hz,q1,q2\n1.0,0.01,40,0.1,0,0.159\n'
+    for name in ('ridges.csv', 'copy.csv'):
+        (tmp_path / name).write_text(table)
+    assert main(['fit', *given, 'ridges.csv', again]) == 2
+    assert f'ridges.csv and {again} hold the same numbers' in capsys.readouterr().err
