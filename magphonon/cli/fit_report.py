@@ -16,7 +16,6 @@ from ..findings import Findings, next_lines
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, shells_within
 from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
-from ..scenes.next_records import after_responses, after_ridges
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 from .neighbours import neighbours, omitted
@@ -400,7 +399,7 @@ def correlations(found):
 
 @RIDGES.check
 def next_ridges(found):
-    return next_lines(after_ridges(found)) if found.fits['complete'].follows else []
+    return next_lines(found.proposals)
 
 
 @RIDGES.check
@@ -488,4 +487,4 @@ def which_model(found):
 
 @RESPONSES.check
 def next_receiver(found):
-    return next_lines(after_responses(found))
+    return next_lines(found.proposals)

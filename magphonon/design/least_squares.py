@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..findings import Proposal, proposals
 from ..stiffness.bond import Model
 
 NORMAL = 1.96
@@ -26,6 +27,8 @@ this limit is not determined. For example, data without static forces drive the 
 exponent."""
 FITS = 0.01
 """Probability of so large a chi2 below which the data scatter about a model by more than their uncertainties say."""
+KNOWN = 0.01
+"""Relative standard uncertainty to which a parameter may be measured by itself."""
 BLIND = 1e-10
 """Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
 FAINT = 1e-5
@@ -140,3 +143,21 @@ class ParameterFit:
                              f'({", ".join(self.names)}), which have no covariance then; measure another branch, or fix '
                              'a parameter')
         return self.scatter**2 * np.linalg.inv(self.information)
+
+
+def best(fit: Any, along: Mapping[str, NDArray[np.float64]],
+         plans: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
+    """The best of plans that add information, and of one parameter known from elsewhere.
+
+    Parameters
+    ----------
+    fit : ParameterFit or Joint
+        With `sigma_along` and `knowing`.
+    along : dict
+        What is to be known better: products of powers of the parameters.
+    plans : dict
+        What each record would add to the information, by the words for it.
+    """
+    known = {f'know {name} to {100 * KNOWN:g} %': (fit.knowing(v, KNOWN), name) for name, v in along.items()}
+    return proposals(lambda plan: {name: NORMAL * fit.sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
+                     (0.0, ''), {words: (added, '') for words, added in plans.items()} | known)

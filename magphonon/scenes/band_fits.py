@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
+from ..design.next_records import after_ridges
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, frequency_sensitivities
 from ..errors import one_of
+from ..findings import Proposal
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..stiffness.bond import MODELS, Model
@@ -164,6 +166,14 @@ class BandFits:
         omega, slopes = frequency_sensitivities(scene.perfect_cell(), q, [changes[name] for name in fit.names], model)
         relative = np.divide(slopes, abs(omega), out=np.zeros_like(slopes), where=slopes != 0)
         return omega, np.apply_along_axis(fit.sigma_along, 0, relative)
+
+    @property
+    def proposals(self) -> list[Proposal]:
+        """What to measure next; nothing if the complete model does not follow the points."""
+        fit, scene = self.fits['complete'], self.fitted()
+        if not fit.follows:
+            return []
+        return after_ridges(fit, self.points, scene.perfect_cell(), changes_of(scene), along(scene, fit.names))
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:

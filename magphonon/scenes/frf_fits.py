@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from .. import units as u
 from ..design.least_squares import MOST_FACTOR
 from ..design.misreadings import misreading
+from ..design.next_records import after_responses
 from ..design.site_unknowns import with_site_unknowns
 from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses
 from ..errors import not_negative, one_of
+from ..findings import Proposal
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import MODELS, Model
@@ -84,13 +86,12 @@ class FrfFits:
             return better.model
         return 'conventional' if self.endless and self.ratio < 1 else None
 
-    def build(self, model: Model = 'complete') -> Callable[[dict[str, float]], ParametricLattice]:
-        """The patch with factors of its parameters, as `fit_transfer` takes it."""
-        return partial(_built, self.scene, model)
-
-    def built(self, model: Model = 'complete') -> ParametricLattice:
-        """The patch with the parameters of the fit."""
-        return self.build(model)(self.fits[model].by_name)
+    @property
+    def proposals(self) -> list[Proposal]:
+        """What to measure next; nothing if the complete model does not follow the data."""
+        fit = self.fits['complete']
+        along = {name: v for name, v in band_fits.along(self.fitted(), fit.names).items() if name not in ('damping', 'gain')}
+        return after_responses(fit, partial(_built, self.scene, 'complete'), self.functions, along) if fit.follows else []
 
     def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the parameters of the fit, without the gain, which belongs to the instrument."""

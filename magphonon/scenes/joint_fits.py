@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion
 from ..design.joint_fits import BEFORE, RESPONSES, RIDGES, Joint, Record, told
-from ..design.least_squares import Before
+from ..design.least_squares import Before, best
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, frequency_sensitivities
 from ..design.site_unknowns import with_site_unknowns
 from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer
@@ -35,7 +35,6 @@ from ..stiffness.rest import LinearSystem
 from ..waves.ridge_tables import RidgePoints
 from . import band_fits, frf_fits
 from .laws import TableLaw
-from .next_records import best
 from .scene import Scene
 
 LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))

@@ -5,8 +5,8 @@ import pytest
 
 from magphonon import read_scene
 from magphonon.bands.bloch import bloch_modes
+from magphonon.design.next_records import RANGES
 from magphonon.scenes import fit_bands, fit_frf
-from magphonon.scenes.next_records import RANGES, after_responses, after_ridges
 from magphonon.waves import RidgePoints
 
 from .test_frf_coverage import PLACES, specimen
@@ -26,7 +26,7 @@ def test_one_more_burst():
     scene = read_scene('prototype')
     cell, xi, branch = scene.perfect_cell(), np.tile(np.linspace(0.4, 1.5, 6), 2), np.repeat([0, 1], 6)
     found = fit_bands(scene, ridges(cell, xi, branch))
-    told = [one for one in after_ridges(found) if 'points of branch 1' in one.measurement]
+    told = [one for one in found.proposals if 'points of branch 1' in one.measurement]
     best = told[0]
     low, high = RANGES[-2:]
     at = bloch_modes(found.fitted().perfect_cell(), np.outer([low / (2 * np.pi), high / (2 * np.pi)], [0, 1, 0]))[0][:, 0]
@@ -43,7 +43,7 @@ def test_one_more_receiver(tmp_path):
     """One receiver of a patch whose sites differ, and then the one that is proposed."""
     scene, functions, _ = specimen(tmp_path, 'triangular', 3, points=50)
     found = fit_frf(scene, functions[:2])
-    best = next(one for one in after_responses(found) if one.measurement.startswith('measure along'))
+    best = next(one for one in found.proposals if one.measurement.startswith('measure along'))
     *_, axis, _, x, y, _ = best.measurement.replace('(', '').replace(')', '').replace(',', '').split()
     _, functions, _ = specimen(tmp_path, 'triangular', 3, points=50, places=(*PLACES, (float(x), float(y))))
     both = fit_frf(scene, [*functions[:2], functions[6 + 'xy'.index(axis)]])

@@ -1,8 +1,8 @@
-"""What to measure next: by how much one more record would narrow the intervals of a fit of a scene, from Jacobians at the fit."""
+"""What to measure next: by how much one more record would narrow the intervals of a fit, from Jacobians at the fit."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,18 +12,16 @@ from numpy.typing import NDArray
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..design.dispersion_fits import STEP, DispersionFit
-from ..design.joint_fits import Joint
-from ..design.least_squares import NORMAL, ParameterFit
-from ..design.sensitivities import StiffnessDerivative, frequency_sensitivities
-from ..design.site_unknowns import eliminated, normal_matrices
-from ..design.transfer_fits import responses
-from ..findings import Proposal, proposals
+from ..findings import Proposal
 from ..response.frf import Dof
+from ..response.transfer_functions import TransferFunction
 from ..waves.ridge_tables import RidgePoints
-from . import band_fits, frf_fits
+from .dispersion_fits import STEP, DispersionFit
+from .least_squares import best
+from .sensitivities import StiffnessDerivative, frequency_sensitivities
+from .site_unknowns import eliminated, normal_matrices
+from .transfer_fits import ParametricLattice, TransferFit, responses
 
-KNOWN = 0.01  # relative standard uncertainty to which a parameter may be measured by itself
 RANGES = np.linspace(0.4, 3.0, 4)  # ends of the phases, from one particle to the next, that one more burst covers
 MORE = 4  # points of a burst
 PLACES = 12  # free particles at which one more receiver is considered
@@ -31,12 +29,21 @@ AVERAGED = 4  # times that a transfer function may be measured
 AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0)}
 
 
-def after_ridges(found: band_fits.BandFits) -> list[Proposal]:
-    """One more burst along the row of most points, or a parameter known from elsewhere."""
-    fit, points, scene = found.fits['complete'], found.points, found.fitted()
-    cell, changes = scene.perfect_cell(), band_fits.changes_of(scene)
+def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
+                 along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
+    """One more burst along the row of most points, or one of the quantities `along` known from elsewhere.
+
+    Parameters
+    ----------
+    fit, points
+        The fit and its points.
+    cell, changes
+        The fitted lattice, and what each parameter changes there.
+    along : dict of ndarray, shape (parameters,)
+        What is to be known better: products of powers of the parameters.
+    """
     rows, which = np.unique((points.q / points.xi[:, None]).round(9), axis=0, return_inverse=True)
-    along, modes = rows[np.bincount(np.ravel(which)).argmax()], np.array(fit.branches)[points.ridge]
+    row, modes = rows[np.bincount(np.ravel(which)).argmax()], np.array(fit.branches)[points.ridge]
     points, plans = replace(points, sigma_xi=fit.sigma_xi), {}
     for branch in sorted(set(modes.tolist())):
         own = np.flatnonzero(modes == branch)
@@ -44,11 +51,11 @@ def after_ridges(found: band_fits.BandFits) -> list[Proposal]:
         for ends in pairwise(RANGES):
             xi = np.linspace(*ends, MORE)
             more = points[np.r_[: len(points), np.full(MORE, like)]]
-            more.xi[-MORE:], more.q[-MORE:] = xi, np.outer(xi, along)
+            more.xi[-MORE:], more.q[-MORE:] = xi, np.outer(xi, row)
             low, high = np.sort(u.hertz(bloch_modes(cell, more.q[[-MORE, -1]])[0][:, branch]))
             plans[f'measure {MORE} points of branch {branch + 1} from {low:.3g} to {high:.3g} Hz'] = (
                 _information(fit, cell, changes, more) - _information(fit, cell, changes, points))
-    return best(fit, band_fits.along(scene, fit.names), plans)
+    return best(fit, along, plans)
 
 
 def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
@@ -67,11 +74,13 @@ def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, Stiffnes
     return J @ J.T - J @ S.T @ np.linalg.solve(np.eye(len(n)) + S @ S.T, S @ J.T)
 
 
-def after_responses(found: frf_fits.FrfFits) -> list[Proposal]:
-    """One more receiver in the patch, longer averages, or a parameter known from elsewhere."""
-    fit, built, functions = found.fits['complete'], found.built(), list(found.functions)
-    if not fit.follows:
-        return []
+def after_responses(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
+                    functions: Sequence[TransferFunction], along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
+    """One more receiver in the patch, longer averages, or one of the quantities `along` known from elsewhere.
+
+    The `fit` is that of `build` and `functions`, with unknowns of its sites or without.
+    """
+    built = build(fit.by_name)
     first, n, system = functions[0], len(fit.names), built.system
     unseen = np.setdiff1d(np.flatnonzero(system.mobile), [one.answer.particle for one in functions])  # pyright: ignore[reportAttributeAccessIssue]  a Dof since `with_dofs`
     asked = [(k, axis) for k in unseen[np.unique(np.linspace(0, len(unseen) - 1, PLACES).astype(int))] for axis in AXES]
@@ -79,27 +88,10 @@ def after_responses(found: frf_fits.FrfFits) -> list[Proposal]:
     more = [replace(first, answer=Dof(int(k), np.array(AXES[axis])), sigma=noise) for k, axis in asked]
     size = np.split(responses(built, more), len(more)) if more else []  # a noise that is not stated is a share of the peaks
     more = [replace(one, response=h) for one, h in zip(more, size, strict=True)]
-    parts = normal_matrices(fit, found.build(), [*functions, *more])
+    parts = normal_matrices(fit, build, [*functions, *more])
     measured = np.sum(parts[: len(functions)], axis=0)
     now, places = eliminated(measured, n), system.calc.anchors[:, :2] / u.m
     plans = {f'measure along {axis} at ({places[k, 0]:.3g}, {places[k, 1]:.3g}) m': eliminated(measured + part, n) - now
              for (k, axis), part in zip(asked, parts[len(functions) :], strict=True)}
     plans[f'average {AVERAGED} times as long'] = eliminated(AVERAGED * measured, n) - now
-    return best(fit, band_fits.along(found.fitted(), fit.names), plans)
-
-
-def best(fit: ParameterFit | Joint, along: Mapping[str, NDArray[np.float64]],
-         plans: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """The best of plans that add information, and of one parameter known from elsewhere.
-
-    Parameters
-    ----------
-    fit : ParameterFit or Joint
-    along : dict
-        What is to be known better: products of powers of the parameters.
-    plans : dict
-        What each record would add to the information, by the words for it.
-    """
-    known = {f'know {name} to {100 * KNOWN:g} %': (fit.knowing(v, KNOWN), name) for name, v in along.items()}
-    return proposals(lambda plan: {name: NORMAL * fit.sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
-                     (0.0, ''), {words: (added, '') for words, added in plans.items()} | known)
+    return best(fit, along, plans)
