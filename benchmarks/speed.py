@@ -666,7 +666,7 @@ def factorised(atoms, refined=False):
     system, (force, row), w = LinearSystem.of(atoms), middle_force(atoms), OMEGA[CHOSEN]
     source = system.shapes.T @ force[:, :2].ravel()
     D = sparse.csc_array(system.K + (1j * GAMMA * w - w**2) * sparse.eye_array(len(source)))
-    lu = splu(D)
+    lu = splu(D, permc_spec='MMD_AT_PLUS_A', options={'SymmetricMode': True})  # half the time of the order by default
     y = lu.solve(source + 0j)
     if refined:
         y += lu.solve(source - D @ y)

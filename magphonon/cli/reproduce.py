@@ -14,7 +14,7 @@ HELP = 'recompute the paper, number by number, with a report'
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME',
-                        help='workflows, such as prototype_bands; default: all, in less than two minutes')
+                        help='workflows, such as prototype_bands; default: all, in one to three minutes')
     parser.add_argument('--quick', action='store_true',
                         help='run short versions of the longest workflows; without NAME this is the default')
     parser.add_argument('-o', '--output', metavar='DIR', default='out', help='directory for the report (default: out)')

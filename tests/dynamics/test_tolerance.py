@@ -96,6 +96,18 @@ def test_units_of_length_do_not_matter():
         assert not 1e-45 < powers < 3e38  # the control: in such units single precision has no coefficients
 
 
+@pytest.mark.long
+def test_the_error_of_200_runs_of_up_to_three_seconds_is_within_the_tolerance():
+    """`python -m pytest -m long -n 0 -s tests/dynamics/test_tolerance.py`, some twenty minutes."""
+    misfits = []
+    for seed in range(200):
+        case = Case(1000 + seed, 3300.0)
+        misfits.append(case.misfit()[0])
+        print(seed, f'{misfits[-1]:.3f}, strain {case.strain:.1e}, tolerance {case.tolerance:.1e}, {case.phase:.0f} rad')
+        assert misfits[-1] < 1, seed
+    print(f'largest error {max(misfits):.3f} of the tolerance')
+
+
 def test_a_law_cut_too_short_misses_the_tolerance():
     case = Case(17)  # a strain of a tenth
     with mock.patch.object(engine, 'LAW_SHARE', 1e4):
