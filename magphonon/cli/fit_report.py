@@ -18,6 +18,7 @@ from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
+from .intervals import in_a_line, interval, with_unit
 from .neighbours import neighbours, omitted
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
     lines = [*_answer(found), '', found.scene.title, '', f'Fitting {len(own)} of the {points} ridge points (the others repeat '
              f'the noise of these). Ridges: {on}.', *_known(found, fixed), '']
     values = {model: found.values(model) for model in fits}
-    rows = [(_with_unit(name), *(_interval(*values[model][name]) for model in fits)) for name in values['complete']]
+    rows = [(with_unit(name, UNITS), *(interval(*values[model][name]) for model in fits)) for name in values['complete']]
     rows += _predicted(found)
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
@@ -208,7 +209,7 @@ def _predicted(found):
     points = found.scene.special_points
     told = [found.predicted(np.array(list(points.values())), model) for model in found.fits]
     return [(f'{name}, branch {branch + 1} (Hz)',
-             *(_interval(u.hertz(omega[k, branch]), sigma[k, branch]) for omega, sigma in told))
+             *(interval(u.hertz(omega[k, branch]), sigma[k, branch]) for omega, sigma in told))
             for k, name in enumerate(points) for branch in range(told[0][0].shape[1])]
 
 
@@ -233,34 +234,13 @@ def _shown(report, found):
 def _answer(found):
     """The parameters of the better model in a line, if it follows the data."""
     model = found.better.model
-    return [f'{in_a_line(found.values(model))}: {model} model, intervals of 95 %.'] if found.better.follows else []
-
-
-def in_a_line(values):
-    """Parameters that are determined, each with its 95 % interval."""
-    return ', '.join(f'{_named(name, value)} ({value * np.exp(-NORMAL * sigma):.4g} to {value * np.exp(NORMAL * sigma):.4g})'
-                     for name, (value, sigma) in values.items() if sigma <= DETERMINED and name != 'bond stiffness')
-
-
-def _named(name, value):
-    return f'{name} {value:.4g} {UNITS[name]}'.rstrip()
+    return [f'{in_a_line(found.values(model), UNITS)}: {model} model, intervals of 95 %.'] if found.better.follows else []
 
 
 def _table(fits, rows):
     """Lines of rows with one column for each model."""
     rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits)), *rows]
     return in_columns(rows, left=1 + len(fits))
-
-
-def _with_unit(name):
-    return f'{name} ({UNITS[name]})' if UNITS[name] else name
-
-
-def _interval(value, sigma):
-    if not sigma <= DETERMINED:  # or no number
-        return 'not determined'
-    low, high = value * np.exp(-NORMAL * sigma), value * np.exp(NORMAL * sigma)
-    return f'{value:.4g}, {low:.4g} to {high:.4g}'
 
 
 @RIDGES.check
@@ -436,7 +416,7 @@ def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
     fits, values = found.fits, {model: found.values(model) for model in found.fits}
     points = sum(len(one.omega) for one in found.functions)
     known = ', '.join(['spacing', *(['mass'] if 'mass' not in fits['complete'].names else []), *fixed])
-    rows = [(_with_unit(name), *(_interval(*values[model][name]) if fit.follows else f'({values[model][name][0]:.4g})'
+    rows = [(with_unit(name, UNITS), *(interval(*values[model][name]) if fit.follows else f'({values[model][name][0]:.4g})'
                                  for model, fit in fits.items())) for name in values['complete']]
     stated = any(one.sigma is not None for one in found.functions)
     rows.append(('residual in the noise' if stated else 'residual (% of the peak)',

@@ -14,7 +14,7 @@ from ..interactions.fits import SHAPE_WEIGHT
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
-from .fit_report import in_a_line
+from .intervals import in_a_line, interval, with_unit
 
 PULL = 2.7
 """Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10, and none is seen in 1 of 100."""
@@ -26,24 +26,21 @@ def joint_report(found, verbose: bool = True) -> str:
     """The parameters by all records with their intervals, and how well each record alone knows them; or only the answer and what
     must not be missed.
     """
-    first = f'{in_a_line(found.values())}: intervals of 95 %.'
+    joint, values = found.joints['complete'], found.values()
+    first = f'{in_a_line(values, UNITS)}: intervals of 95 %.'
     if not verbose:
         return '\n'.join([first, *(one.words for one in JOINT.asked(found).values() if one.words)])
-    joint, values = found.joints['complete'], found.values()
     alone = {name: [joint.alone(name).sigma_along(v) for v in found.along().values()] for name in found.records}
     rows = [('', 'all together', *found.records)]
-    for k, (name, (value, sigma)) in enumerate(values.items()):
-        unit = f' ({UNITS[name]})' if UNITS[name] else ''
-        s = NORMAL * sigma
-        rows.append((name + unit, f'{value:.4g}, {value * np.exp(-s):.4g} to {value * np.exp(s):.4g}',
+    for k, (name, value) in enumerate(values.items()):
+        rows.append((with_unit(name, UNITS), interval(*value),
                      *(f'{100 * NORMAL * one[k]:.2g} %' if one[k] <= DETERMINED else 'not determined'
                        for one in alone.values())))
     points = found.specimen.scene.special_points
     omega, sigma = found.predicted(np.array(list(points.values())))
     for k, name in enumerate(points):
         for branch in range(omega.shape[1]):
-            f, s = u.hertz(omega[k, branch]), NORMAL * sigma[k, branch]
-            rows.append((f'{name}, branch {branch + 1} (Hz)', f'{f:.4g}, {f * np.exp(-s):.4g} to {f * np.exp(s):.4g}'))
+            rows.append((f'{name}, branch {branch + 1} (Hz)', interval(u.hertz(omega[k, branch]), sigma[k, branch])))
     rows = [(*row, *[''] * (len(rows[0]) - len(row))) for row in rows]
     return '\n'.join([first, '', found.specimen.scene.title, '', *in_columns(rows, left=2), '',
                       'Intervals of 95 %; then the half widths that each record alone would give.', *JOINT.lines(found)])
