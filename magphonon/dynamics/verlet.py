@@ -89,7 +89,8 @@ class DrivenVerlet(VelocityVerlet):
         Allowed error of the displacements at the end of a run, as a fraction of the largest one of the run. Blocks then compute
         the bond forces with as few coefficients as this error allows, and compiled blocks use single precision where it is
         sufficient, which takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is within
-        the tolerance too; otherwise a ValueError says how long steps may be.
+        the tolerance too; otherwise a ValueError says how long steps may be. Close to buckling, modes slower than a hundredth of
+        the fastest may miss the tolerance by a factor of five.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional
@@ -319,7 +320,13 @@ class DrivenVerlet(VelocityVerlet):
             omega = refuse_long_step(self.atoms, self.dt, np.inf if self.allow_unstable else limit)
         if not self.allow_unstable:
             refuse_long_decay(self.damping, self.dt, self.splitting)
-        return max([omega, *(float(np.max(getattr(drive, 'omega', 0.0))) for drive in self._drives)])
+        return max(omega, self._driven)
+
+    @property
+    def _driven(self):
+        """The highest frequency of the drives and of the courses of walls, rad/ms; of plain functions nothing is known."""
+        courses = [getattr(drive, 'course', drive) for drive in self._drives]
+        return max([0.0, *(float(np.max(getattr(one, 'omega', 0.0))) for one in courses)])
 
     @property
     def _chooses(self):
@@ -330,7 +337,7 @@ class DrivenVerlet(VelocityVerlet):
     def _order_for(self, phase):
         """The lowest order whose steps meet the tolerance until the fastest wave has gone through a phase."""
         share = STEPS_SHARE * self.tolerance
-        for omega in (lambda: self._omega), (lambda: highest_frequency(self.atoms)):  # a bound first
+        for omega in (lambda: self._omega), (lambda: max(highest_frequency(self.atoms), self._driven)):  # a bound first
             orders = SPLITTINGS if self._chooses else (2,)
             longest = {order: SPLITTINGS[order].longest(phase, share) / omega() for order in orders}
             for order in longest:

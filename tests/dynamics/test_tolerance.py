@@ -6,9 +6,10 @@ from unittest import mock
 import numpy as np
 import pytest
 from ase.calculators.emt import EMT
+from ase.constraints import FixAtoms
 
 from magphonon import DrivenVerlet, Harmonic, InversePower, PairCalculator, Recorder, ToneBurst, lattices
-from magphonon.dynamics import engine, memory_layout
+from magphonon.dynamics import PrescribedMotion, engine, memory_layout
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
 from magphonon.stiffness import LinearSystem
@@ -157,6 +158,32 @@ def test_the_lowest_order_that_meets_the_tolerance_is_taken_or_the_longest_step_
     case.dt = float(str(refused.value).split('at most ')[1].split(' ')[0])
     case.run(tolerance=1e-9)
     assert case.run(finer=3)[0].splitting.stages == 1  # without a tolerance
+
+
+@pytest.mark.parametrize('led', [False, True])
+def test_what_drives_or_leads_faster_than_the_lattice_counts(led):
+    """A row at steps that are fine for its own waves; the control: the frequency of the drive is forgotten."""
+    row, ratio = lattices.chain(10.0, 0.7).repeat((6, 1, 1)), np.random.default_rng(led).uniform(12, 15)
+    row.pbc = False
+    row.calc = PairCalculator(row, InversePower(b=8900.0, a=4.5), foundation=0.05).balanced(np.arange(6))
+    row.set_constraint(FixAtoms([0]))
+    omega, amplitude = highest_frequency(row), 1e-3
+    course = Harmonic([0 if led else 1], (1, 0), amplitude, omega=ratio * omega)
+
+    def end(dt, **settings):
+        atoms, steps = row.copy(), int(np.ceil(20 / omega / dt))
+        atoms.calc = row.calc
+        dyn = DrivenVerlet(atoms, 20 / omega / steps, [PrescribedMotion(course) if led else course], engine='numpy', **settings)
+        dyn.run(steps)
+        return dyn.displacements
+
+    with pytest.raises(ValueError, match='take steps of at most') as refused:
+        end(0.5 / omega, tolerance=1e-3)
+    exact = end(0.02 / omega, order=6)
+    allowed = 1e-3 * (amplitude if led else abs(exact).max())
+    assert abs(end(float(str(refused.value).split('at most ')[1].split(' ')[0]), tolerance=1e-3) - exact).max() < allowed
+    with mock.patch.object(DrivenVerlet, '_driven', 0.0):
+        assert abs(end(0.5 / omega, tolerance=1e-3) - exact).max() > 2 * allowed
 
 
 def test_a_tolerance_is_a_positive_number_for_magnets():
