@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it
 SURE = 0.8  # probability of a drift from which it is told
-LOOSE = 0.1  # standard uncertainty of a spring from which it rests on the shape of the law
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
@@ -252,15 +251,11 @@ def few_points(found):
 
 
 @RIDGES.check
-def loose_spring(found):
-    """A spring that rests on the shape of the law."""
-    sigma = dict(zip(found.names, found.fits['complete'].sigma, strict=False))
-    loose = [KEY_OF[name] for name in ('foundation_x', 'foundation_y') if LOOSE < sigma.get(name, 0.0) <= DETERMINED
-             and name not in found.priors]
-    if loose and found.scene.law.kind == 'inverse_power':
-        yield (f'{" and ".join(loose)} depends on the shape of the law. Where the true law was that of rings or a sum '
-               'of two powers, fits of an inverse power gave springs up to 80 % too stiff. Name the shape '
-               f'(kind = "magnets" or "table"), give --prior {loose[0]}=...+-..., or fit a table of forces with the ridges.')
+def any_law(found):
+    """Whether the intervals are those of any smooth law."""
+    return ('The intervals hold for any smooth law; the inverse power of the scene was only the start. They become several times '
+            'narrower if the scene names the shape of the magnets (kind = "magnets" or "table"), or with a table of forces '
+            'beside the ridges.') if found.of_any_law else None
 
 
 @RIDGES.check
@@ -369,10 +364,10 @@ def _causes(found):
 @RIDGES.remark
 def correlations(found):
     """Those of the parameters of the complete model, if all of them are determined."""
-    fit = found.fits['complete']
-    if (fit.sigma > DETERMINED).any() or not fit.follows:
+    fit, n = found.fits['complete'], len(found.names)  # others are not reported
+    if (fit.sigma[:n] > DETERMINED).any() or not fit.follows:
         return None
-    R = fit.covariance / np.outer(fit.sigma, fit.sigma)
+    R = (fit.covariance / np.outer(fit.sigma, fit.sigma))[:n, :n]
     pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
     return f'Correlations: {", ".join(pairs)}.' if pairs else None
 
@@ -386,7 +381,7 @@ def next_ridges(found):
 def entries(found):
     """The entries of the complete model for a scene file, if all of its parameters are determined."""
     fit, scene = found.fits['complete'], found.fitted()
-    if (fit.sigma > DETERMINED).any() or not fit.follows:
+    if (fit.sigma[: len(found.names)] > DETERMINED).any() or not fit.follows:
         return []
     law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
     law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]

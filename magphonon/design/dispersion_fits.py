@@ -38,6 +38,7 @@ have 1.4.  Of drawn scans whose ridges were those of other waves, those that spo
 PASSES, ROBUST = 5, 2
 """Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first two mind outliers
 less where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
+STEPS = 30  # of one repetition; a fit takes 10, and a model that is far from all points would creep along the bounds
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
 """Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
 each parameter up to which these go, and how many of the assignments found are fitted."""
@@ -152,7 +153,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
     if near is not None:
-        x = np.log(near.factors)
+        x = np.log([near.by_name.get(name, 1.0) for name in names])
         return min(with_branches(near.branches, x), _settled(cell, names, points, model, priors, nearest, x),
                    key=lambda fit: fit.chi2)
     fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
@@ -207,7 +208,7 @@ def _settled(cell, names, points, model, priors, branches_in, start):
 
         found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType, reportGeneralTypeIssues]  the stubs of scipy know no function as jac
                               loss='cauchy' if k < ROBUST and points.from_points.any() else 'linear',
-                              xtol=1e-12, ftol=1e-12, gtol=1e-12)
+                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=STEPS)
         x, settled = found.x, k > ROBUST and np.array_equal(modes, before)
         before = modes
         if settled:

@@ -35,6 +35,7 @@ from .. import units as u
 from ..errors import not_negative, positive
 from ..findings import Proposal, proposals
 from .force_tables import Forces
+from .law_cards import LawDerivative
 from .pair_laws import PairLaw, Tabulated, local_exponent, repulsion
 
 COVERED, NORMAL = 0.95, 1.959964
@@ -318,6 +319,34 @@ class LawFamily:
         a_own = -float(self.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
         target = other.curve(np.zeros(CURVE.stop), r)[0] - own - by_p[:, 1] * (a - a_own)
         return a, np.asarray(np.linalg.lstsq(by_p[:, 2:], target)[0], float)
+
+    def change(self, law: PairLaw, v: Any) -> LawDerivative:
+        """Derivative of a law of the family along v, a direction of p."""
+        def along(r):
+            return [np.reshape(one @ v, np.shape(r)) for one in self.slopes(np.ravel(r))]
+
+        return LawDerivative(lambda r: along(r)[0] * law.dphi(r),
+                             lambda r: along(r)[0] * law.d2phi(r) + along(r)[1] / r * law.dphi(r))
+
+
+@dataclass(frozen=True)
+class FamilyLaw:
+    """The law of a `LawFamily` with the parameters p; its energy is zero at r0."""
+
+    family: LawFamily
+    p: Any
+
+    def phi(self, r: Any) -> Any:
+        x, weights = np.polynomial.legendre.leggauss(24)
+        half = np.log(np.asarray(r) / self.family.r0) / 2
+        s = self.family.r0 * np.exp(half[..., None] * (1 + x))
+        return half * ((s * self.dphi(s)) @ weights)
+
+    def dphi(self, r: Any) -> Any:
+        return -np.exp(self.family.curve(self.p, np.ravel(r))[0]).reshape(np.shape(r))
+
+    def d2phi(self, r: Any) -> Any:
+        return self.dphi(r) * self.family.curve(self.p, np.ravel(r))[2].reshape(np.shape(r)) / r
 
 
 class _Model:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
 
 import numpy as np
+from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
@@ -17,12 +17,13 @@ from ..design.next_records import after_ridges
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, frequency_sensitivities
 from ..errors import one_of
 from ..findings import Proposal
+from ..interactions.fits import BENDS, EXPONENT as CENTRE, FamilyLaw, LawFamily
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..stiffness.bond import MODELS, Model
 from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
-from .laws import KINDS
+from .laws import KINDS, TableLaw
 from .scene import Scene, parts_of, scene_of
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, PLACES, exponent_at, varied
@@ -39,6 +40,8 @@ NEIGHBOURS = 'shells = "auto"'
 """What `BandFits.causes` calls the neighbours that a scene with one shell leaves out."""
 SUSPECTS = 3  # number of ridges of which each is left out in turn, to see which one makes the points scatter
 EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not reported
+BENT = tuple(f'bend {k}' for k in BENDS)  # nor are those by which a law departs from an inverse power
+NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of such a law: in spacings, in the longest bonds, number
 TELLS = 2.0
 """Difference of the models in sigmas below which the data do not tell them apart."""
 
@@ -70,7 +73,12 @@ class BandFits:
     @property
     def names(self) -> tuple[str, ...]:
         """The fitted parameters: 'force' (at the spacing), 'a' or 'screening_length', 'foundation' or its parts along x and y."""
-        return tuple(name for name in self.fits['complete'].names if name != EXPONENT)
+        return tuple(name for name in self.fits['complete'].names if name not in (EXPONENT, *BENT))
+
+    @property
+    def of_any_law(self) -> bool:
+        """Whether the law may be any smooth one near an inverse power."""
+        return BENT[0] in self.fits['complete'].names
 
     @property
     def evidence(self) -> float:
@@ -133,19 +141,36 @@ class BandFits:
         return (value, value * sigma) if sigma else None
 
     def fitted(self, model: Model = 'complete') -> Scene:
-        """The scene with the parameters of the fit."""
-        return with_factors(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
+        """The scene with the parameters of the fit; its law is a table where an inverse power was bent."""
+        factors = self.fits[one_of('model', model, MODELS)].by_name
+        scene = with_factors(self.scene, factors)
+        if not self.of_any_law:
+            return scene
+        farthest = FARTHEST * scene.perfect_cell().calc.bonds.lengths.max()
+        r = np.geomspace(NEAREST * scene.lattice.spacing_m * u.m, farthest, KNOTS)
+        columns = {'distances_m': (r / u.m).tolist(), 'forces_N': (-_bent(scene, factors)[0].dphi(r) / u.N).tolist()}
+        law = TableLaw.model_validate({'kind': 'table', 'shells': scene.law.asked, **columns})
+        return scene.model_copy(update={'law': law.with_shells(scene.law.shells, scene.law.reach)})
 
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr at the spacing.
 
         A parameter with an uncertainty of more than a half is not determined, and its value means little.
         """
-        fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
-        found = {name: (value_of(scene, name), sigma) for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)
-                 if name != EXPONENT}
-        found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(along(scene, fit.names)['bond stiffness'])
+        fit = self.fits[one_of('model', model, MODELS)]
+        scene = with_factors(self.scene, fit.by_name)  # bends change neither force nor slope at the spacing
+        found = {name: (value_of(scene, name), sigma) for name, sigma in zip(self.names, fit.sigma.tolist(), strict=False)}
+        found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(self.along(model)['bond stiffness'])
         return found
+
+    def along(self, model: Model = 'complete') -> dict[str, NDArray[np.float64]]:
+        """The parameters and the stiffness of a bond as products of powers of all that is fitted."""
+        fit = self.fits[model]
+        return along(with_factors(self.scene, fit.by_name), fit.names)
+
+    def built(self, model: Model = 'complete') -> tuple[Atoms, dict[str, StiffnessDerivative]]:
+        """One cell of the fitted lattice, and what each of all that is fitted changes there."""
+        return _built(self.scene, self.scene.perfect_cell(), self.fits[model].by_name)
 
     def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Frequencies of the fitted lattice and their relative standard uncertainties, by the covariance of the fit.
@@ -161,19 +186,16 @@ class BandFits:
         omega, sigma : ndarray, shape (wavevectors, branches)
             In rad/ms; `sigma` is a fraction of omega, infinite where the points do not determine it.
         """
-        fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
-        changes = changes_of(scene)
-        omega, slopes = frequency_sensitivities(scene.perfect_cell(), q, [changes[name] for name in fit.names], model)
+        fit, (atoms, changes) = self.fits[one_of('model', model, MODELS)], self.built(model)
+        omega, slopes = frequency_sensitivities(atoms, q, [changes[name] for name in fit.names], model)
         relative = np.divide(slopes, abs(omega), out=np.zeros_like(slopes), where=slopes != 0)
         return omega, np.apply_along_axis(fit.sigma_along, 0, relative)
 
     @property
     def proposals(self) -> list[Proposal]:
         """What to measure next; nothing if the complete model does not follow the points."""
-        fit, scene = self.fits['complete'], self.fitted()
-        if not fit.follows:
-            return []
-        return after_ridges(fit, self.points, scene.perfect_cell(), changes_of(scene), along(scene, fit.names))
+        fit = self.fits['complete']
+        return after_ridges(fit, self.points, *self.built(), self.along()) if fit.follows else []
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -205,8 +227,9 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
 
     Mass and spacing are taken from the scene; its other parameters are the start of the fit.  The uncertainties show which
     parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  The shape
-    of a
-    law of magnets or of a table of forces stays, and its strength is fitted; intervals allow for an `exponent` in [uncertainty].
+    of a law of magnets or of a table of forces stays, and its strength is fitted; intervals allow for an `exponent` in
+    [uncertainty].  An inverse power that more than nearest neighbours feel stands for any smooth law of the same exponent at the
+    spacing, and the intervals hold for all of them; with a fixed exponent it is exact.
 
     Parameters
     ----------
@@ -261,24 +284,36 @@ def _fit(scene: Scene, points: RidgePoints, names: tuple[str, ...], priors: Mapp
          without: Sequence[str], model: Model, near: DispersionFit | None = None) -> DispersionFit:
     """The fit of one model, and by how much it misses the ridges that are left out.
 
-    What [uncertainty] does not know of the exponent of a table is one more parameter, with this as its prior.
+    What [uncertainty] does not know of the exponent of a table is one more parameter, with this as its prior. An inverse power
+    that more than nearest neighbours feel stands for any smooth law: its bends are parameters with priors.
     """
     own, left_out = _divided(points, without)
     fixed = [name for name in parameters_of(scene) if name not in names]
     relative = {name: relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
     if 'force' in names and (unsure := unsure_exponent(scene)):
         names, relative = (*names, EXPONENT), relative | {EXPONENT: (1.0, unsure)}
-    cell = scene.perfect_cell()
-    calc: Any = cell.calc
-
-    def build(factors):
-        there, atoms = with_factors(scene, factors), cell.copy()
-        springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
-        atoms.calc = calc.changed(laws=there.law.potential(), sites=replace(calc.sites, foundation=springs))
-        return atoms, changes_of(there)
-
+    if 'a' in names and scene.law.kind == 'inverse_power' and scene.law.shells != 1:
+        names, relative = (*names, *BENT), relative | dict.fromkeys(BENT, (1.0, 1.0))
+    build = partial(_built, scene, scene.perfect_cell())
     fit = fit_dispersion(build, names, own, model, relative, near)
     return replace(fit, missed=residuals_of(build, fit, left_out)) if len(left_out) else fit
+
+
+def _built(scene, cell, factors):
+    """The cell of a scene with its parameters multiplied by `factors`, and what each of them changes there."""
+    there, atoms = with_factors(scene, factors), cell.copy()
+    law, changes = _bent(there, factors) if BENT[0] in factors else (there.law.potential(), {})
+    springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
+    atoms.calc = cell.calc.changed(laws=law, sites=replace(cell.calc.sites, foundation=springs))
+    return atoms, changes_of(there) | changes
+
+
+def _bent(scene, factors):
+    """The inverse power of a scene with the bends among the `factors`, and what force, exponent and bends change of it."""
+    family, names, a = LawFamily(scene.lattice.spacing_m * u.m), ('force', 'a', *BENT), scene.law.a
+    p = [np.log(repulsion(scene.law.potential(), family.r0)), a - CENTRE, *np.log([factors[name] for name in BENT])]
+    law, along = FamilyLaw(family, np.array(p)), np.diag([1.0, a, *np.ones(len(BENT))])
+    return law, {name: StiffnessDerivative(law=family.change(law, v)) for name, v in zip(names, along, strict=True)}
 
 
 def _divided(points, without):
@@ -353,7 +388,8 @@ def along(scene: Scene, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     """Parameters and the stiffness of a bond as products of powers of the parameters, shape (parameters,) each."""
     law, changes, L = scene.law.potential(), changes_of(scene), scene.lattice.spacing_m * u.m
     laws = [changes[name].law if name in changes else None for name in names]
-    own = {name: one for name, one in zip(names, np.eye(len(names)), strict=True) if name != EXPONENT}
+    own = {name: one for name, one in zip(names, np.eye(len(names)), strict=True)
+           if name not in (EXPONENT, *BENT)}
     return own | {'bond stiffness': np.array([0.0 if one is None else one.d2phi(L) / law.d2phi(L) for one in laws])}
 
 

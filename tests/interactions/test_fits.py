@@ -16,7 +16,16 @@ from scipy.stats import binom
 
 from magphonon import Cuboid, InversePower, Ring, magnet_law, units as u
 from magphonon.cli.fit_report import force_report
-from magphonon.interactions.fits import Fit, LawFamily, SharedErrors, curve_record, fit_forces, scene_entry, shells_within
+from magphonon.interactions.fits import (
+    FamilyLaw,
+    Fit,
+    LawFamily,
+    SharedErrors,
+    curve_record,
+    fit_forces,
+    scene_entry,
+    shells_within,
+)
 from magphonon.interactions.force_tables import Forces
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 
@@ -365,3 +374,16 @@ def test_a_law_ends_where_noise_would_bend_it():
     assert min(float(local_exponent(law, law.r[-1])) for law in laws) > 0.5
     assert laws[0].r[-1] > 55
     assert 20 < laws[1].r[-1] < 50  # drawn: 35
+
+
+def test_a_law_of_the_family_and_its_derivatives():
+    """By differences, of the law, of its energy and of its parameters."""
+    family, p, r, h = LawFamily(L0), np.array([-1.4, 0.6, 0.8, -0.5, 0.3, 0.7, -0.4]), np.linspace(7, 40, 12), 1e-4
+    law, v = FamilyLaw(family, p), np.random.default_rng(0).normal(size=7)
+    assert law.phi(L0) == pytest.approx(0, abs=1e-15)
+    change, there = family.change(law, v), [FamilyLaw(family, p + way * h * v) for way in (1, -1)]
+    np.testing.assert_allclose((law.phi(r + h) - law.phi(r - h)) / (2 * h), law.dphi(r), rtol=1e-7)
+    np.testing.assert_allclose((law.dphi(r + h) - law.dphi(r - h)) / (2 * h), law.d2phi(r), rtol=1e-7)
+    for name in ('dphi', 'd2phi'):
+        by_difference = np.subtract(*(getattr(one, name)(r) for one in there)) / (2 * h)
+        np.testing.assert_allclose(getattr(change, name)(r), by_difference, rtol=1e-6)

@@ -395,6 +395,33 @@ def test_neighbours_are_named_where_they_are_the_cause(tmp_path):
     assert found.causes['shells = "auto"'].chi2 < 0.2 * found.better.chi2
 
 
+@pytest.mark.slow
+def test_an_inverse_power_stands_for_any_smooth_law(tmp_path):
+    """Ridges of two powers, of five shells, without noise; the control is an inverse power of the exponent at the spacing."""
+    near, far = 0.15, 0.1  # N at 10 mm, of r^-3.2 and r^-6
+    truth = {'force': near + far, 'a': (3.2 * near + 6 * far) / (near + far), 'foundation': 20.0}
+    cell, points = lattice('triangular'), measured(np.random.default_rng(6), TRUTH, (0, 1), toward='M', n=20)
+    pairs = [Pairs(cell, InversePower(f * 10**a, a), 3.1 * 10) for f, a in ((near, 3.2), (far, 6.0))]
+    D = sum(one.bloch(cell.positions, points.q) for one in pairs)
+    omega = np.sqrt(np.linalg.eigvalsh(D / 0.7 + 0.02 / 0.7 * np.eye(2))[np.arange(40), points.ridge])
+    exact = replace(points, omega=omega, sigma_omega=2e-4 * omega)
+    (tmp_path / 'my.toml').write_text(scene_text(0.01, 7e-4, 0.22 * 0.01**4.6, 4.6, 23.0).replace('shells = 1', 'shells = 5'))
+    scene = read_scene(tmp_path / 'my.toml')
+    fits = fit_bands(scene, exact)
+    assert fits.names == ('force', 'a', 'foundation')
+    assert all(holds(fits, truth).values())
+    assert abs(fits.better.residuals[:40]).max() < 0.5  # the rest are those of the priors of the bends
+    assert 'hold for any smooth law' in band_report(fits, 40, [])
+    again = bloch_modes(fits.fitted().perfect_cell(), points.q)[0][np.arange(40), points.ridge]
+    np.testing.assert_allclose(again, omega, rtol=1e-4)  # the table is that law, and so are the frequencies that are stated
+    np.testing.assert_allclose(fits.predicted(points.q)[0][np.arange(40), points.ridge], again, rtol=1e-6)
+    right = with_factors(scene, {'a': truth['a'] / 4.6})
+    control = fit_bands(right, exact, fixed=['a'])
+    assert not control.of_any_law
+    assert not holds(control, truth, width=2)['foundation']
+    assert 'hold for any smooth law' not in band_report(control, 40, ['a'])
+
+
 def scene_of_table(folder, force, a, uncertainty):
     """A scene whose forces are a table, of a force at 10 mm and an exponent."""
     r = np.linspace(0.008, 0.015, 12)
