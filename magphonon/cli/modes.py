@@ -315,7 +315,7 @@ def _modes(system, ranges):
 
     size, turns = system.K.shape[0], system.turning
     if turns and size > MOST_TURNING:
-        raise ValueError(f'the patch has {size} free directions; modes of particles that gyrate need dense matrices, '
+        raise ValueError(f'the patch has {size} free directions; modes of gyroscopes need dense matrices, '
                          f'of up to {MOST_TURNING}: use a smaller patch, or "magphonon frf"')
     if size <= MOST_DIRECTIONS:
         return modes(system), True

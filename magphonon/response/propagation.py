@@ -198,8 +198,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         It should be smooth except for kinks and steps, and have no pulse shorter than the shortest period. The same holds for the
         course of a PrescribedMotion; its velocity is reported as zero, as for all held particles.
     damping : float or array_like, shape (particles,)
-        gamma in 1/ms. If it differs from particle to particle, or particles gyrate, the motion takes four times as many
-        products.
+        gamma in 1/ms. If it differs from particle to particle, or particles are gyroscopes, the motion takes four times
+        as many products.
     particles : array_like of int, optional
         The particles whose motion is returned; all if not given.
     tolerance : float

@@ -58,7 +58,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
         In fractions of the reciprocal vectors.
     omega : ndarray, shape (wavevectors, branches)
         In rad/ms, after subtracting the bias. They are those for B = 0, because thermal averages do not depend on forces that
-        make particles gyrate.
+        turn velocities, as in gyroscopes.
     error : ndarray, shape (wavevectors, branches)
         One standard error of omega.
     bias : ndarray, shape (wavevectors, branches)
