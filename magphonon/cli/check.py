@@ -117,7 +117,8 @@ def verdict_in_short(case: Case) -> str:
         return f'{case.scene.title}: {sum(len(one.faults) for one in judged)} problem(s)'
     said = [case.judged.finding('buckling').words]
     if (supports := case.judged.supports) is not None and supports.central:
-        said.append(f'Supports need {max(filter(None, supports)) / (units.N / units.m):.4g} N/m out of the plane.')
+        needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
+        said.append(f'Supports need {needed} out of the plane.')
     if (amplitude := case.judged.amplitude) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
