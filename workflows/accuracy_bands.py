@@ -46,7 +46,7 @@ def read(one, many):
             f'form; phonopy reaches {TIGHT:g} for {numerical.seconds / assembled.seconds:.0f} times the Bloch matrix and '
             f'ase.phonons for {ase.seconds / assembled.seconds:.0f} times, but only displaced to both sides: to one side the '
             f'error is of first order where branches cross. A supercell of 1 x 1 is off by {alone.error:.1g}, 2 x 2 by '
-            f'{two.error:.0e}, and {widest.setting} by {widest.error:.0e} in {widest.seconds / two.seconds:.0f} times the time. '
+            f'{two.error:.0e}, and {widest.setting} by {widest.error:.0e}, {widest.seconds / two.seconds:.0f} times as long. '
             f'Hundreds of magnets: "{best.method}" finds the lowest branches in {every.seconds / best.seconds:.1f} times less '
             f'time than all branches take; Lanczos with {loose.setting} is off by {loose.error:.1g}, a twin of a branch missed.')
 

@@ -164,7 +164,7 @@ def _angles():
                for a in (1.0, 1.5, 1.9)]
     paper = reference()['oscillator']['theta_critical_deg']
     lowest, upright = (min(stiffness(t, a, 'conventional')[axis] for t in ANGLES for a in (1.0, 4.0)) for axis in (0, 1))
-    return [*checks, Check('critical angle sideways at a = 4, from the references (deg)', np.rad2deg(critical(4.0)), paper, 1e-9),
+    return [*checks, Check('critical sideways angle at a = 4, from the references (deg)', np.rad2deg(critical(4.0)), paper, 1e-9),
             Check('vertical stiffness at a = 2 and 0 degrees, where that instability ends (f/L0)',
                   stiffness(0, 2.0)[1], 0, 1e-12),
             Check('control: least horizontal stiffness at a = 4 and 90 degrees, D0 alone (f/L0)', lowest, -3, 0.9, control=True),

@@ -140,8 +140,8 @@ def both_motions(scene, out):
             own, off = misfits['complete', name], misfits['conventional', name]
             near, apart = (TENTH_OF_A_BIN, TENTH_OF_A_BIN) if name == 'longitudinal' else (HALF_A_BIN, 3)
             record = f'row of sources, {carrier:g} Hz: {name} ridge'
-            checks += [Check(f'{record} distance from its own branch, Gamma-M (bins)', own.bins, 0, near),
-                       Check(f'control: {record} distance from that of D0 alone (bins)', off.bins, 0, apart, control=True)]
+            checks += [Check(f'{record}: distance to its own branch, Gamma-M (bins)', own.bins, 0, near),
+                       Check(f'control: {record}: distance to its branch of D0 alone (bins)', off.bins, 0, apart, control=True)]
     shear, along = (separations(wave) for wave in table[0])
     checks.append(Check('row of sources, 60 Hz: distance to D0 alone, shear / longitudinal, of ridges and of branches',
                         *np.divide(shear, along), OF_BRANCHES))

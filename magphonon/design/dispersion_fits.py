@@ -65,7 +65,7 @@ class DispersionFit(ParameterFit):
     missed : tuple of float
         Residuals of the ridges that were left out of the fit.
 
-    The residuals are those of the points, less the shift that each branch shares, then those of the priors.
+    The residuals are those of the points, minus the shift that each branch shares, then those of the priors.
     """
 
     branches: tuple[int, ...]

@@ -21,7 +21,7 @@ CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0
 """No mistake is named within so much of the response of the lattice; else where undoing it leaves such a part of the distance,
 and less than so much of the response."""
 SCALES = {f'numbers {factor:g} times too {word}': factor**sign for factor, unit in ((1e3, 'mm'), (1e6, 'um'))
-          for sign, word in ((-1, f'large, {unit} where m is said'), (1, f'small, m where {unit} is said'))}
+          for sign, word in ((-1, f'large, {unit} under a header in m'), (1, f'small, m under a header in {unit}'))}
 WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity that is called a displacement, or an acceleration '
          'that is called a velocity', 1: 'a displacement that is called a velocity, or a velocity that is called an acceleration',
          2: 'a displacement that is called an acceleration'}
@@ -35,12 +35,12 @@ def misreading(built: ParametricLattice, functions: Sequence[TransferFunction]) 
     slow = [replace(one, omega=one.omega / (2 * np.pi)) for one in functions]
     undone = {'phases of the opposite sign, e^{-i omega t}': lambda w, h: h.conj(),
               'real and imaginary part exchanged': lambda w, h: 1j * h.conj(),
-              'phases in rad where degrees are said': lambda w, h: abs(h) * np.exp(1j * np.angle(h) / u.deg)}
+              'phases in rad under a header in degrees': lambda w, h: abs(h) * np.exp(1j * np.angle(h) / u.deg)}
     if not any(one.shaken for one in functions):
         undone |= {words: lambda w, h, factor=factor: factor * h for words, factor in SCALES.items()}
         undone |= {words: lambda w, h, order=order: (1j * w * u.s) ** order * h for order, words in WORDS.items()}
     readings = {None: functions} | {words: [replace(one, response=mend(one.omega, one.response)) for one in functions]
-                                    for words, mend in undone.items()} | {'frequencies in rad/s where Hz is said': slow}
+                                    for words, mend in undone.items()} | {'frequencies in rad/s under a header in Hz': slow}
     wide = {words: np.concatenate([_wide(one) for one in own]) for words, own in readings.items()}
     off = dict.fromkeys(readings, np.inf)
     for stretch in STRETCHES:

@@ -176,8 +176,8 @@ QUESTIONS = {
     'stability.needed': Question('N/m', 'foundation that the perfect lattice needs',
                                  lambda situation: situation.needed / (u.N / u.m),
                                  'foundation needed'),
-    'stability.margin': Question('N/m', 'foundation less what the perfect lattice needs; negative where it buckles',
-                                 lambda situation: situation.margin / (u.N / u.m), 'foundation less what is needed'),
+    'stability.margin': Question('N/m', 'foundation minus what the perfect lattice needs; negative where it buckles',
+                                 lambda situation: situation.margin / (u.N / u.m), 'foundation minus what is needed'),
     'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its '
                                  'defects are stable', _growth, 'growth rate'),
     'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
