@@ -357,4 +357,4 @@ def draw_waves(out, harmonic, slow):
         legend_above(ax, ncols=2)
     return save_picture(figure, out / 'dilatation.png',
                         'In a chain, waves of the amplitude 0.001 L0 (a) have a second harmonic that beats with the free wave '
-                        'of its frequency, (b) carry a dilatation, which two free waves of sound make up for.')
+                        'of its frequency, (b) carry a dilatation, balanced by two free sound waves.')

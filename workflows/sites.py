@@ -252,7 +252,7 @@ def each_magnet(known):
         what = f'independent scatter of 16 magnets: deviation of the {name} (Hz)'
         rows += [Check(f'{what}, to first order, compared with {SAMPLES} supercells', here, there, 0.1, consistency=True),
                  Reported(f'{what}: mean shift of these', units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
-    return [*rows, Check('control: the last deviation, of masses and pillars alone', less, there, 0.1, control=True)]
+    return [*rows, Check('control: the last deviation, due to masses and pillars alone', less, there, 0.1, control=True)]
 
 
 def disordered_chain():

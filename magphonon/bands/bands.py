@@ -182,7 +182,7 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
     vectors : bool
         Keep the modes too.
     branches : int, optional
-        Number of lowest branches to compute, which is many times faster in cells of hundreds of particles; by default all.
+        Number of lowest branches to compute, by default all. In cells of hundreds of particles a few are many times faster.
     damping : float or array_like, shape (particles,), optional
         Force per momentum in 1/ms. With damping the bands have a `decay` beside the frequencies, and all branches are computed.
 

@@ -291,7 +291,7 @@ def left_out(found):
     if not found.left_out:
         return []
     return [f'Left out of the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
-            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened accordingly: a fit that is good only '
+            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened accordingly. A fit that is good only '
             'because ridges were left out is no more certain than a fit of all.']
 
 

@@ -30,7 +30,7 @@ RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('tables', metavar='SCAN', nargs='+',
                         help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or one of them, or '
-                             'velocities v_y_m_per_s; in mm or um if the name says so (u_y_um); or a universal file (.uff, '
+                             'velocities v_y_m_per_s; also in mm or um (u_y_um); or a universal file (.uff, '
                              '.unv) with records of dataset 58; several are analysed one after the other')
     add_scene(parser)
     parser.add_argument('--geometry', metavar='POINTS.csv',

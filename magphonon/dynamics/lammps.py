@@ -81,7 +81,7 @@ read_restart ${{state}}
 {sites}
 {motion}"""
 CAUGHT_UP = """\
-# damping acts on the velocity of the half step before, which a restart file does not hold: velocities that make up for it
+# damping acts on the velocity of the previous half step, which a restart file does not contain: correct the velocities for it
 run 0 post no
 variable vx atom "(vx-{h:.17g}*(vx-{k:.17g}*fx/mass)/{rest:.17g})/{rest:.17g}"
 variable vy atom "(vy-{h:.17g}*(vy-{k:.17g}*fy/mass)/{rest:.17g})/{rest:.17g}"

@@ -385,9 +385,9 @@ class DrivenVerlet(VelocityVerlet):
         if now != before:
             dt = before[1]
             if self.dt != dt and self.nsteps and (self._drives or self.recorders):
-                raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
-                                 'of drives and records is the number of steps times the time step; set it back, or go on with a '
-                                 'new DrivenVerlet(atoms, ...), whose time begins at zero')
+                raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, which would '
+                                 'change the time of drives and records; set it back, or continue with a new '
+                                 'DrivenVerlet(atoms, ...), whose time begins at zero')
             self._omega = self._refuse_steps()
             refuse_order(self.atoms, self.splitting)
             self._bath = self._new_bath()

@@ -215,10 +215,10 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
     A small structure is solved by its modes, a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose
-    length is about `omega_max/gamma` times the wanted digits. Each frequency is solved directly in three cases: where this is
-    cheaper; where the damping differs from particle to particle or particles gyrate, so that the response is not a function of
-    one matrix; and where the wave has died out at all of the `particles`, because modes and series would give only the round-off
-    of the motion at the source there.
+    length is about `omega_max/gamma` times the wanted digits. Each frequency is solved directly where this is cheaper; where
+    the damping differs from particle to particle or particles gyrate, so that the response is not a function of one matrix; and
+    where the wave has died out at all of the `particles`.  There, modes and series would give only the round-off of the motion
+    at the source.
 
     Parameters
     ----------
@@ -315,8 +315,8 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
     source : Dof or ndarray, shape (3,) or (particles, 3)
         Where the force acts; the displacements of `walls`, as of `frequency_response`, in an array of the shape (particles, 3);
         or the direction d in which the whole bench is shaken by u_b, walls and feet of pillars with it.
-        Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`, with held particles at rest and
-        damping by what moves with the bench; seen from the floor, the answer is w plus that of the bench.
+        Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`: held particles are at rest, and
+        damping is relative to the bench.  The response is that seen from the floor, w plus the motion of the bench.
     answer : Dof
         Where the effect is seen.
     gyration_seen_from : {'bench', 'floor'}

@@ -267,9 +267,9 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) ->
     Returns
     -------
     float or None
-        Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow);
-        None if it is stable, or unstable, at every spacing, or if the balance depends on the foundation, on loads or on rest
-        lengths of members, so that a uniform stretch is not possible.
+        Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow).
+        None if it is stable, or unstable, at every spacing. None also if the balance depends on the foundation, on loads or on
+        rest lengths of members, so that a uniform stretch is not possible.
 
     Examples
     --------
