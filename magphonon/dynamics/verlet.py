@@ -284,7 +284,7 @@ class DrivenVerlet(VelocityVerlet):
             self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
-        """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most.
+        """The iterator of ASE's `irun`: it yields at each call of an observer, and at least every few hundred steps.
 
         ASE's own iterator yields at every step. If you need each step, attach an observer, use a `Recorder`, or engine='ase'.
         """

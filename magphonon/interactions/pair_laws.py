@@ -516,8 +516,8 @@ def _warn_of_readings(r, f, spline):
     beyond = np.maximum(slopes - beside.max(axis=0), beside.min(axis=0) - slopes)
     for k in np.flatnonzero((h < NARROW * wide) & (beyond > STEEPER))[:1]:
         warnings.warn(f'the readings at {r[k]:.6g} and {r[k + 1]:.6g} mm are close together, and their forces of {f[k]:.4g} and '
-                      f'{f[k + 1]:.4g} N make an exponent of {-slopes[k]:.3g} beside {-beside[0, k]:.3g} and '
-                      f'{-beside[1, k]:.3g}; replace them by their mean', stacklevel=4)
+                      f'{f[k + 1]:.4g} N give an exponent of {-slopes[k]:.3g} between them, and {-beside[0, k]:.3g} and '
+                      f'{-beside[1, k]:.3g} on either side; replace them by their mean', stacklevel=4)
         return
     part = np.linspace(0, 1, 17)[1:-1]
     line = y[:-1, None] + np.diff(y)[:, None] * part
