@@ -396,8 +396,9 @@ class Scene(Table):
         if name == 'bands' and table is None and not (self.single or self.finite):
             return BandPlan.model_validate({})
         if (self.finite or self.single) and name in ('bands', 'burst', 'vibrometer', 'patch'):
-            what, command, shown = ('one particle', 'frf', 'response') if self.single else ('a finite structure', 'modes', 'modes')
-            raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is {what}; "magphonon {command}" shows its {shown}')
+            what, shown = ('one particle', '"magphonon frf" shows its response') if self.single else (
+                'a finite structure', '"magphonon modes" shows its modes')
+            raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is {what}; {shown}')
         if table is None:
             have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
             example = 'prototype' if 'prototype' in have else have[0]
