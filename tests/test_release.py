@@ -22,9 +22,14 @@ def told(name):
     return json.loads(text) if name.endswith('json') else yaml.safe_load(text)
 
 
+def full_name(author):
+    """Of a group, or of a person in any of the three forms."""
+    names = author.get('given-names', author.get('givenName')), author.get('family-names', author.get('familyName'))
+    return ' '.join(names) if all(names) else ' '.join(author['name'].split(', ')[::-1])
+
+
 def test_one_version_licence_description_and_author():
     cff, zenodo, codemeta, recipe = map(told, ('CITATION.cff', '.zenodo.json', 'codemeta.json', 'recipe.yaml'))
-    [developers] = {author['name'] for author in PROJECT['authors']}
     assert {cff['version'], zenodo['version'], codemeta['version'], recipe['context']['version']} == {magphonon.__version__}
     assert {cff['license'], zenodo['license'], codemeta['license'].rpartition('/')[2],
             recipe['about']['license']} == {PROJECT['license']}
@@ -33,9 +38,10 @@ def test_one_version_licence_description_and_author():
     headings = re.findall(r'^## (.*)$', (ROOT / 'CHANGELOG.md').read_text(encoding='utf-8'), re.M)
     assert re.fullmatch(rf'{re.escape(magphonon.__version__)} \(\d{{4}}-\d\d-\d\d\)', headings[0])  # with its date
     assert cff['title'] == zenodo['title']
+    developers = [author['name'] for author in PROJECT['authors']]
     for authors in (cff['authors'], zenodo['creators'], codemeta['author']):
-        assert [author['name'] for author in authors] == [developers]
-    assert developers in (ROOT / 'LICENSE').read_text(encoding='utf-8')
+        assert [full_name(author) for author in authors] == developers
+    assert re.search(r'^Copyright .* the magphonon developers$', (ROOT / 'LICENSE').read_text(encoding='utf-8'), re.M)
     assert zenodo['keywords'] == codemeta['keywords'] == PROJECT['keywords']
     assert codemeta['runtimePlatform'] == f'Python {PROJECT["requires-python"]}'
 
@@ -74,8 +80,11 @@ def test_one_file_of_the_owner_fills_all_places(tmp_path):
     assert cff['references'][0]['year'] == 2020
     assert [one['name'] for one in head['authors']] == ['Ada Lova', 'Émile du Pont']
     assert head['affiliations'] == [{'name': 'Institute of Lattices: One', 'index': 1}]
-    assert json.loads(texts['codemeta.json'])['author'][1]['familyName'] == 'du Pont'
-    assert json.loads(texts['.zenodo.json'])['creators'][0] == {'name': 'Lova, Ada', 'orcid': '0000-0001-2345-6789'}
+    zenodo, codemeta = (json.loads(texts[name]) for name in ('.zenodo.json', 'codemeta.json'))
+    assert codemeta['author'][1]['familyName'] == 'du Pont'
+    assert zenodo['creators'][0] == {'name': 'Lova, Ada', 'orcid': '0000-0001-2345-6789'}
+    for authors in (cff['authors'], zenodo['creators'], codemeta['author']):
+        assert [full_name(one) for one in authors] == ['Ada Lova', 'Émile du Pont']
     assert yaml.safe_load(texts['recipe.yaml'])['about']['repository'] == 'https://forge.example/magphonon'
     assert 'https://forge.example/magphonon/issues' in texts['CONTRIBUTING.md']
     assert 'conduct@example.org' in texts['CODE_OF_CONDUCT.md']
