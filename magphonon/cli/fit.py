@@ -76,7 +76,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     _refuse_copies(options.files)
-    if options.frf is None and options.scene is None and len(options.files) > 1 and options.files[0].endswith('.toml'):
+    if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
         _with_scene(options)
         return
     options.files = [ready_table(name) for name in options.files]
@@ -106,6 +106,8 @@ def _with_scene(options):
     from ..scenes.sources import source_of
 
     scene, *names = options.files
+    if not names:
+        raise ValueError(f'{scene} is a scene; name after it what was measured: magphonon fit {scene} forces.csv ridges.csv')
     law = read_scene(source_of(scene)).law
     contact = not_negative('--contact', options.contact or 0.0, 'mm') or (law.magnet().contact if law.kind == 'magnets' else 0.0)
     records = {name: held(ready_table(name), contact) for name in names}

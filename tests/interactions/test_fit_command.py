@@ -144,9 +144,11 @@ def test_wrong_options_are_refused(tmp_path, capsys, options, message):
 def test_files_that_are_no_text_or_not_there_are_refused(tmp_path, capsys):
     (tmp_path / 'binary').write_bytes(bytes(range(128, 256)))
     for file, message in ((tmp_path / 'binary', 'is not a text file'), (tmp_path / 'none.csv', 'none.csv cannot be opened'),
-                          (ready_scene('prototype'), 'a table of forces has the columns'), ('', "'' names no file")):
+                          (ready_scene('prototype'), 'is a scene; name after it what was measured'), ('', "'' names no file")):
         assert main(['fit', str(file)]) == 2
         assert message in capsys.readouterr().err
+    assert main(['fit', str(ready_scene('prototype')), str(ready_scene('ideal'))]) == 2
+    assert 'ideal.toml is a scene and holds no measurements' in capsys.readouterr().err
 
 
 def test_a_spacing_outside_the_data_has_wide_intervals():
