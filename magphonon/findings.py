@@ -52,11 +52,11 @@ class Finding:
 
 Judge: TypeAlias = Callable[[Any], Finding | str | Iterable[str] | None]
 J = TypeVar('J', bound=Judge)
-WORTH = 0.98  # share of an interval that must not be left for a measurement to be proposed
+WORTH = 0.98  # a measurement is proposed if it narrows an interval to less than this fraction
 
 
 class Findings(dict[str, Judge]):
-    """The functions of a report by name, in the order in which their words are told.
+    """The functions of a report by name, in the order in which their words are printed.
 
     A function returns a `Finding`, or only its words: a sentence, several lines, or None if it has nothing to say.
     """
@@ -108,7 +108,7 @@ class Findings(dict[str, Judge]):
 
 
 class Proposal(NamedTuple):
-    """One more measurement, the quantity that it would narrow most, and the half width of the interval of that now and then."""
+    """One more measurement, the quantity whose interval it would narrow most, and this interval's half width before and after."""
 
     measurement: str
     quantity: str
@@ -117,7 +117,12 @@ class Proposal(NamedTuple):
 
     def __str__(self) -> str:
         now = f'instead of {100 * self.now:.2g} %' if self.now <= 1 else 'and is not determined now'
-        return f'{self.measurement}, and {self.quantity} is known to {100 * self.then:.2g} % {now}.'
+        return f'{self.measurement}, and {spoken(self.quantity)} is known to {100 * self.then:.2g} % {now}.'
+
+
+def spoken(name: str) -> str:
+    """A quantity in a sentence, such as 'the exponent a' or 'the foundation along x'."""
+    return f'the {"exponent " * (name == "a")}{name.removeprefix("the ").replace("_", " along ")}'
 
 
 def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Mapping[str, Any]) -> list[Proposal]:
@@ -126,11 +131,11 @@ def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Map
     Parameters
     ----------
     widths : callable
-        Half width of each quantity, for what is known now or is added by one of the plans.
+        Half width of the interval of each quantity, as a function of `now` or of one of the `plans`.
     now : Any
-        What it takes for nothing more.
+        The argument of `widths` for no further measurement.
     plans : dict
-        What it takes for each measurement, by the words for it.
+        For each measurement in words, the argument of `widths`.
 
     Examples
     --------

@@ -62,7 +62,7 @@ def content(path: str | PathLike[str], most: int) -> Any:
 
 
 class Refused(ValueError):
-    """A file that is refused in words already."""
+    """A file was refused, and the message already says why."""
 
 
 def text(path: str | PathLike[str]) -> str:

@@ -113,7 +113,7 @@ def all_but(what: str, *names: str) -> Tool:
 
 
 def refuse_of(atoms: Any, calc: Any, tool: Tool) -> None:
-    """The same for atoms and a calculator that they do not carry."""
+    """Refuse atoms with a trait that the tool does not support, for a calculator that is not attached to them."""
     if 'constraints' not in tool.takes and atoms.constraints and _held(atoms):
         raise ValueError(refusal(calc, tool, TRAITS['constraints']))
     count, answers = vars(calc).get('_asked', (0, {}))  # which its copies do not have, and `set` clears

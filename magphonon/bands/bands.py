@@ -247,7 +247,7 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
 
 
 def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
-    """The same path on the very cell of `atoms`, or by the names of its special points as `band_path`, or through wavevectors.
+    """A path on the very cell of `atoms`, from one of ASE, from names of special points as in `band_path`, or from wavevectors.
 
     ASE's `bandpath` returns it on a rotated copy of the cell, whose lengths and angles are made exactly those of the lattice that
     it recognised, and whose vectors may be in another order.  The fractions of the reciprocal vectors are what counts: they are

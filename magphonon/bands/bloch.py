@@ -170,7 +170,7 @@ def _inverse_pays(size, count):
 
 
 def _lowest_by_inverse(system, q, model, count, vectors):
-    """The same for the lowest modes, one wavevector after the other; each result is the first estimate of the next."""
+    """Lowest modes at one wavevector after the other; each result is the first estimate of the next."""
     from ..stiffness.lowest import lowest_eigenpairs
 
     calc, S, squares = system.calc, system.shapes, None

@@ -32,7 +32,7 @@ TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.
          'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.stability_boundary'}
 """The tool that each command asks first: what it declares is what the command takes."""
 SEEN = 1e-3
-"""Relative change of a frequency by leaning pillars that is mentioned: real lattices are hardly known better."""
+"""Relative change of a frequency by leaning pillars above which it is reported; real lattices are hardly known to better."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:

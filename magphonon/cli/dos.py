@@ -59,7 +59,7 @@ def run(options: Namespace) -> None:
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with the densities of its lattice, by model with the ends of its branches in Hz, and of its patch."""
+    """A scene; for each model, the density of its lattice and the ends of the branches in Hz; and the density of its patch."""
 
     scene: Scene
     left: list[str]

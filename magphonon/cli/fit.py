@@ -197,7 +197,7 @@ def _fit_forces(options):
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
     print(force_report(options, forces, fit, shared, verbose=options.verbose))
-    print(f'\nfor a scene file:\n\n{entry}', end='')
+    print(f'\nfor a scene file, in place of its [law] and, if it has one, its [uncertainty]:\n\n{entry}', end='')
     if options.output is not None:
         print(f'\nthe picture and the entry are in {options.output}')
 

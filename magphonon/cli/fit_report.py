@@ -116,7 +116,7 @@ def saturation(case):
 
 @FORCES.check
 def drift(case):
-    """Whether rows that follow each other err alike."""
+    """Whether the errors of successive rows are correlated."""
     return ('The errors of successive rows are correlated (with a probability of '
             f'{100 * case.fit.drift:.0f} %): the load cell drifts, perhaps as it warms up, and the intervals allow for it. '
             'Return to one distance now and then to see the drift.') if case.fit.drift > SURE else None
@@ -148,7 +148,7 @@ def scatter(case):
 
 @FORCES.remark
 def reach(case):
-    """How many neighbours the table knows."""
+    """How many shells of neighbours the table reaches."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
     return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. The forces '
@@ -363,7 +363,7 @@ def _causes(found):
 
 @RIDGES.remark
 def correlations(found):
-    """Those of the parameters of the complete model, if all of them are determined."""
+    """Correlations of the parameters of the complete model, if all of them are determined."""
     fit, n = found.fits['complete'], len(found.names)  # others are not reported
     if (fit.sigma[:n] > DETERMINED).any() or not fit.follows:
         return None
@@ -380,15 +380,18 @@ def next_ridges(found):
 @RIDGES.check
 def entries(found):
     """The entries of the complete model for a scene file, if all of its parameters are determined."""
-    fit, scene = found.fits['complete'], found.fitted()
-    if (fit.sigma[: len(found.names)] > DETERMINED).any() or not fit.follows:
-        return []
+    fit = found.fits['complete']
+    return [] if (fit.sigma[: len(found.names)] > DETERMINED).any() or not fit.follows else entries_of(found.fitted())
+
+
+def entries_of(scene):
+    """Lines with the law and the springs of a fitted scene, to replace those in its file."""
     law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
     law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
     law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
     springs = scene.foundation.changes if scene.foundation else {}
     rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
-    return ['', 'for a scene file:', '',
+    return ['', 'for a scene file, in place of its [law] and [foundation]:', '',
             '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
             *(['[foundation]', *rows] if rows else [])]
 

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..design.least_squares import DETERMINED, NORMAL
+from ..findings import spoken
 
 
 def in_a_line(values: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
     """Parameters that are determined, each with its interval; `values` hold relative standard uncertainties."""
-    return ', '.join(f'{f"{name} {value:.4g} {units[name]}".rstrip()} ({_ends(value, sigma)})'
-                     for name, (value, sigma) in values.items() if sigma <= DETERMINED and name != 'bond stiffness')
+    return ', '.join(f'{spoken(name).removeprefix("the ")} {f"{value:.4g} {units[name]}".rstrip()} ({_ends(value, sigma)})'
+                     for name, (value, sigma) in values.items() if sigma <= DETERMINED)
 
 
 def with_unit(name: str, units: Mapping[str, str]) -> str:

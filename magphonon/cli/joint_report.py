@@ -14,6 +14,7 @@ from ..interactions.fits import SHAPE_WEIGHT
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
+from .fit_report import entries_of
 from .intervals import in_a_line, interval, with_unit
 
 PULL = 2.7
@@ -92,18 +93,24 @@ def responses(found):
 
 @JOINT.check
 def laws(found):
-    yield f'Weights of laws: {", ".join(f"{words} {weight:.2g}" for words, weight in found.laws.items())}.'
+    yield f'Probability of each kind of law: {", ".join(f"{words} {weight:.2g}" for words, weight in found.laws.items())}.'
     if found.specimen.family.tau < 1 and found.laws['the shape in the scene'] < SHAPE_WEIGHT / 5:
-        yield ('The records contradict the shape of the magnets in the scene, and the values above rest on it. Repeat the fit '
+        yield ('The records contradict the shape of the law in the scene, and the values above depend on it. Repeat the fit '
                'with kind = "inverse_power", for any smooth law.')
 
 
 @JOINT.check
 def springs(found):
     weight = found.one_spring
-    return None if weight is None else f'One spring for both directions has the weight {weight:.2g} against two.'
+    return None if weight is None else f'One spring for both directions, rather than two, has the probability {weight:.2g}.'
 
 
 @JOINT.check
 def what_next(found):
     return next_lines(found.proposals)
+
+
+@JOINT.check
+def entries(found):
+    """The law and the springs of the complete model, if all of them are determined."""
+    return entries_of(found.fitted()) if all(sigma <= DETERMINED for _, sigma in found.values().values()) else None

@@ -296,7 +296,7 @@ def others(case: Case) -> Finding:
 
 
 def unused(scene: Scene) -> Finding:
-    """Which tolerances of [uncertainty] modes and responses of a structure do not know."""
+    """Tolerances of [uncertainty] that modes and responses of a structure cannot use."""
     names = scene.known_of_structure[1]
     return Finding(len(names), f'Not used here: the tolerances of {", ".join(names)}; "magphonon uncertainty" '
                    'propagates them to bands and responses.' if names else '', fault=bool(names))

@@ -166,13 +166,13 @@ def omitted(scene: Scene, points: Mapping[str, ArrayLike] | None = None) -> Find
 
 
 def omission(scene: Scene, verbose: bool) -> list[str]:
-    """The same as the line that a command prints, if it does."""
+    """The line about omitted neighbours that a command prints, if there is one to print."""
     found = omitted(scene)
     return [found.words] if found.words and (found.fault or verbose) else []
 
 
 def special_points(scene: Scene) -> dict[str, NDArray[np.float64]]:
-    """Those on the path of the scene's bands, or on that of its lattice, by name."""
+    """Special points on the path of the scene's bands, or else of its lattice, by name."""
     lattice: Any = scene.lattice
     return points_on(lattice.path(scene.bands.path if scene.bands is not None else None, 0))
 

@@ -78,14 +78,15 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
 
 
 def _understood(file, kind):
-    """Which column of the file is which quantity, and what was done to read it."""
+    """Which quantity each column holds, unless its name says so, and what was done to read it."""
     module = import_module(f'magphonon.{KINDS[kind][0]}')
     found = content(file, MOST_BYTES)
     if isinstance(found, list):
         return [f'  {len(found)} data sets of a universal file']
     table = read_table(file, **module.ASKED, held=found)
     told = [f'  {name}: {quantity}{f" in {table.spelt[quantity]}" * bool(table.spelt[quantity])}'
-            for quantity, name in table.header.items() if quantity in table]
+            for quantity, name in table.header.items()
+            if quantity in table and name not in (quantity, f'{quantity}_{table.spelt[quantity]}')]
     if table.points:
         told += [f'  {len(table.points)} columns of one point each, from {next(iter(table.points))} to {[*table.points][-1]}']
     return [*told, *(f'  {note}' for note in table.notes)]
@@ -94,7 +95,8 @@ def _understood(file, kind):
 def _range(name, column):
     if column.dtype.kind in 'US':
         words = [*dict.fromkeys(column.tolist())]
-        return f'  {name}: {", ".join(words[:MOST_WORDS])}' + f' and {len(words) - MOST_WORDS} more' * (len(words) > MOST_WORDS)
+        listed = ', '.join(words[:MOST_WORDS]) or 'empty'
+        return f'  {name}: {listed}' + f' and {len(words) - MOST_WORDS} more' * (len(words) > MOST_WORDS)
     return f'  {name}: {len(column)} values from {column.min():.6g} to {column.max():.6g}'
 
 

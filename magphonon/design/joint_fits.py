@@ -111,7 +111,7 @@ class Joint:
 
     @property
     def information(self) -> NDArray[np.float64]:
-        """That of all records together."""
+        """Information matrix of all records together."""
         return np.sum([one.information for one in self.records], axis=0)
 
     def covariance(self, added: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
@@ -130,7 +130,7 @@ class Joint:
         return float(np.sqrt(direction @ self.covariance(added) @ direction))
 
     def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-        """What is added if such a product is known from elsewhere, to a relative standard uncertainty."""
+        """Information that is added if such a product is measured by other means, to a relative standard uncertainty."""
         return np.outer(direction, direction) / sigma**2
 
     def alone(self, name: str) -> Joint:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..findings import Proposal, proposals
+from ..findings import Proposal, proposals, spoken
 from ..stiffness.bond import Model
 
 NORMAL = 1.96
@@ -54,7 +54,7 @@ class Before(NamedTuple):
 
     @property
     def information(self) -> NDArray[np.float64]:
-        """That which it has of the parameters."""
+        """Information matrix of the logarithms of the parameters."""
         return self.root.T @ self.root
 
 
@@ -132,7 +132,7 @@ class ParameterFit:
         return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
 
     def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-        """What is added if such a product is known from elsewhere, to a relative standard uncertainty."""
+        """Information that is added if such a product is measured by other means, to a relative standard uncertainty."""
         return (self.scatter / sigma) ** 2 * np.outer(direction, direction)
 
     @property
@@ -147,17 +147,18 @@ class ParameterFit:
 
 def best(fit: Any, along: Mapping[str, NDArray[np.float64]],
          plans: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """The best of plans that add information, and of one parameter known from elsewhere.
+    """The best proposals: a plan that adds information, or one parameter measured by other means.
 
     Parameters
     ----------
     fit : ParameterFit or Joint
         With `sigma_along` and `knowing`.
     along : dict
-        What is to be known better: products of powers of the parameters.
+        Quantities to know better, as powers of the parameters whose product they are.
     plans : dict
-        What each record would add to the information, by the words for it.
+        For each plan in words, the information that its record would add.
     """
-    known = {f'know {name} to {100 * KNOWN:g} %': (fit.knowing(v, KNOWN), name) for name, v in along.items()}
+    known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': (fit.knowing(v, KNOWN), name)
+             for name, v in along.items()}
     return proposals(lambda plan: {name: NORMAL * fit.sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
                      (0.0, ''), {words: (added, '') for words, added in plans.items()} | known)

@@ -31,7 +31,7 @@ AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0)}
 
 def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
                  along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """One more burst along the row of most points, or one of the quantities `along` known from elsewhere.
+    """One more burst along the row of most points, or one of the quantities `along` by other means.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: 
     cell, changes
         The fitted lattice, and what each parameter changes there.
     along : dict of ndarray, shape (parameters,)
-        What is to be known better: products of powers of the parameters.
+        Quantities to know better, as powers of the parameters whose product they are.
     """
     rows, which = np.unique((points.q / points.xi[:, None]).round(9), axis=0, return_inverse=True)
     row, modes = rows[np.bincount(np.ravel(which)).argmax()], np.array(fit.branches)[points.ridge]
@@ -60,7 +60,7 @@ def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: 
 
 def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
                  points: RidgePoints) -> NDArray[np.float64]:
-    """That of points, with the shift that all of a branch share as one more unknown, which is eliminated."""
+    """Information of the points about the parameters; the unknown shift that all points of a branch share is eliminated."""
     n, modes = np.arange(len(points)), np.array(fit.branches)[points.ridge]
     omega, slopes = frequency_sensitivities(cell, points.q, [changes[name] for name in fit.names])
 
@@ -76,7 +76,7 @@ def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, Stiffnes
 
 def after_responses(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                     functions: Sequence[TransferFunction], along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """One more receiver in the patch, longer averages, or one of the quantities `along` known from elsewhere.
+    """One more receiver in the patch, longer averages, or one of the quantities `along` by other means.
 
     The `fit` is that of `build` and `functions`, with unknowns of its sites or without.
     """

@@ -142,7 +142,7 @@ class Slope:
 
     @property
     def real(self) -> Slope:
-        """That of the real part."""
+        """Slope of the real part."""
         return Slope(*(np.real(getattr(self, f.name)) for f in fields(self)))
 
 
@@ -244,7 +244,7 @@ class SiteSlopes:
 
     def each_and_alike(self, x: NDArray[Any], y: NDArray[Any],
                        inertia: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """The same, and those by what all sites have in common, by the logarithms of ALIKE, shape (4,)."""
+        """Slopes with respect to each site, and with respect to the logarithms of what all sites share (ALIKE), shape (4,)."""
         found, places = self.of(form(self.system.calc.bonds, x[..., None], y[..., None], inertia)), np.zeros((3, len(x)), complex)
         places[: x.shape[1]] = found['foot'].T
         each = np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])

@@ -254,7 +254,7 @@ def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp],
 
 
 class Place(NamedTuple):
-    """Logarithms of parameters, the unknowns of the sites, the lattice that has them, and what `solved` returns of it."""
+    """Logarithms of the parameters, the unknowns of the sites, their lattice, and the result of `solved` for it."""
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
@@ -298,7 +298,7 @@ class _Problem:
         return float(r @ r + z @ z + known @ known)
 
     def descended(self, place, scatter, noise, steps, tolerance):
-        """Steps of Levenberg and Marquardt from a place on; at the end this and what is linear there."""
+        """Steps of Levenberg and Marquardt from a place; returns the last place and the linearisation there."""
         damping, known = DAMPED, self.before.information
         for _ in range(steps):
             x, z, at = place.x, place.z, self.linear(place, scatter, noise)
@@ -328,9 +328,9 @@ class _Problem:
 
 def normal_matrices(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                     functions: Sequence[TransferFunction]) -> list[NDArray[np.float64]]:
-    """What each function, measured or not, tells at a fit of the means of the sites of this patch, and of each site.
+    """Normal matrix J^T J of each function, measured or proposed, at a fit; shape (parameters + unknowns,) * 2.
 
-    They are the products of the slopes of its residuals, shape (parameters + unknowns,) * 2.
+    The parameters are the means over the sites of this patch, the unknowns belong to single sites.
     """
     built = build(fit.by_name)
     sites = fit.where or Sites.of(built.system)
@@ -344,7 +344,7 @@ def normal_matrices(fit: TransferFit, build: Callable[[dict[str, float]], Parame
 
 
 def eliminated(whole: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Information of the first n unknowns from that of all, of which the others have a normal prior each."""
+    """Information about the first n unknowns; each of the others has a standard normal prior and is eliminated."""
     sites = whole[n:, n:] + np.eye(len(whole) - n)
     return whole[:n, :n] - whole[:n, n:] @ np.linalg.solve(sites, whole[n:, :n])
 

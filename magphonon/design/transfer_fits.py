@@ -104,7 +104,7 @@ class TransferFit(ParameterFit):
 
     @property
     def refused(self) -> TransferFit:
-        """The same fit marked as one that no scatter makes follow the data."""
+        """A copy of this fit, marked as not following the data whatever the scatter of the sites."""
         return replace(self, site_scatter=np.full(3, np.inf))
 
     @property
@@ -140,9 +140,9 @@ def responses(built: ParametricLattice, functions: Sequence[TransferFunction], w
 
 
 class Solved(NamedTuple):
-    """One function on a lattice: frequencies, h without gain, and displacements in a basis, shape (frequencies, basis).
+    """One computed transfer function: frequencies, h without gain, and displacements in a basis, shape (frequencies, basis).
 
-    These are x under a unit force where the response is seen, and y under the drive.
+    A unit force at the point of the response causes the displacements x, the drive causes y.
     """
 
     function: TransferFunction
@@ -171,7 +171,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
 def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0, fields: tuple[Any, list[Solved]] | None = None,
                     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """The same, shape (points,), with their slopes by the logarithms of parameters, shape (parameters, points).
+    """Responses, shape (points,), and their derivatives with respect to the logarithms of parameters, shape (parameters, points).
 
     The `names` are 'damping', 'mass', 'gain' (of all responses) or among the `built.changes`; `fields` are those of `solved`, if
     they are known.

@@ -95,7 +95,7 @@ class Increments:
         return -self._along(self.potential.dphi, self.r0)
 
     def at(self, kinds: Any) -> Increments:
-        """Those of some kinds, or of bonds whose kinds these are; of a single kind, for increments of any shape."""
+        """Increments of the bonds with these kinds; a single kind applies to increments of any shape."""
         return Increments(taken(self.potential, kinds), self.model, self.r0[kinds])
 
     def _along(self, law, r):
@@ -180,7 +180,7 @@ class Increments:
 
     @property
     def factors(self) -> NDArray[np.float64]:
-        """Stiffness of the kinds, by that of the first one."""
+        """Stiffness of each kind divided by that of the first."""
         stiffness = self.slope(0.0, self.r0)
         return stiffness / stiffness[0]
 

@@ -229,7 +229,7 @@ def constant_push(drives: Sequence[Any], count: int) -> NDArray[np.float64]:
 def check_drives(drives: Sequence[Any], atoms: Atoms) -> None:
     """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push.
 
-    A wall of particles that are free is refused, too, and frequencies that are Hz by their size are told.
+    A wall of free particles is refused too, and frequencies that look like Hz cause a warning.
     """
     courses = [drive.course if isinstance(drive, PrescribedMotion) else drive for drive in drives]
     if isinstance(atoms.calc, Repulsion):

@@ -401,7 +401,7 @@ def modulate(now, k, waves, c, s, first, last):
 
 
 def springs_of(outer, k, now, beat, s, e):
-    """The springs k of the slots s to e, in memory of the thread where they change."""
+    """The springs k of the slots s to e; if they change in time, they are written to memory of the thread."""
 
 
 @overload(springs_of)

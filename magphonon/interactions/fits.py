@@ -61,7 +61,8 @@ UNLIKELY = 0.01
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
 WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached
 MORE_ROWS, FARTHER = 10, 1.5
-"""Rows that are proposed at one distance, the smallest of the table or so many times the largest."""
+"""Number of rows proposed at one distance, and this distance as a multiple of the largest in the table; the other proposal is the
+smallest."""
 CURVE = slice(0, 2 + len(BENDS))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
 ZEROS = slice(FORCE_ZERO, BACKLASH + 1)  # and the z of each pair after them
@@ -190,7 +191,7 @@ class Fit:
 
 
 def _half_widths(covariance, a, wide):
-    """Of ln f, ln(-f') and a, from the covariance of ln f and a."""
+    """Half widths of the intervals of ln f, ln(-f') and a, from the covariance of ln f and a."""
     turns = np.array([[1, 0], [1, 1 / a], [0, 1]])
     return wide * np.sqrt(np.einsum('ta,ab,tb->t', turns, covariance, turns))
 
@@ -313,7 +314,7 @@ class LawFamily:
         return ln_g + by_p @ p, by_p, falls + bent @ p
 
     def coordinates(self, other: LawFamily, r: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Exponent at the spacing and bends c_2 .. c_6 of the middle of another family, which fit it best at distances in mm."""
+        """Exponent at the spacing and bends c_2 .. c_6 that fit the central law of another family best at distances r in mm."""
         a = -float(other.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
         own, by_p, _ = self.curve(np.zeros(CURVE.stop), r)
         a_own = -float(self.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
@@ -362,7 +363,7 @@ class _Model:
                                      np.full(self.of_pair.shape[1], shared.pair)]).astype(float)
 
     def at(self, r):
-        """The same for rows at other distances, one after the other there and back, of no particular pair."""
+        """The model for rows at other distances, alternately on approach and on return, of no particular pair."""
         other = copy(self)
         other.r, other.s, other.of_pair = r, np.resize([-1.0, 1.0], len(r)), np.zeros((len(r), self.of_pair.shape[1]))
         return other
@@ -400,7 +401,7 @@ class _Solution:
 
     @property
     def answer(self):
-        """Those of ln f(r0) and a(r0)."""
+        """The estimates of ln f(r0) and a(r0)."""
         return self.model.ln_size + self.p[0], -float(self.model.curve(self.p, np.array([self.model.family.r0]))[2][0])
 
     def causes(self, turn):
@@ -413,25 +414,25 @@ class _Solution:
                          turn @ self.C[:2, :2] @ turn - by_prior.sum()])
 
     def knowing(self, place, sigma):
-        """Their covariance if one of them were known to sigma beforehand."""
+        """Covariance of the parameters if the one at `place` were known to sigma beforehand."""
         precision = np.linalg.inv(self.C)
         precision[place, place] += max(sigma**-2 - self.model.prior[place] ** -2, 0.0)
         return np.linalg.inv(precision)
 
     def with_rows(self, r):
-        """Their covariance after MORE_ROWS more at one distance, there and back, with the noise of the row nearest to it."""
+        """Covariance of the parameters after MORE_ROWS more rows at one distance, with the noise of the row nearest to it."""
         sigma = self.noise[abs(self.model.r - r).argmin()]
         J = self.model.at(np.full(MORE_ROWS, r)).rows(self.p)[1] / sigma
         return np.linalg.inv(np.linalg.inv(self.C) + J.T @ J)
 
     def repeated(self):
-        """The covariance of the curve after the same table once more, whose shared errors are others."""
+        """Covariance of the curve after the table is measured once more, with new shared errors."""
         twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # known before but once
         return np.linalg.inv(twice)
 
 
 def _plans(forces, best):
-    """What may be measured next, in words, and the covariance of a solution then."""
+    """Possible next measurements in words, each with a function that returns the covariance of a solution after it."""
     zero, near, far = best.noise.min(), forces.r.min(), FARTHER * forces.r.max()
     return {f'measure the zero of the distances to {WITH_CARE / u.mm:g} mm': lambda one: one.knowing(DISTANCE_ZERO, WITH_CARE),
             f'measure the zero of the force to {zero / u.N:.1g} N': lambda one: one.knowing(FORCE_ZERO, zero),

@@ -41,7 +41,7 @@ class LeaningMagnets(Composed):
 
 
 class LeaningMixture(LeaningMagnets):
-    """The same of a law that is a mixture of Gaussians, as which all neighbours can be summed."""
+    """Leaning magnets whose law is a mixture of Gaussians, so that all neighbours can be summed."""
 
     upright: GaussianMixture
 
@@ -53,7 +53,7 @@ class LeaningMixture(LeaningMagnets):
 
     @property
     def decay(self) -> float:
-        """That of charges, 1, or of a law of longer range."""
+        """Exponent of the decay: 1, as for charges, or less for a law of longer range."""
         return min(self.upright.decay, self.charges.decay)
 
     @property

@@ -40,9 +40,9 @@ PIECE = 2**16  # number of pairs that are looked at together: their numbers stay
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
 
-Lattice constants are often written with three or more digits (8.66 for 5 sqrt(3) changes a distance by 2e-5), files with eight
-decimals.  In the usual lattices the relative distance of two of the first hundred shells is at least 1e-3, of the first thousand
-1e-4.
+Lattice constants are often written with as few as three digits (8.66 for 5 sqrt(3) changes a distance by 2e-5).  Files have
+eight decimals.  In the usual lattices the relative distance of two of the first hundred shells is at least 1e-3, of the first
+thousand 1e-4.
 """
 EXACT = 1e-9  # relative difference below which distances are equal up to the round-off of positions that are not rounded
 CLEAR = 4.0  # smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions
@@ -206,7 +206,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
 
 
 def clear_shells(atoms: Atoms, distances: NDArray[np.float64], counts: Iterable[int]) -> list[int]:
-    """Those of the numbers of shells that `find_bonds` accepts; `distances` are all different ones, ascending, and beyond."""
+    """The `counts` of shells that `find_bonds` accepts; `distances` ascend, without repetition, to beyond the last shell."""
     gaps = np.diff(distances) / distances[1:]
     last = np.flatnonzero(gaps > SHELL_WIDTH)
     return [shells for shells in counts if shells <= len(last) and _unclear(atoms, distances, gaps, last, shells) is None]

@@ -27,8 +27,8 @@ from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, percent
 
 ROUND_OFF = 1e-12  # relative difference of two frequencies that is round-off
 DECOUPLED = 1e-10
-"""Force on a mode times what is seen of it, as a fraction of the largest such values of all modes, below which it is round-off:
-without D*, the rows and columns of a square lattice are chains that do not move each other."""
+"""A mode contributes to a response by the force on it times its motion at the detector. Contributions below this fraction of the
+largest are round-off: without D*, the rows and columns of a square lattice are chains that do not move each other."""
 MOST_DIRECTIONS = 1000
 """Largest number of degrees of freedom of a structure that is diagonalised, which takes about 0.3 s; the time grows with the
 third power."""

@@ -38,7 +38,7 @@ UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth':
 """Style of every region where modes are unstable."""
 MARKERS = 40  # on each branch: few enough to see the line behind them
 HOUSE: WeakSet[Figure] = WeakSet()
-"""Figures that the package made outside of a `print_style`: all that it draws on them is in the style of the house."""
+"""Figures that the package made outside of a `print_style`; everything it draws on them has the style of the package."""
 Draw = TypeVar('Draw', bound='Callable[..., Any]')
 IN_FORCE: list[str] = []  # the styles within which we are
 
@@ -96,7 +96,7 @@ def _load(sheet):
 
 
 def in_house_style(draw: Draw) -> Draw:
-    """Let a function draw in the style of the house, unless another is in force or its axes are the caller's own."""
+    """Let a function draw in the style of the package, unless another is in force or its axes are the caller's own."""
     @wraps(draw)
     def drawn(*args, **options):
         given = [figure for value in (*args, *options.values()) for figure in _figures(value)]

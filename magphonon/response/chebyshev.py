@@ -98,7 +98,7 @@ class Matrix:
         return float(abs(self._K).sum(axis=1).max())
 
     def scaled(self, factor: float, shift: float) -> Matrix:
-        """The same of factor (K - shift)."""
+        """The matrix factor (K - shift), in the same form."""
         return Matrix(sparse.csr_array((self._K - shift * sparse.eye_array(self._K.shape[0])) * factor))
 
     def enter(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -145,7 +145,7 @@ def _products(K: Products) -> Matrix | Stencil:
 
 
 def whole_interval(K: sparse.csr_array) -> Interval:
-    """The same from the lowest eigenvalue of an unstable K, which takes two factorisations."""
+    """Interval of the eigenvalues of a K that may be unstable: its lowest eigenvalue takes two factorisations."""
     return Interval(min(0.0, (1 + MARGIN) * lowest_mode(K)[0]), stable_interval(K).highest)
 
 
@@ -185,7 +185,7 @@ def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], ro
 
 def spectrum_of(system: LinearSystem, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,
                 progress: tqdm | None = None) -> SpectralMoments:
-    """So many moments of start vectors, on the interval from zero, or from the lowest square where that is negative.
+    """Moments of start vectors, `count` of them, on the interval from zero, or from the lowest square if that is negative.
 
     `starts` returns the start vectors, in arrays of the shape (size, columns); `progress` counts them.
     """

@@ -97,7 +97,7 @@ class Stencil:
         return slots
 
     def scaled(self, factor: float, shift: float) -> Stencil:
-        """The same of factor (K - shift)."""
+        """The stencil of factor (K - shift)."""
         D = self.D.copy()
         D[::2] -= shift
         return replace(self, D=factor * D, A=factor * self.A, row_sum=abs(factor) * self.row_sum,

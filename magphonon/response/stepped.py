@@ -31,7 +31,7 @@ TRANSIENT_FRACTION = 1e-3
 lock-in by less."""
 FRAMES = 12  # number of recorded frames per period
 LEAST_PERIODS = 3
-"""Smallest number of periods in a lock-in window, so that its Hann window separates the frequency from zero and its double."""
+"""Smallest number of periods in a lock-in window: a shorter Hann window would mix the frequency with zero and with its double."""
 HEADSTART = 1e3
 """Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 

@@ -207,7 +207,7 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 
 
 def parameters_in(scene: Scene) -> tuple[str, ...]:
-    """The same of any scene, finite structures and the oscillator too."""
+    """Parameters of any scene that a fit may vary, also of a finite structure or the oscillator."""
     shape = FITTED[one_of('law.kind', scene.law.kind, tuple(FITTED))].shape
     if scene.laws_of_kinds:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; take a lattice of one kind')
@@ -359,7 +359,7 @@ def value_of(scene: Scene, name: str) -> float:
 
 
 def of_remanence(scene: Scene) -> Scene:
-    """The same scene, with magnets of a number of teslas where it named their grade: a fit changes it."""
+    """The scene with the remanence of its magnets in teslas instead of their grade, because a fit varies it."""
     if scene.law.kind != 'magnets' or not scene.law.grade:
         return scene
     strength = {'grade': None, 'remanence_T': None if scene.law.calibration else grade_remanence(scene.law.grade) / u.T}

@@ -46,7 +46,7 @@ MOST_LEGS = 100
 
 OF_LATTICES = 'plan', 'design'  # tables of computations that vary one law and the spacing of a lattice
 IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
-"""Tables of computations that know no motion out of the plane."""
+"""Tables of computations that do not support motion out of the plane."""
 
 
 def check(scene: Scene) -> None:

@@ -229,9 +229,9 @@ class JointFits:
 
     @property
     def proposals(self) -> list[Proposal]:
-        """What to measure next: a record once more with a new set-up, or one parameter by itself."""
+        """What to measure next: repeat one record with a new set-up, or measure one parameter by other means."""
         joint = self.joints['complete']
-        return best(joint, self.along(), {f'repeat what "{one.name}" holds, with a new set-up': one.information
+        return best(joint, self.along(), {f'measure "{one.name}" again with a new set-up': one.information
                                           for one in joint.records[:-1]})
 
     @property

@@ -236,7 +236,7 @@ class Foundation(Table):
 
     @property
     def height(self) -> float:
-        """That of the pillars in mm; infinite for other springs, which do not turn."""
+        """Height of the pillars in mm; infinite for other springs, which do not lean."""
         return self.pillar.height_m * u.m if self.pillar else np.inf
 
     @property

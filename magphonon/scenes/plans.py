@@ -89,7 +89,7 @@ class BandPlan(Damped):
 
     @property
     def beyond(self) -> str:
-        """Those keys that are given of which linear bands without losses know nothing, in words; empty if none is."""
+        """The given keys that linear bands without losses do not support, in words; empty if there are none."""
         return ' and '.join(f'bands.{key}' for key in ('damping_per_s', 'temperature_J') if getattr(self, key) is not None)
 
 

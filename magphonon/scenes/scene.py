@@ -553,7 +553,7 @@ def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
 
 
 def _without_files_of_columns(table):
-    """A table of forces stands in the scene once it is read."""
+    """Without the keys that name files of forces: once read, their columns are part of the scene."""
     read = 'distances_m' in table
     return {key: _without_files_of_columns(value) if isinstance(value, dict) else value
             for key, value in table.items() if not (read and key == 'file')}

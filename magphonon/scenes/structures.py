@@ -258,7 +258,7 @@ class FileLattice(Table):
 
     @property
     def spacing_given(self) -> str:
-        """Where the spacing stands and its value, for a message."""
+        """The key that sets the spacing, and its value, for a message."""
         return f'lattice.file = {self.file!r}, whose nearest particles are {self.spacing_m:.6g} m apart'
 
     @property

@@ -188,8 +188,8 @@ def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64],
               model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The vectors at which an interaction is asked, and the directions to which a model of the forces confines its gradient.
 
-    The vectors are `R + moved`; in the conventional model those at rest, R, as long as the projection of these on them, with
-    their directions n.
+    In the complete model the vectors are `R + moved`. In the conventional model they are the projections of these on the
+    directions n at rest, which are returned too.
     """
     vectors = R + moved
     r0 = lengths_of(R) if model == 'conventional' else 1.0

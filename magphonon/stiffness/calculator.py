@@ -367,7 +367,7 @@ class PairCalculator(Repulsion):
 
 
 MagneticRepulsion = PairCalculator
-"""The same calculator under the name of what the paper describes, magnets that repel each other."""
+"""Another name of `PairCalculator`, for the magnets of the paper."""
 
 
 def measure(atoms: Atoms) -> float:

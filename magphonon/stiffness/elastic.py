@@ -264,7 +264,7 @@ def _of_bonds(calc: PairCalculator, law: PairLaw) -> tuple[NDArray[np.float64], 
 
 
 def _by_finite_strain(calc: AllNeighbours) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The same for an infinite lattice, from energies and forces of strained cells by differences of eighth order."""
+    """Elastic moduli of an infinite lattice from energies and forces of strained cells, by differences of eighth order."""
     atoms, dim = calc.reference, calc.dim
     P = np.linalg.svd(_along_periods(atoms, dim))[0][:, : atoms.pbc.sum()]
     pairs = [(i, j) for i in range(P.shape[1]) for j in range(i + 1)]

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 
 ALONG = 1e-12
-"""Entry of the block of two particles in a Hessian, as a fraction of the largest there, below which it is what rounding leaves:
-of bonds along an axis, and of sums that cancel.  Positions of 1e4 spacings are rounded so.  Without it the entries that are not
-zero would be others on another processor."""
+"""In the block of two particles in a Hessian, entries below this fraction of the largest are round-off and are set to zero.  They
+come from bonds along an axis and from sums that cancel; positions of 1e4 spacings are rounded by as much.  Otherwise the pattern
+of nonzero entries would depend on the processor."""
 GROWS = 1e-7  # rate of growth, as a fraction of the largest pole, below which it is round-off of a double pole
 
 

@@ -6,7 +6,7 @@ one number besides.  It is chosen so that the masses are those of the chemical s
 their own.
 
 Hz and not kHz: thresholds of tools are absolute, and a mode is imaginary for them below -0.01 THz, a structure at rest below 0.01
-eV/Angstrom.  At 10 Hz and 1e4 N the one would pass lattices that buckle, the other any forces at all.
+eV/Angstrom.  At 10 Hz and 1e4 N the first would accept lattices that buckle, the second any forces at all.
 """
 
 from __future__ import annotations

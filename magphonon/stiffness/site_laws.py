@@ -100,7 +100,7 @@ class Springs:
         return self._on(site_springs(self.k, particles, dim))
 
     def on(self, image: NDArray[np.intp]) -> Self:
-        """The same law on other sites, of which `image` tells which one each was."""
+        """The same law on other sites; `image` gives the original index of each."""
         return self._on(of_sites(self.k, image))
 
     def times(self, factors: NDArray[np.float64]) -> Self:

@@ -57,7 +57,7 @@ class Sites:
         return tuple(f.name for f in fields(cls) if all(f.metadata[what] == so for what, so in wanted.items()))
 
     def checked(self, reference: Atoms, dim: int) -> Self:
-        """The same properties as they are kept, read-only, for the particles of a reference; ValueError where they do not fit."""
+        """A copy with read-only arrays over the particles of a reference; raises ValueError where they do not fit."""
         return replace(self, **{f.name: f.metadata['checked'](getattr(self, f.name), reference, dim) for f in fields(self)})
 
     def has(self, name: str) -> bool:

@@ -202,7 +202,7 @@ def observables() -> dict[str, str]:
 
 
 def question(name: str) -> tuple[Question, tuple[str, ...]]:
-    """The question of a name such as 'bands.M.1', and the words in it, here 'M' and '1'."""
+    """The question that a name such as 'bands.M.1' asks, and its arguments, here 'M' and '1'."""
     words = name.split('.')
     for pattern, known in QUESTIONS.items():
         places = pattern.split('.')

@@ -151,7 +151,7 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
 
 
 def write_points(path: str | PathLike[str], points: RidgePoints) -> None:
-    """The same table of points as they were read or found in a field, whose wavevectors lie on no line."""
+    """Write a table of ridge points that were read from a table, or found in a field at wavevectors that lie on no line."""
     columns = columns_of(points)
     write_columns(path, [*columns], [*columns.values()])
 

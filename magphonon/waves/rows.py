@@ -19,9 +19,9 @@ FARTHEST = 3  # largest multiple of a lattice vector in a step of a row; rows al
 TURNED = np.radians(2.0)
 """Angle up to which a row of points may be turned against the row of the lattice: directions of rows are 6 degrees apart."""
 STRETCHED = 0.03
-"""Relative difference of the measured step and that of the lattice from which it is another lattice; the bands of magnets on the
-spacing r go as r^-2.8, and would be off by 8 %."""
-MOST_APART = 50  # number of steps between neighbouring points from which their unit is wrong
+"""If the measured step differs from that of the lattice by more than this fraction, the record is of another lattice. Frequencies
+of magnets at the spacing r go as r^-2.8, so they would be wrong by 8 %."""
+MOST_APART = 50  # number of steps between neighbouring points above which their unit must be wrong
 
 
 @dataclass(frozen=True)

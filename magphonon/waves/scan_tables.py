@@ -159,9 +159,9 @@ def _points(path, held) -> tuple[dict[str, Samples], bool]:
 
 
 def _of_columns(table: Table) -> tuple[dict[str, Samples], bool]:
-    """The same of a table with one column for each point: v_y 17 [mm/s], or Point 17 [mm/s] where the direction is not told.
+    """Samples of a table with one column for each point: v_y 17 [mm/s], or Point 17 [mm/s] if the direction is not stated.
 
-    Its name is the number alone, unless that would make one point of two, such as A1 and B1.
+    A point is named by its number alone, unless two points share it, such as A1 and B1.
     """
     parts = [COLUMN.fullmatch(name or '-').groups(default='') for name in table.points]  # pyright: ignore[reportOptionalMemberAccess]
     whole = [((before or behind).lower(), point) for before, point, behind in parts]

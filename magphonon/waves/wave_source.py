@@ -74,7 +74,7 @@ def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
 
 
 def across_and_along(cell: Atoms, q: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """The same for any wavevector q in fractions of the reciprocal vectors."""
+    """Unit vectors across and along a wavevector q, which is in fractions of the reciprocal vectors."""
     k = (q @ cell.cell.reciprocal().array)[:2]
     along = k / np.linalg.norm(k)
     return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
@@ -157,7 +157,7 @@ def _refuse_turned(cell):
 
 
 def _row(patch, inside, start, R2):
-    """Those of the particles `inside` that lie at whole steps of R2 from `start`, in order."""
+    """The particles among `inside` that lie at whole steps of R2 from `start`, in order."""
     away = patch.positions[inside, :2] - patch.positions[start, :2]
     n = np.rint(away @ R2 / (R2 @ R2))
     on = (n >= 0) & (np.linalg.norm(away - n[:, None] * R2, axis=1) < NEAR * np.linalg.norm(R2))
