@@ -4,7 +4,6 @@ functions.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +17,7 @@ from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .intervals import in_a_line, interval, with_unit
+from .fitted import entries_of, in_a_line, interval, with_unit
 from .neighbours import neighbours, omitted
 
 if TYPE_CHECKING:
@@ -383,17 +382,6 @@ def entries(found):
     fit = found.fits['complete']
     return [] if (fit.sigma[: len(found.names)] > DETERMINED).any() or not fit.follows else entries_of(found.fitted())
 
-
-def entries_of(scene):
-    """Lines with the law and the springs of a fitted scene, to replace those in its file."""
-    law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
-    law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
-    law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
-    springs = scene.foundation.changes if scene.foundation else {}
-    rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
-    return ['', 'for a scene file, in place of its [law] and [foundation]:', '',
-            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
-            *(['[foundation]', *rows] if rows else [])]
 
 
 @RIDGES.remark

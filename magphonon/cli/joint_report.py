@@ -14,8 +14,7 @@ from ..interactions.fits import SHAPE_WEIGHT
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
-from .fit_report import entries_of
-from .intervals import in_a_line, interval, with_unit
+from .fitted import entries_of, in_a_line, interval, with_unit
 
 PULL = 2.7
 """Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10, and none is seen in 1 of 100."""

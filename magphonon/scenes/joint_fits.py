@@ -123,7 +123,8 @@ class Specimen:
         """The scene with the law of these factors, as a table, and with its springs."""
         law = self.law(factors)
         columns = {'distances_m': (law.r / u.m).tolist(), 'forces_N': (law.f / u.N).tolist()}
-        table = TableLaw.model_validate({'kind': 'table', **columns}).with_shells(self.scene.law.shells, self.scene.law.reach)
+        own = self.scene.law
+        table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns}).with_shells(own.shells, own.reach)
         return self.on_springs(factors).model_copy(update={'law': table})
 
     def changes_of(self, scene: Scene, law: PairLaw, factors: Mapping[str, float]) -> dict[str, StiffnessDerivative]:

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from magphonon import read_scene
+from magphonon.cli.fitted import entries_of
 from magphonon.cli.main import main
 from magphonon.design.joint_fits import Joint, Record, told
 from magphonon.interactions import Forces, SharedErrors
 from magphonon.response import Dof, TransferFunction
 from magphonon.scenes import fit_records
+from magphonon.scenes.band_fits import value_of
 from magphonon.waves import RidgePoints
 from magphonon.waves.ridge_tables import write_points
 from workflows import bench_lattice as bench
@@ -107,6 +109,11 @@ def test_a_table_and_ridges_together(tmp_path, name):
     assert (sigmas[:2] < 0.85 * np.min(alone, axis=0)[:2]).all()  # force and exponent, of which each record knows a part
     assert joint.pulls()[0].sigmas < 3
     assert fits.evidence > 10
+    head = (tmp_path / 'lab.toml').read_text().split('[law]')[0]
+    (tmp_path / 'pasted.toml').write_text('\n'.join([head, *entries_of(fits.fitted())[3:]]))
+    pasted = read_scene(tmp_path / 'pasted.toml')
+    for key in ('force', 'foundation_x', 'foundation_y'):
+        assert value_of(pasted, key) == pytest.approx(fits.values()[key][0], rel=1e-4)  # a force between the readings of a table
     control = fitted(*specimen(tmp_path, name, 2, shells='1')[:3]).values()
     value, sigma = control['foundation_x']  # by 30 % and more, several times the interval that the fit states
     assert np.log(value / truth['foundation_x']) > 3 * sigma

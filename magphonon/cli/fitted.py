@@ -1,13 +1,16 @@
-"""Fitted values with their 95 % intervals, in words."""
+"""What was fitted: values with their 95 % intervals, in words, and the entries for a scene."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 
 import numpy as np
 
+from .. import units as u
 from ..design.least_squares import DETERMINED, NORMAL
 from ..findings import spoken
+from ..scenes.scene import Scene
 
 
 def in_a_line(values: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
@@ -28,3 +31,15 @@ def interval(value: float, sigma: float) -> str:
 
 def _ends(value, sigma):
     return f'{value * np.exp(-NORMAL * sigma):.4g} to {value * np.exp(NORMAL * sigma):.4g}'
+
+
+def entries_of(scene: Scene) -> list[str]:
+    """Lines with the law and the springs of a fitted scene, to replace those in its file."""
+    law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
+    law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
+    law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
+    springs = scene.foundation.changes if scene.foundation else {}
+    rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
+    return ['', 'for a scene file, in place of its [law] and [foundation]:', '',
+            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
+            *(['[foundation]', *rows] if rows else [])]
