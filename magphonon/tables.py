@@ -67,7 +67,7 @@ WORDS = {
 """What instruments call a quantity: their words in small letters."""
 SPELT = {'hz': 'Hz', 'hertz': 'Hz', 'khz': 'kHz', 'sec': 's', 'sek': 's', 'seconds': 's', 'msec': 'ms', 'newton': 'N',
          '°': 'deg', 'degrees': 'deg', 'grad': 'deg', 'degree': 'deg', 'radians': 'rad', 'micron': 'um', '-': '', '1': '',
-         'lb': 'lbf', 'lbs': 'lbf', 'inch': 'in', 'inches': 'in'}
+         'gf': 'gf', 'lb': 'lbf', 'lbs': 'lbf', 'inch': 'in', 'inches': 'in'}
 """Units as instruments spell them, in small letters."""
 ATOM = re.compile(r'([munk]?N|[munc]?m|in|[mu]?s|[km]?gf|lbf)(2?)')
 

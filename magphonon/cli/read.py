@@ -64,7 +64,7 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
     """What a file holds: its kind, and its contents as they were read; `contact` in mm is needed where a table of forces has
     gaps.
     """
-    if file.endswith('.toml'):
+    if Path(file).suffix == '.toml':
         raise ValueError(f'{file} is a scene and holds no measurements')
     faults = []
     for kind, (module, reader) in KINDS.items():

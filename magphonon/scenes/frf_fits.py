@@ -211,7 +211,7 @@ def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | 
     >>> functions = with_dofs(scene, [TransferFunction('point', h.omega, h.response)])
     >>> suspect_units(scene, functions)
     >>> suspect_units(scene, [replace(one, response=one.response.conj()) for one in functions])
-    'phases of the other sign, e^{-i omega t}'
+    'phases of the opposite sign, e^{-i omega t}'
     """
     return misreading(_built(scene, 'complete', {}), functions)
 

@@ -30,7 +30,7 @@ def names(folder):
 
 def test_a_ready_scene_is_taken_by_its_name_unless_a_file_has_it(desk, capsys):
     assert main(['bands', 'oscillator']) == 2  # read, and refused for what is in it
-    assert "the scene 'Oscillator of" in capsys.readouterr().err
+    assert "'Oscillator of arXiv:1911.10410, Sec. III, at 30 degrees' is one particle" in capsys.readouterr().err
     assert read_scene('chain') == read_scene(ready_scene('chain'))
     (desk / 'chain').mkdir()
     assert read_scene('chain').lattice.mass_kg == 1.0  # a folder is no file

@@ -283,5 +283,5 @@ def test_spheres_that_lie_in_one_another_are_no_contact():
     balls = Hertz.spheres(20 * u.mm, 206 * u.GPa, 0.3)
     assert repulsion(balls, 10.1) > 0
     cell = triangular(0.2, 3e-5)
-    with pytest.raises(ValueError, match=r'are 0\.2 mm apart'):
+    with pytest.raises(ValueError, match=r'are only 0\.2 mm apart'):
         MagneticRepulsion(cell, balls)

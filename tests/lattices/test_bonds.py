@@ -338,7 +338,7 @@ def test_pairs_are_told_apart_where_their_numbers_exceed_32_bits(particles):
 def test_more_particles_than_32_bits_number_are_refused():
     none = np.zeros((0, 3))
     Bonds([], [], none, none, 2**31 - 1)
-    with pytest.raises(ValueError, match='at most 2147483647, not 2147483648'):
+    with pytest.raises(ValueError, match='at most 2147483647 particles, not 2147483648'):
         Bonds([], [], none, none, 2**31)
 
 

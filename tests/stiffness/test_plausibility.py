@@ -92,7 +92,7 @@ def test_masses_that_nobody_gave_are_those_of_symbols():
     for make in PairCalculator, AllNeighbours:
         iron.calc = make(iron, InversePower(1e3, 4.0), foundation=1.0)
         iron.get_forces()  # statics has no masses
-        with pytest.warns(UserWarning, match=r'55\.845 of Fe, which count as grams.*here 9\.273e-23 g'):
+        with pytest.warns(UserWarning, match=r'55\.845 for Fe, which count as grams.*here 9\.273e-23 g'):
             analytic_bands(iron, 'GX')
     iron.set_masses([0.7])
     analytic_bands(iron, 'GX')
@@ -103,7 +103,7 @@ def test_masses_so_unequal_that_digits_are_lost(ratio, told):
     """The light particle follows the heavy one at once, K_HH - K_HL K_LL^-1 K_LH, up to 1/ratio: no small number in it."""
     cell, q = lattices.honeycomb(1.0, 1.0), [0.31, 0.17, 0]
     cell.set_masses([1 / ratio, 1.0])
-    with pytest.warns(UserWarning, match='known to') if told else np.errstate():
+    with pytest.warns(UserWarning, match='accurate only to') if told else np.errstate():
         cell.calc = PairCalculator(cell, InversePower(1.0, 4.0), foundation=5.0)
     light, heavy, R = slice(0, 2), slice(2, 4), np.array([cell.positions[1] + s @ cell.cell.array - cell.positions[0]
                                                          for s in np.array(list(np.ndindex(3, 3, 1))) - [1, 1, 0]])[:, :2]
