@@ -396,7 +396,7 @@ MISTAKES = {
     'a velocity that is called a displacement': lambda w, h: 1j * w * h,
     'an acceleration that is called a displacement': lambda w, h: -(w**2) * h,
     'a displacement that is called a velocity': lambda w, h: h / (1j * w),
-    'phases of the other sign': lambda w, h: h.conj(),
+    'phases of the opposite sign': lambda w, h: h.conj(),
     'real and imaginary part exchanged': lambda w, h: 1j * h.conj(),
     'phases in rad': lambda w, h: abs(h) * np.exp(1j * np.angle(h) * np.pi / 180),
     'frequencies in rad/s': None,
