@@ -91,7 +91,7 @@ def run(options: Namespace) -> None:
 def _refuse_copies(names):
     """Raise ValueError for two files of the same bytes."""
     seen = {}
-    for k, name in enumerate(names):
+    for k, name in enumerate(names if len(names) > 1 else ()):
         if (path := Path(ready_table(name))).is_file():
             with open(path, 'rb') as file:
                 first = seen.setdefault(file_digest(file, 'sha256').digest(), k)

@@ -38,7 +38,7 @@ have 1.4.  Of drawn scans whose ridges were those of other waves, those that spo
 PASSES, ROBUST = 5, 2
 """Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first two mind outliers
 less where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
-STEPS = 30  # of one repetition; a fit takes 10, and a model that is far from all points would creep along the bounds
+STEPS = 15  # of one repetition; a fit takes 10, and a model that is far from all points would creep along the bounds
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
 """Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
 each parameter up to which these go, and how many of the assignments found are fitted."""
@@ -208,7 +208,7 @@ def _settled(cell, names, points, model, priors, branches_in, start):
 
         found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType, reportGeneralTypeIssues]  the stubs of scipy know no function as jac
                               loss='cauchy' if k < ROBUST and points.from_points.any() else 'linear',
-                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=STEPS)
+                              xtol=1e-9, ftol=1e-9, gtol=1e-9, max_nfev=STEPS)
         x, settled = found.x, k > ROBUST and np.array_equal(modes, before)
         before = modes
         if settled:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from ase import Atoms
@@ -86,7 +86,7 @@ class FrfFits:
             return better.model
         return 'conventional' if self.endless and self.ratio < 1 else None
 
-    @property
+    @cached_property
     def proposals(self) -> list[Proposal]:
         """What to measure next; nothing if the complete model does not follow the data."""
         fit = self.fits['complete']
