@@ -15,6 +15,7 @@ import tomllib
 import warnings
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
+from functools import partial
 from io import StringIO
 from pathlib import Path
 
@@ -25,7 +26,9 @@ import pytest
 from magphonon import errors
 from magphonon.cli import main, uncertainty
 from magphonon.response import frf
+from magphonon.scenes import band_fits
 from magphonon.scenes.scene import Scene, ready_scene, ready_scenes
+from magphonon.waves import thermal
 
 resource = pytest.importorskip('resource')
 pytestmark = pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='the limit of memory needs to know what is used')
@@ -283,9 +286,13 @@ def verdict(command, files, folder, output=True, between=()):
 
 @pytest.fixture(autouse=True)
 def cheap(monkeypatch):
-    """Pictures are drawn all the same, with few pixels; fewer lattices are drawn at random."""
+    """Pictures are drawn all the same, with few pixels; fewer lattices are drawn at random, thermal motion is shorter, and fewer
+    ridges are suspected: the limits of time are for commands that hang, on slow processors too.
+    """
     monkeypatch.setitem(mpl.rcParams, 'savefig.dpi', 20)
     monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
+    monkeypatch.setattr(thermal, 'thermal_run', partial(thermal.thermal_run, steps=thermal.STEPS // 4))
+    monkeypatch.setattr(band_fits, 'SUSPECTS', 1)
 
 
 # --- what is tried ---------------------------------------------------------------------------------------------------
