@@ -11,6 +11,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ def run(options: Namespace) -> None:
         draw: Any = {'forces': plot_forces, 'ridges': plot_ridges, 'a scan': plot_scan,
                      'transfer functions': partial(plot_transfer, curves={})}[kind]
         save(getattr(drawn := draw(record), 'figure', drawn), 'clean')
-    print('\n'.join([f'{file} holds {kind}.', *_understood(file, kind), *(f'  {note}' for note in getattr(record, 'notes', ()))]))
+    print('\n'.join([f'{file} holds {kind}.', *_understood(file, kind, {*chain(*tables)}), *(f'  {note}' for note in getattr(record, 'notes', ()))]))
     for table in tables:
         print('\n'.join(['', *(_range(name, np.asarray(column)) for name, column in table.items())]))
     print(f'\npicture and clean table are in {options.output}')
@@ -77,8 +78,8 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
     raise ValueError(f'{file} is not a known kind of record;\n  ' + '\n  '.join(faults))
 
 
-def _understood(file, kind):
-    """Which quantity each column holds, unless its name says so, and what was done to read it."""
+def _understood(file, kind, clean):
+    """Which quantity each column holds, unless the clean table calls it the same, and what was done to read it."""
     module = import_module(f'magphonon.{KINDS[kind][0]}')
     found = content(file, MOST_BYTES)
     if isinstance(found, list):
@@ -86,7 +87,7 @@ def _understood(file, kind):
     table = read_table(file, **module.ASKED, held=found)
     told = [f'  {name}: {quantity}{f" in {table.spelt[quantity]}" * bool(table.spelt[quantity])}'
             for quantity, name in table.header.items()
-            if quantity in table and name not in (quantity, f'{quantity}_{table.spelt[quantity]}')]
+            if quantity in table and name not in clean]
     if table.points:
         told += [f'  {len(table.points)} columns of one point each, from {next(iter(table.points))} to {[*table.points][-1]}']
     return [*told, *(f'  {note}' for note in table.notes)]
