@@ -55,7 +55,8 @@ def run(options: Namespace) -> None:
         draw: Any = {'forces': plot_forces, 'ridges': plot_ridges, 'a scan': plot_scan,
                      'transfer functions': partial(plot_transfer, curves={})}[kind]
         save(getattr(drawn := draw(record), 'figure', drawn), 'clean')
-    print('\n'.join([f'{file} holds {kind}.', *_understood(file, kind, {*chain(*tables)}), *(f'  {note}' for note in getattr(record, 'notes', ()))]))
+    print('\n'.join([f'{file} holds {kind}.', *_understood(file, kind, {*chain(*tables)}),
+                     *(f'  {note}' for note in getattr(record, 'notes', ()))]))
     for table in tables:
         print('\n'.join(['', *(_range(name, np.asarray(column)) for name, column in table.items())]))
     print(f'\npicture and clean table are in {options.output}')
