@@ -45,6 +45,7 @@ each parameter up to which these go, and how many of the assignments found are f
 STRAYS = 3.0
 """Where waves of a point source, which move the row both across and along, are taken for those of the next branch: so many of its
 uncertainties is a point from its own branch at least, and so many times nearer to the other."""
+DIGITS = 5  # of the directions of rows: tables have six of a wavevector
 STEP = 1e-4  # of xi in rad, over which the slope of a branch is taken
 ROUNDS, FARTHEST = 6, 3
 """How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
@@ -146,25 +147,30 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     start = cell(*np.zeros(len(names)))[0]
     model = model or start.calc.model
 
-    def with_branches(branches, start):
-        return _settled(cell, names, points, model, priors, lambda *_: branches, start)
+    def with_branches(branches, start, passes=range(PASSES)):
+        return _settled(cell, names, points, model, priors, lambda *_: branches, start, passes)
 
     def nearest(atoms, points):
         return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
     if near is not None:
         x = np.log([near.by_name.get(name, 1.0) for name in names])
-        return min(with_branches(near.branches, x), _settled(cell, names, points, model, priors, nearest, x),
-                   key=lambda fit: fit.chi2)
+        fit = with_branches(near.branches, x)
+        if nearest(cell(*np.log(fit.factors))[0], points) == fit.branches:
+            return fit
+        return min(fit, _settled(cell, names, points, model, priors, nearest, x), key=lambda fit: fit.chi2)
     fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
     count = bloch_modes(start, points.q[:1], model)[0].shape[1]
     told = _told(points, count)
     if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
         others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]
         fit = min(fit, *others, key=lambda other: other.chi2)
-    for _ in range(ROUNDS * (fit.chance < FITS)):
-        tries = [with_branches(other, np.log(fit.factors)) for other in _neighbouring(fit, points, count, told)]
-        nearer = min(tries, key=lambda other: other.chi2, default=fit)
+    for _ in range(ROUNDS * (fit.chance < FITS)):  # one repetition of each try shows which is worth more
+        tries = [with_branches(other, np.log(fit.factors), [PASSES - 1]) for other in _neighbouring(fit, points, count, told)]
+        if not tries:
+            break
+        best = min(tries, key=lambda other: other.chi2)
+        nearer = with_branches(best.branches, np.log(best.factors))
         if nearer.chi2 >= fit.chi2:
             break
         fit = nearer
@@ -181,13 +187,13 @@ def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple
     return tuple((_whitening(points, modes, points.shift * slope / sigma) @ ((points.omega - omega) / sigma)).tolist())
 
 
-def _settled(cell, names, points, model, priors, branches_in, start):
+def _settled(cell, names, points, model, priors, branches_in, start, passes=range(PASSES)):
     """The fit to the branches that `branches_in` finds for the atoms, repeated until these and the uncertainties settle."""
     from scipy.optimize import least_squares
 
     n = np.arange(len(points))
     x, before = start, np.zeros(0, int)
-    for k in range(PASSES):
+    for k in passes:
         atoms, _ = cell(*x)
         least = np.maximum(_oblique(atoms, points, model), points.shift * points.from_points * (k < ROBUST))
         seen = replace(points, sigma_xi=np.maximum(points.sigma_xi, least))
@@ -224,7 +230,7 @@ def _oblique(atoms, points, model):
     The table has this of the bands of the scene with which it was made; where these are some percent off, it misses.
     """
     far = np.zeros(len(points))
-    directions, which = np.unique((points.q / points.xi[:, None]).round(9), axis=0, return_inverse=True)
+    directions, which = np.unique((points.q / points.xi[:, None]).round(DIGITS), axis=0, return_inverse=True)
     for k, direction in enumerate(directions):
         here = (np.ravel(which) == k) & points.from_points
         if here.any():
@@ -296,7 +302,8 @@ def _uncertainty(atoms, points, modes, model):
     def at(step):
         return _at(atoms, points, modes, model, points.xi + step)
 
-    beside = np.maximum(*(abs(at(side * points.sigma_xi) - at(0.0)) for side in (1, -1)))
+    own = at(0.0)
+    beside = np.maximum(*(abs(at(side * points.sigma_xi) - own) for side in (1, -1)))
     return np.hypot(points.sigma_omega, beside), (at(STEP) - at(-STEP)) / (2 * STEP)  # no slope in sigma: it may vanish
 
 
