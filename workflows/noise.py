@@ -77,5 +77,5 @@ def picture(out, scene, cell, cold, change, error):
     shift.set(xlabel='$kT/(f L_0)$ (%)', ylabel='stiffness of shear at M, change (%)', xlim=(0, 160 * HOT))
     legend_above(shift, ncols=2)
     return save_picture(figure, out / 'noise.png',
-                        'Waves of the prototype in a heat bath. (a) At low temperature their stiffness, with two standard errors, '
-                        'lies on the branches with D*, not on those of D0 alone. (b) At higher temperature shear at M softens.')
+                        'Waves of the prototype in a heat bath. (a) At low temperature their stiffness, with two standard '
+                        'errors, lies on the branches with D*, not on those of D0 alone. (b) At higher temperature shear at M softens.')

@@ -85,4 +85,4 @@ def picture(out):
     ax.legend()
     return save_picture(ax.figure, out / 'signs.png', (
         'A chain whose neighbours repel and whose second neighbours attract half as stiffly: bands (marks) and closed form; '
-        'waves in the grey ranges grow.'))
+        'waves in the grey band grow.'))
