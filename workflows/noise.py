@@ -78,4 +78,5 @@ def picture(out, scene, cell, cold, change, error):
     legend_above(shift, ncols=2)
     return save_picture(figure, out / 'noise.png',
                         'Waves of the prototype in a heat bath. (a) At low temperature their stiffness, with two standard '
-                        'errors, lies on the branches with D*, not on those of D0 alone. (b) At higher temperature shear at M softens.')
+                        'errors, lies on the branches with D*, not on those of D0 alone. (b) At higher temperature the shear '
+                        'wave at M softens.')
