@@ -218,7 +218,8 @@ def scattered_magnets(out, known):
     return [Check(f'{what}, A(k, omega), and exact supercells', width, theirs, 0.15, consistency=True),
             Check('control: the resolution of A(k, omega) alone, and exact supercells', resolution, theirs, 0.3, control=True),
             Reported('its frequency then (Hz), and with equal magnets', float(place), known['M_complete_Hz'][0])], \
-        save_picture(ax.figure, out / 'scattered_magnets.png', 'Scatter of 1 % in the strength of each magnet broadens M shear.')
+        save_picture(ax.figure, out / 'scattered_magnets.png',
+                     'Scatter of 1 % in the strength of each magnet broadens the shear peak at M.')
 
 
 def shear_at_M(cells):
