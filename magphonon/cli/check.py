@@ -118,7 +118,7 @@ def verdict_in_short(case: Case) -> str:
     said = [case.judged.finding('buckling').words]
     if (supports := case.judged.supports) is not None and supports.central:
         needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
-        said.append(f'Supports need {needed} out of the plane.')
+        said.append(f'The supports need a stiffness of {needed} out of the plane.')
     if (amplitude := case.judged.amplitude) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
@@ -241,4 +241,4 @@ def _large(patch, perfect):
                 'the patch: foundation, spacing, supports and time steps. The fixed rim may make it stable even where the '
                 'lattice buckles. The linear amplitude is that of waves far from the rim.')
     return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). Its spacing, its '
-            'supports and its linear amplitude are not judged: they need a smaller patch with as many defects.')
+            'supports and its linear amplitude are not judged: for these, give a smaller patch with as many defects.')

@@ -180,12 +180,12 @@ class Fit:
 
     @property
     def half_widths(self) -> NDArray[np.float64]:
-        """Half widths of the intervals of 95 % of ln f, ln(-f') and a."""
+        """Half widths of the 95 % intervals of ln f, ln(-f') and a."""
         return _half_widths(self.covariance, self.exponent, self.wide)
 
     @property
     def intervals(self) -> NDArray[np.float64]:
-        """Ends of the intervals of 95 %, shape (3, 2): of f in N, of -df/dr in N/mm and of a."""
+        """Ends of the 95 % intervals, shape (3, 2): of f in N, of -df/dr in N/mm and of a."""
         f, slope, a = self.half_widths[:, None] * (-1, 1)
         return np.array([self.force * np.exp(f), -self.slope * np.exp(slope), self.exponent + a])
 

@@ -97,8 +97,8 @@ class Plan:
     @property
     def first(self) -> str:
         """The choice in a line."""
-        return (f'{self.quantity}: the {self.choice.name} model, at most {percent(self.choice.at_most)} off, by '
-                f'{self.choice.algorithm}.')
+        return (f'{self.quantity}: the {self.choice.name} model is enough ({self.choice.algorithm}), with an error of at most '
+                f'{percent(self.choice.at_most)}.')
 
     def report(self) -> str:
         """The methods as a table, the choice and its reasons, as text for the terminal."""

@@ -351,7 +351,7 @@ def test_ridges_that_are_left_out_widen_the_intervals(tmp_path):
     assert out.better.follows
     assert out.values()['force'][0] == pytest.approx(bare.values()['force'][0], rel=1e-9)
     assert out.values()['force'][1] > 5 * bare.values()['force'][1]
-    assert 'Left out of the fit: bad. With them the points scatter' in band_report(out, len(points), [])
+    assert 'Omitted from the fit: bad. With them the points scatter' in band_report(out, len(points), [])
     with pytest.raises(ValueError, match="'a', 'b', 'bad'"):
         fit_bands(scene, points, without=['nothing'])
 
