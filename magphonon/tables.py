@@ -373,7 +373,8 @@ def _passed_over(path, head, columns, others, layout):
                          f'{again}')
     if not others:
         known = [f'{q}_{unit}'.rstrip('_') for q, units in columns.items() for unit in units]
-        raise ValueError(f'{path}: such a table has no column {shown(head.name)}' + (did_you_mean(head.name, known) or layout))
+        raise ValueError(f'{path}: this kind of table has no column {shown(head.name)}'
+                         + (did_you_mean(head.name, known) or layout))
 
 
 def _blocks(path, rows, heads, separator):

@@ -151,12 +151,12 @@ def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine
 
 def test_orders_above_two_are_refused_when_anything_turns():
     patch = drawn(np.random.default_rng(0))
-    with pytest.raises(ValueError, match='a step of order 4 or 6 does not take particles that gyrate'):
+    with pytest.raises(ValueError, match='a step of order 4 or 6 does not support particles that gyrate'):
         DrivenVerlet(patch, 0.01, order=4)
     patch.calc.set(gyration=0.0)
     dyn = DrivenVerlet(patch, 0.01, order=4)
     patch.calc.set(gyration=1.0)
-    with pytest.raises(ValueError, match='does not take particles that gyrate'):
+    with pytest.raises(ValueError, match='does not support particles that gyrate'):
         dyn.run(1)
 
 

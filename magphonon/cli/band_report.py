@@ -96,6 +96,8 @@ def _rows(label, columns, highest):
 @REPORT.answer
 def effect(case: Case) -> str:
     """What D* does to the branch at a special point that it changes most, and whether the lattice stands."""
+    from ..plotting.bands import mode_names
+
     stands = verdict(case.atoms).finding('buckling') if case.turned else buckling(case)
     words = '' if stands is None or stands.fault else f' {stands.words}'
     complete = case.bands['complete'].frequencies_Hz
@@ -110,9 +112,8 @@ def effect(case: Case) -> str:
         return f'D* changes no branch at {", ".join(at)}.{words}'
     to = (f'{units.in_words("Hz", f0, f)} ({100 * (f / f0 - 1):+.2g} %)' if f > 0 else
           f'{units.in_words("Hz", f0)} to below zero: it buckles')
-    kind = case.bands['complete'].polarisations[at[name], branch]
-    called = {'transverse': 'shear' if case.atoms.pbc.sum() > 1 else kind, 'longitudinal': kind}.get(kind)
-    return f'D* shifts branch {branch + 1}{f" ({called})" if called else ""} at {name} from {to}.{words}'
+    kind = mode_names(case.bands['complete'])[at[name], branch]
+    return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.{words}'
 
 
 @REPORT.remark

@@ -190,9 +190,9 @@ def commands(case: Case) -> str | None:
         try:
             refuse(case.atoms, DECLARED[name])
         except ValueError as error:
-            why = str(error).partition(' does not take ')[2].partition(' (')[0].partition(';')[0]
+            why = str(error).partition(' does not support ')[2].partition(' (')[0].partition(';')[0]
             refused.setdefault(why, []).append(f'"magphonon {command}"')
-    return '\n'.join(f'Commands that do not take {why}: {", ".join(named)}.' for why, named in refused.items()) or None
+    return '\n'.join(f'Commands that do not support {why}: {", ".join(named)}.' for why, named in refused.items()) or None
 
 
 @REPORT.check

@@ -53,8 +53,8 @@ def force_and_exponent(case):
     fit = case.fit
     force, _, exponent = fit.intervals
     return (f'At {u.in_words("m", fit.spacing / u.m)} the force is {fit.force / u.N:.4g} N ({force[0] / u.N:.4g} to '
-            f'{force[1] / u.N:.4g}), the exponent {fit.exponent:.4g} ({exponent[0]:.4g} to {exponent[1]:.4g}); brackets hold 95 '
-            '%.')
+            f'{force[1] / u.N:.4g}) and the exponent {fit.exponent:.4g} ({exponent[0]:.4g} to {exponent[1]:.4g}), with 95 % '
+            'intervals in brackets.')
 
 
 @FORCES.remark
@@ -244,7 +244,8 @@ def _shown(report, found):
 def _answer(found):
     """The parameters of the better model in a line, if it follows the data."""
     model = found.better.model
-    return [f'{model.capitalize()} model: {in_a_line(found.values(model), UNITS)}, with 95 % intervals.'] if found.better.follows else []
+    told = f'{model.capitalize()} model: {in_a_line(found.values(model), UNITS)}, with 95 % intervals in brackets.'
+    return [told] if found.better.follows else []
 
 
 def _table(fits, rows):
@@ -335,7 +336,8 @@ def verdict(found):
         law = [key for key, name in KEYS.items() if name in found.names and not name.startswith('foundation')]
         known = f' A law that is known from measured forces would decide: --prior, or --fix {",".join(law)}.' if law else ''
         return [f'D*: these data cannot decide between the models. They differ by {difference:.2g} in chi2, {abs(sigmas):.1f} '
-                f'sigma, which noise alone may give: with different parameters, both follow the ridges.{known}', *_scattered(found)]
+                f'sigma, which noise alone may give: with different parameters, both follow the ridges.{known}',
+                *_scattered(found)]
     better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
     lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
              f'{"for" if sigmas > 0 else "against"} D* ({SIGMAS}).']

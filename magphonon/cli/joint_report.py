@@ -27,7 +27,7 @@ def joint_report(found, verbose: bool = True) -> str:
     must not be missed.
     """
     joint, values = found.joints['complete'], found.values()
-    first = f'{in_a_line(values, UNITS)}, with 95 % intervals.'
+    first = f'{in_a_line(values, UNITS)}, with 95 % intervals in brackets.'
     if not verbose:
         return '\n'.join([first, *(one.words for one in JOINT.asked(found).values() if one.words)])
     alone = {name: [joint.alone(name).sigma_along(v) for v in found.along().values()] for name in found.records}

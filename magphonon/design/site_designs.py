@@ -152,7 +152,7 @@ class Variables:
         return np.clip(-self.middle / self.half, -1, 1)
 
     def slice_of(self, name: str) -> slice:
-        """Where the parameters of a kind stand."""
+        """Slice of the vector x that holds the parameters of one kind."""
         return self._parts[name]
 
     def values(self, x: NDArray[np.float64]) -> dict[str, Any]:
@@ -292,7 +292,7 @@ class SiteDesign:
     buckled : int
         Number of evaluations that found no stable equilibrium.
     conventional : SiteDesign or None
-        The same designed with D0 alone.
+        The design for the same objective made with D0 alone.
     given : float
         The true value: that in the complete model, whatever the model of the design.
     """

@@ -352,7 +352,7 @@ def eliminated(whole: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                        functions: Sequence[TransferFunction],
                        priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
-    """The fit with unknowns of each site, if the residuals exceed the noise or the noise is not stated.
+    """Repeat the fit with unknowns for each site, if the residuals exceed the noise or the noise is not stated.
 
     Parameters
     ----------

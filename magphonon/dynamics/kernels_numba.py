@@ -94,7 +94,7 @@ class Spare:
         except Exception as error:  # a damaged file may raise anything, a full disk OSError
             if not Spare.told:
                 Spare.told = True
-                warn(f"numba's cache in {self._cache.cache_path} does not serve ({error!r}): compiled steps are compiled again "
+                warn(f"numba's cache in {self._cache.cache_path} cannot be used ({error!r}): compiled steps are compiled again "
                      'in each process, which takes seconds; empty this folder, or set NUMBA_CACHE_DIR to another', stacklevel=2)
             return None
 

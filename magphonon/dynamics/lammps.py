@@ -252,7 +252,7 @@ def _offset(calc, sites, axes):
 def _burst(n, drive, sites, count):
     """A tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
     if not isinstance(drive, ToneBurst) or drive.start < 0:
-        raise ValueError(f'LAMMPS is given tone bursts that start at t >= 0 only, not {drive!r}')
+        raise ValueError(f'LAMMPS can be given only tone bursts that start at t >= 0, not {drive!r}')
     sites[f'd_drive{n}'] = np.zeros(count)
     sites[f'd_drive{n}'][drive.particles] = drive.amplitude
     ids = ' '.join(str(i + 1) for i in drive.particles)

@@ -269,7 +269,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     told = np.maximum(best.model.prior[ZEROS] ** 2 - variances, 1e-6 * variances)  # of the estimates, from table to table
     if forces.r.min() + d <= 0:
         raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
-                         'check its unit, or take the point out')
+                         'check its unit, or remove the point')
     r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
     curve, falls = np.einsum('i,ikr->kr', weights, [part.model.curve(part.p, r)[::2] for part in found])
     falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise far out is no law of neighbours

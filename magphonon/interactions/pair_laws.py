@@ -525,7 +525,8 @@ def _warn_of_readings(r, f, spline):
     k, at = np.unravel_index(abs(off).argmax(), off.shape)
     if abs(off[k, at]) > np.log(ASTRAY):
         where, power, table = np.exp((x[k] + part[at] * h[k], line[k, at], line[k, at] + off[k, at]))
-        warnings.warn(f'between the readings at {r[k]:.4g} and {r[k + 1]:.4g} mm nothing holds the table: at {where:.4g} mm its '
+        warnings.warn(f'between the readings at {r[k]:.4g} and {r[k + 1]:.4g} mm nothing constrains the table: at {where:.4g} '
+                      'mm its '
                       f'spline has {table:.3g} N, the inverse power through these two {power:.3g} N; measure there, leave the '
                       'far reading out, or fit a law (magphonon.interactions.fit_forces)', stacklevel=4)
 

@@ -162,7 +162,7 @@ def refuse_growing(lowest: float, highest: float) -> None:
     """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response."""
     if lowest < -ROUND_OFF * highest:
         raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
-                         f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or more space would hold it, and '
+                         f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or a larger spacing would hold it; '
                          '"magphonon check" or magphonon.verdict says how much')
 
 

@@ -173,10 +173,9 @@ class Scene(Table):
             return self
         enough = self.converged_shells(PAIRS)
         if enough.error > LONG_RANGE:
-            raise ValueError(f"law.shells = '{self.law.asked}': the force reaches so far that even with {enough.shells} shells "
-                             "of "
-                             f'neighbours frequencies are {enough.error:.1%} off, and here each bond must be known; '
-                             '"magphonon bands" takes the sum over all')
+            raise ValueError(f"law.shells = '{self.law.asked}': the force reaches so far that with {enough.shells} shells of "
+                             f"neighbours frequencies are still {enough.error:.1%} off, and this computation needs a list of "
+                             'bonds; "magphonon bands" sums over all neighbours')
         law = self.law.with_shells(enough.shells, enough.cutoff / (self.lattice.spacing_m * u.m))
         return self.model_copy(update={'law': law})
 

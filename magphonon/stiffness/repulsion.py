@@ -83,7 +83,7 @@ class Repulsion(Restartable):
 
     @cached_property
     def near(self) -> float:
-        """Distance in mm beyond which the nearest site may be that of another particle."""
+        """Displacement in mm beyond which the nearest site may belong to another particle."""
         return float(NEAR * self.bonds.lengths.min(initial=np.inf))
 
     @cached_property

@@ -191,7 +191,7 @@ class Travelling(Springs):
     >>> from magphonon import InversePower, MagneticRepulsion, Travelling, lattices
     >>> cell = lattices.chain(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=Travelling(5.0, 0.1, W=0.3, kap=(2.0, 0)))
-    >>> cell.calc.site_stiffness  # what does not know the time sees the mean
+    >>> cell.calc.site_stiffness  # tools without a time use the mean
     5.0
     """
 

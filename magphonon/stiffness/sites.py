@@ -184,7 +184,7 @@ def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
         return
     if dim == 2:
         raise ValueError(f'planar particles must share one z, but z ranges over {z:g} mm, periodic images included; give them '
-                         'one z, or let them move in space, in Python without dim=2')
+                         'one z, or omit dim=2 in Python, so that they move in space')
     if not central:
         raise ValueError('particles whose forces are not along the line between them, such as upright magnets, stand on a plane, '
                          f'but z ranges over {z:g} mm; give them one z')

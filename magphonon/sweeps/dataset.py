@@ -135,7 +135,7 @@ def _checked(over):
             raise ValueError(f'{key} must be a list of different numbers, not {shown(values.tolist())}')
     points = np.prod([len(values) for values in axes.values()], dtype=float)
     if points > MOST_POINTS:
-        raise ValueError(f'over asks for {points:.3g} points, and at most {MOST_POINTS:g} are computed; take fewer values')
+        raise ValueError(f'over asks for {points:.3g} points, but at most {MOST_POINTS:g} are computed; give fewer values')
     return axes
 
 

@@ -67,7 +67,7 @@ class Situation:
     def bands(self, q: ArrayLike) -> NDArray[np.float64]:
         """Frequencies of the perfect lattice at wavevectors in Hz, shape (wavevectors, branches)."""
         if beyond := self.scene.wanted('bands').beyond:
-            raise ValueError(f'{beyond}: sweeps compute bands without damping or temperature; take it out')
+            raise ValueError(f'{beyond}: sweeps compute bands without damping or temperature; remove it')
         self.refuse_buckling()
         return u.hertz(bloch_modes(self.atoms, q)[0])
 

@@ -141,7 +141,7 @@ def _points(path, held) -> tuple[dict[str, Samples], bool]:
                          'displacements or velocities, with a direction or without')
     for part in parts:
         if np.isnan(table[part]).all():
-            raise ValueError(f'{path}: the column {table.header[part]} holds no number; take it out, or export it again')
+            raise ValueError(f'{path}: the column {table.header[part]} holds no number; remove it, or export it again')
     places = np.stack([table.get('x', 0.0), table.get('y', 0.0)], axis=1)
     if names is None:
         names = np.array([f'({x:g} mm, {y:g} mm)' for x, y in places])

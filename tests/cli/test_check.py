@@ -153,7 +153,7 @@ def test_commands_that_do_not_take_a_structure_are_named(name, refused):
     """As these commands refuse it when they are run: the declarations of their tools are asked."""
     words = commands(Case(read_scene(name))) or ''
     assert set(re.findall(r'"magphonon (\w+)"', words)) == refused
-    assert words.count('Commands that do not take') == bool(refused)  # the reason is given once
+    assert words.count('Commands that do not support') == bool(refused)  # the reason is given once
 
 
 @pytest.mark.parametrize(('name', 'tells'), [('prototype', False), ('prototype.toml', True)])

@@ -64,7 +64,8 @@ def test_speeds_feel_neighbours_much_farther_away(shells):
     ('neighbours', {}, r'^All neighbours count \(shells = "all"\)\.$'),
     ('prototype', {'law__shells': None}, r'^\d+ shells of neighbours \(shells = "auto"\): the others would shift no frequency'),
     ('wigner', {'law__shells': None}, r'^All neighbours count \(shells = "auto"\)\.$'),
-    ('prototype', {'law__shells': 5}, r'^5 shells of neighbours \(shells = 5\): the others would shift branch 1 at M .* Omit law.shells'),
+    ('prototype', {'law__shells': 5},
+     r'^5 shells of neighbours \(shells = 5\): the others would shift branch 1 at M .* Omit law.shells'),
     ('measured', {}, r'if the forces keep falling as at the end of their table\. Measure the force farther away'),
 ])
 def test_what_is_said_of_how_many_count(name, changes, words):
@@ -139,7 +140,8 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
 
 @pytest.mark.parametrize(('command', 'name', 'words'), [
     ('check', 'prototype', 'branch 1 at M by +16 %'), ('modes', 'prototype', 'branch 1 at M by +16 %'),
-    ('explore', 'prototype', 'branch 1 at M by +16 %'), ('plan', 'vacancy', None), ('bands', 'chain', 'branch 1 at X by -0.91 %')])
+    ('explore', 'prototype', 'branch 1 at M by +16 %'), ('plan', 'vacancy', None),
+    ('bands', 'chain', 'branch 1 at X by -0.91 %')])
 def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path, capsys):
     where = {'check': [], 'plan': [], 'explore': ['-o', str(tmp_path / 'x.html')]}.get(command, ['-o', str(tmp_path / 'out')])
     file = tmp_path / 'my.toml'

@@ -245,7 +245,7 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
     (['--prior', 'force=0.3+-0.1', '--prior', 'force_N=0.2+-0.1'], '--prior names a parameter twice'),
     (['--prior', 'forces=0.3+-0.1'], "the parameter of --prior must be one of 'force_N', 'a'"),
     (['--prior', 'force_N=0.3'], 'is not a parameter with its value and standard uncertainty, such as force_N=0.288+-0.01'),
-    (['--without', 'x'], 'the ridge that is left out must be one of'),
+    (['--without', 'x'], 'the ridge to be omitted must be one of'),
 ])
 def test_wrong_words_are_refused(words, message, experiment, capsys):
     _, folder = experiment

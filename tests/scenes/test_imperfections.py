@@ -117,7 +117,7 @@ def test_a_row_repeats_along_its_period_alone():
     row = {'disorder': {'seed': 1, 'mass_percent': 1.0}}
     seven = scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7}, **row)
     assert len(seven.atoms()) == 7 * len(seven.perfect_cell())
-    with pytest.raises(ValueError, match=r'not periodic along its second vector; leave patch\.cells_2 out'):
+    with pytest.raises(ValueError, match=r'not periodic along its second vector; remove patch\.cells_2'):
         scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7, 'cells_2': 2}, **row).atoms()
 
 
