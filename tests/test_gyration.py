@@ -653,7 +653,7 @@ def test_the_command_tells_chern_numbers_and_leaves_phonopy_out(capsys, tmp_path
     words = capsys.readouterr().out
     assert 'complete: the Chern numbers of the bands are 1, -1, 1, -1' in words
     assert 'conventional: the Chern numbers of the bands are 1, 0, 0, -1' in words
-    assert 'none that runs one way' in words
+    assert 'none that runs only one way' in words
     assert not list((tmp_path / 'out').glob('*.yaml'))
     write_scene(honeycomb([1.55, 1.5]), tmp_path / 'own.toml')  # each particle its own
     assert main(['bands', '--verbose', str(tmp_path / 'own.toml'), '-o', str(tmp_path / 'own')]) == 0

@@ -63,7 +63,7 @@ def closing():
     formula = MODELS['complete'] / np.sqrt(4 * K + 2 * MODELS['complete'])
     return [Check('middle gap closes at Gamma at g, in sqrt(f/(L m))', found['complete'], formula, 1e-9),
             Check('control: D0 alone', found['conventional'], formula, 0.1, control=True),
-            Check('the same, by the formula for D0', found['conventional'], 12 / np.sqrt(48), 1e-9)]
+            Check('D0 alone: middle gap closes at g, by the formula for D0', found['conventional'], 12 / np.sqrt(48), 1e-9)]
 
 
 def numbers():
@@ -84,9 +84,9 @@ def edges(gaps):
             *pairs('middle gap with D0 alone', gaps['conventional'], (3.344168, 3.537844), 1e-6, ('from', 'to')),
             Check('waves along the edges of the strip within the gap', len(flows['complete'].q), 0, 1e-12),
             Check('control: D0 alone', len(flows['conventional'].q), 0, 0.5, control=True),
-            Check('net number of them along the right edge, D0', flows['conventional'].right, 1, 1e-12),
-            Check('and along the left edge', flows['conventional'].left, -1, 1e-12),
-            Check('their speed d omega/dk / period of the strip, D0', slope, 0.2117, 5e-3)]
+            Check('D0 alone: net number of waves along the right edge', flows['conventional'].right, 1, 1e-12),
+            Check('D0 alone: net number of waves along the left edge', flows['conventional'].left, -1, 1e-12),
+            Check('D0 alone: speed of these waves d omega/dk / period of the strip', slope, 0.2117, 5e-3)]
 
 
 def bursts(gaps):
@@ -96,7 +96,7 @@ def bursts(gaps):
     (there, back, energy), with_dstar = shares['conventional'], shares['complete']
     travels = sum(with_dstar[:2]) * with_dstar[2] / energy
     return [Check('burst, D0 alone: share of its energy that does not run to the right', 1 - there, 0, 0.16),
-            Check('share that runs to the left, D0', back, 0, 1e-3),
+            Check('burst, D0 alone: share of its energy that runs to the left', back, 0, 1e-3),
             Check('energy that travels with D* / energy that enters with D0 alone', travels, 0, 1e-3),
             Check('control: D0 alone', there + back, 0, 1e-3, control=True)]
 

@@ -44,7 +44,7 @@ def main(out):
     f = repulsion(patch.calc.laws, 10 * units.mm)
     checks += [Check('control: force left on a row inside the rim, third neighbours, unrelaxed (f(L0))', rest.before / f, 0, 0.1,
                      control=True),
-               Check('the same, relaxed (f(L0))', rest.after / f, 0, 1e-9)]
+               Check('force left on this row once relaxed (f(L0))', rest.after / f, 0, 1e-9)]
     return Outcome(checks, [_draw_shells(out), _draw_prototype(out), _draw_relaxation(out, patch, rest)])
 
 

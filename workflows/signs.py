@@ -34,7 +34,7 @@ def main(out):
         Check('chain of both signs: phase of its softest wave (rad)', abs(phases[closed(phases).argmin()]), np.pi / 3, 1e-5),
         *(Check(f'on a foundation of 0.4 k1: {name} end of the waves that grow (rad)', edge, one, 1e-5)
           for name, edge, one in zip(('lower', 'upper'), edges, true, strict=True)),
-        Check('on a foundation of 0.4 k1: growth of a run (1/s)', growth(soft) * u.s,
+        Check('on a foundation of 0.4 k1: growth rate in time steps (1/s)', growth(soft) * u.s,
               np.sqrt((0.5 - TOO_SOFT) * k1 / bare.get_masses()[0]) * u.s, 1e-4),
         Check('control: all magnets repel: foundation needed / k1', critical_foundation(only).k / k1, 0.5, 0.5, control=True),
     ], [picture(out)])
@@ -84,5 +84,5 @@ def picture(out):
     ax.set(xlabel=r'phase per magnet, $\xi/\pi$', ylabel=r'$\omega^2 m/k_1$', xlim=(0, 1), ylim=(-1, 5))
     ax.legend()
     return save_picture(ax.figure, out / 'signs.png', (
-        'A chain whose neighbours repel and whose second neighbours attract half as stiffly: bands (marks) and closed form; '
-        'waves in the grey grow.'))
+        'A chain whose nearest neighbours repel and whose second neighbours attract with half the stiffness: bands (marks) and '
+        'closed form; waves in the grey range grow.'))

@@ -71,7 +71,8 @@ def dimerised_chain():
     ends, other = (local_modes(along_x(42, law=laws, tags=tags, walls=True), gap) for tags in ([0, 0, 1, 1], [0, 1, 1, 0]))
     u = abs(ends.shapes[0, :, 0] + np.array([1, -1])[:, None] * ends.shapes[1, :, 0])
     left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
-    return [*edges, *pairs('its modes at the ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5, ('first', 'second')),
+    return [*edges, *pairs('dimerised chain: modes at its ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5,
+                           ('first', 'second')),
             Check('decay of such a mode per cell', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
             Check('control: with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
@@ -270,10 +271,12 @@ def disordered_chain():
     alike = 2 / np.pi * np.arcsin(omega / 2)
     return [*(Check(f'disordered chain, share of modes below {w:g} sqrt(k/m)', a, b, 0.05)
               for w, a, b in zip(omega, here, below / CHAIN, strict=True)),
-            Check('control: the same for equal masses, below 1.95', alike[-1], below[-1] / CHAIN, 0.05, control=True),
+            Check('control: chain of equal masses, share of modes below 1.95 sqrt(k/m)',
+                  alike[-1], below[-1] / CHAIN, 0.05, control=True),
             # some 50 modes at each frequency, of lengths that scatter by 60 %
             Check('power of the frequency in the localisation length of long waves', reach_power(chain), -2, 0.25),
-            Check('control: the same for equal masses', reach_power(along_x(CHAIN // 10)), -2, 0.25, control=True)]
+            Check('control: chain of equal masses, power of the frequency in this length',
+                  reach_power(along_x(CHAIN // 10)), -2, 0.25, control=True)]
 
 
 def reach_power(chain):

@@ -226,10 +226,10 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     """Force, exponent and foundation of a lattice from measured points of its bands, with D* and without.
 
     Mass and spacing are taken from the scene; its other parameters are the start of the fit.  The uncertainties show which
-    parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  The shape
-    of a law of magnets or of a table of forces stays, and its strength is fitted; intervals allow for an `exponent` in
-    [uncertainty].  An inverse power that more than nearest neighbours feel stands for any smooth law of the same exponent at the
-    spacing, and the intervals hold for all of them; with a fixed exponent it is exact.
+    parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  A law
+    of magnets or a table of forces keeps its shape, and only its strength is fitted; the intervals include the tolerance
+    `exponent` of [uncertainty].  An inverse power that acts beyond nearest neighbours stands for any smooth law with the same
+    exponent at the spacing, and the intervals hold for all of these; if the exponent is fixed, the inverse power counts as exact.
 
     Parameters
     ----------

@@ -355,12 +355,11 @@ def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
 def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field', source: str | None = None) -> RidgePoints:
     """Points of the bands along a path: at wavevectors that share no noise, the strongest frequency of each branch.
 
-    A point is kept if its power exceeds the background and that of the other branch at its frequency, and is at most 20 dB
-    below the strongest point, and if its frequency lies within a quarter of the bands of the scene in either
-    model. Its centre of gravity must lie within a
-    bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of four parts: the scatter
-    between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half of the shift due to the
-    curvature of the branch, and half a percent for the unevenness of a specimen.
+    A point is kept if its power exceeds the background and that of the other branch at its frequency, and is at most 20 dB below
+    the strongest point, and if its frequency lies within a quarter of the bands of the scene in either model. Its centre of
+    gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of
+    four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half
+    of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
 
     Parameters
     ----------

@@ -269,7 +269,7 @@ def test_a_mass_in_another_unit(changes, words, scene_file):
      r'defects.substitutions[0].relative_strength must lie between -1e+06 and 1e+06'),
     ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.2 ',
      'lattice.spacing_m = 0.019997, law.diameter_m = 0.2, law.shells = 1: spheres of diameter'),
-    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'take a smaller spacing than law.diameter_m = 0.002'),
+    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'give a smaller spacing than law.diameter_m = 0.002'),
 ])
 def test_bounds_of_ready_scenes(name, old, new, words, tmp_path):
     text = ready_scene(name).read_text()
