@@ -198,7 +198,7 @@ CASES = {
     # bands
     'bands model': (lambda: analytic_bands(cell(), path(), model='D0'), "'D0'", "one of 'complete', 'conventional'"),
     'bands without law': (lambda: analytic_bands(lattices.triangular(1, 1), path()), 'None', 'attach atoms.calc'),
-    'bands of a patch': (lambda: analytic_bands(with_cell(magnets(), (9, 9, 9)), path()), 'not periodic', 'take the unit cell'),
+    'bands of a patch': (lambda: analytic_bands(with_cell(magnets(), (9, 9, 9)), path()), 'not periodic', 'use the unit cell'),
     'path of another cell': (lambda: analytic_bands(cell(), path(lattices.square)), 'another shape', 'atoms.cell.bandpath'),
     'path as a list': (lambda: analytic_bands(cell(), ['G', 'M']), 'list', 'get one from atoms.cell.bandpath'),
     'path of unknown points': (lambda: analytic_bands(cell(), 'GQ'), 'GQ', 'your own wavevectors'),

@@ -48,7 +48,8 @@ def read(one, many):
             f'error is of first order where branches cross. A supercell of 1 x 1 is off by {alone.error:.1g}, 2 x 2 by '
             f'{two.error:.0e}, and {widest.setting} by {widest.error:.0e}, {widest.seconds / two.seconds:.0f} times as long. '
             f'Hundreds of magnets: "{best.method}" finds the lowest branches in {every.seconds / best.seconds:.1f} times less '
-            f'time than all branches take; Lanczos with {loose.setting} is off by {loose.error:.1g}, a twin of a branch missed.')
+            f'time than all branches take; Lanczos with {loose.setting} is off by {loose.error:.1g}: it '
+            'misses one of two equal branches.')
 
 
 def checks(one, many):

@@ -74,7 +74,7 @@ def draw_maps(out, maps, carriers_Hz):
 
 
 def compared(record, wave, motion, model, branch):
-    """The rows for one map: on its own branch, off the other model's, by how much for its uncertainty."""
+    """Rows for one map: the ridge lies on its own branch and off that of the other model, in bins and in uncertainties."""
     (other,) = set(MODELS) - {model}
     own, off = wave.misfits[model, branch], wave.misfits[other, branch]
     apart = {'shear': 5, 'longitudinal': 1}[branch]  # bins: D* hardly moves the longitudinal branch

@@ -95,8 +95,8 @@ def threshold():
     with_dstar, without = (np.sqrt(share * needed / MASS) * time for share in (0.1, 0.9))
     return [Check('supports 0.1 % stiffer than 9 f/L: verdict stable', stable[0], 1, 1e-9),
             Check('supports 0.1 % softer: verdict stable', stable[1], 0, 1e-9),
-            Check('supports 10 % softer: growth of the wave at K in a run / cosh', grown / np.cosh(with_dstar), 1.0, 1e-3),
-            Check('control: the run against the supports without D*', grown, np.cos(without), 0.5, control=True)]
+            Check('supports 10 % softer: growth of the wave at K in time steps / cosh', grown / np.cosh(with_dstar), 1.0, 1e-3),
+            Check('control: this growth / cosh of supports without D*', grown, np.cos(without), 0.5, control=True)]
 
 
 def plasma_crystal(known):

@@ -169,5 +169,6 @@ def picture(out, fronts):
     right.legend()
     return save_picture(figure, out / 'modulation.png',
                         'Foundations that change. (a) Shear waves on springs that a wave modulates by 30 % at 8 Hz (ready scene '
-                        '"modulated"): gaps open at other wavevectors for waves against it and with it. (b) A front through rows '
+                        '"modulated"): gaps open at different wavevectors for waves that run against it and with it. (b) A '
+                        'front through rows '
                         'with two wells each, at three times: with D0 alone it runs twice as fast.')

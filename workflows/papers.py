@@ -282,7 +282,7 @@ def _prisms():
         complete, alone = modes(atoms).omega ** 2, without_static_forces(atoms)
         zeros, blind = ((abs(w2) < ZERO * w2.max()).sum() for w2 in (complete, alone))
         yield Row(CALLADINE, f'{n} struts: modes without stiffness by D0, 6 + (3 j - 6) - b + s', blind, 2 * n + 1, None, 0)
-        yield Row(CALLADINE, f'{n} struts: modes without stiffness, all prestressed but six', zeros, 6, blind, 0)
+        yield Row(CALLADINE, f'{n} struts: modes without stiffness once prestressed, the six rigid motions', zeros, 6, blind, 0)
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def dimerised_chain():
                            ('first', 'second')),
             Check('decay of such a mode per cell', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
-            Check('control: with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
+            Check('control: number of modes in the gap with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
 
 
 def missing_magnet(out, known):

@@ -98,7 +98,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
     True
     """
     if not atoms.pbc.any():
-        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+        raise ValueError('the structure is not periodic and has no bands; use the unit cell from which it was made')
     hill, q = Hill(atoms, model, damping), wavevectors(q)
     tolerance, harmonics = positive('tolerance', tolerance), 1
     omega, weight = hill.solved(q, harmonics)

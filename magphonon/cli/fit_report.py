@@ -279,7 +279,7 @@ def undetermined(found):
             if len(set(found.fits['complete'].branches)) == 1 else 'more frequencies of both branches')
     return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters can change together '
             f'without moving the ridges. Measure {more}, or state what is known from elsewhere with --prior; --fix '
-            f'{open_[0]} takes its value from the scene as exact.']
+            f'{open_[0]} keeps its value in the scene as exact.']
 
 
 @RIDGES.check

@@ -261,9 +261,9 @@ def scatter(case: Case) -> Finding | None:
     columns, lost = case.spread
     words = '  +- is the standard deviation due to all tolerances in [uncertainty], to first order'
     if 'drawn_std_Hz' in columns:
-        words = ('  +- is the larger of two standard deviations, both in modes.csv: that due to the scatter of each site, to '
-                 f'first order, and that of the same mode in {round(DRAWN * (1 - lost))} structures drawn at random, about '
-                 'these frequencies')
+        words = ('  +- is the larger of two standard deviations: one follows to first order from the scatter of the sites, the '
+                 f'other is that of the same mode in {round(DRAWN * (1 - lost))} structures drawn at random, about these '
+                 'frequencies; both are in modes.csv')
     unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
     return Finding(lost, words + unstable, fault=bool(unstable))
 

@@ -363,7 +363,7 @@ class SiteDesign:
             found.append(f'{len(self.starts)} starts reached {min(self.starts):.4g} to {max(self.starts):.4g}: these are local '
                          'optima, and another start may reach more.')
         if self.buckled:
-            found.append(f'{self.buckled} trial designs buckled and were given up.')
+            found.append(f'{self.buckled} trial designs buckled and were discarded.')
         if self.conventional is not None:
             found.append(f'Designed with D0 alone it would promise {self.conventional.value:.4g} and give '
                          f'{self.conventional.given:.4g}.')
@@ -684,7 +684,7 @@ def write_build_list(path: str | PathLike[str], design: SiteDesign, tolerances: 
     and tolerance.
 
     Strengths are relative to those of the calculator's law, stiffnesses are along x.  Parts are numbered from 1 in the order of
-    `parts`, as given to `of_parts`; 0 is none of them.  A tolerance is that of `SiteDesign.tolerances`, relative.
+    `parts`, as given to `of_parts`; 0 is none of them.  Tolerances are those of `SiteDesign.tolerances`, as fractions.
     """
     calc: Any = design.atoms.calc
     x, y, _ = ((calc.anchors - design.variables.calc.anchors.mean(axis=0)) / units.m).round(12).T + 0.0  # no zeros of round-off

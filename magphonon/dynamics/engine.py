@@ -78,7 +78,7 @@ def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitt
 
 @takes('modulation', *LINEAR)
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
-    """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
+    """Highest angular frequency about rest that the constraints allow, in rad/ms; zero if nothing vibrates.
 
     If the forces balance nowhere, the frequency is taken about the reference or the present positions, whichever is closer to
     balance. Gyration is ignored, because the limit of the time step does not depend on it; if only gyration holds the structure,

@@ -94,7 +94,7 @@ class SharedErrors:
         Of the gain of the load cell, as a fraction of every force; a table contains no information about it.
     pair : float, optional
         Of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By default it is
-        learned from several pairs, and nothing is added for one.
+        estimated where several pairs were measured; for a single pair nothing is added.
     """
 
     distance: float = 0.2

@@ -417,7 +417,8 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     cutoff = positive('cutoff', cutoff, 'mm')
     distances = distances_within(atoms, cutoff * (1 + 2 * ON_SHELL))
     if not len(distances):
-        raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it, or check units of the places')
+        raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it, or check the unit of the '
+                         'positions')
     near = distances[np.argmin(abs(distances - cutoff))]
     if abs(near - cutoff) <= ON_SHELL * cutoff:
         raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '

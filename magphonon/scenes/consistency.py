@@ -186,7 +186,8 @@ def _out_of_plane(scene: Scene) -> None:
     flat = [name for name in IN_PLANE if getattr(scene, name) is not None]
     if flat:
         raise ValueError(f'foundation.out_of_plane: [{"], [".join(flat)}] cannot be computed out of the plane; '
-                         'remove the table, which only [bands], [patch], [defects] and [disorder] support, or remove these')
+                         'remove it, or remove [foundation.out_of_plane], which only [bands], [patch], [defects] and [disorder] '
+                         'support')
 
 
 def _refuse(scene: Scene, tables: tuple[str, ...], why: str) -> None:
@@ -262,7 +263,7 @@ def _kinds(scene: Scene) -> None:
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    _refuse(scene, (*OF_LATTICES, 'uncertainty'), f'it supports only one law for all particles; remove [{0}] or '
+    _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
                                                   '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
         raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; choose patch.kind = "supercell", or cut the '
@@ -293,7 +294,7 @@ def _bands(scene: Scene) -> None:
                          f'not {scene.bands.path!r}')
     for a, b in chain.from_iterable(map(pairwise, legs)):
         if a == b:
-            raise ValueError(f'bands.path goes from {a} to {a} in {scene.bands.path!r}; do not repeat a point')
+            raise ValueError(f'bands.path goes from {a} to {a} in {scene.bands.path!r}; do not name a point twice in a row')
 
 
 def _frf(scene: Scene) -> None:

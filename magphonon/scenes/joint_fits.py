@@ -191,7 +191,7 @@ class JointFits:
         return dict(zip(joint.names, np.exp(joint.x).tolist(), strict=True))
 
     def fitted(self, model: Model = 'complete') -> Scene:
-        """The scene with the law, a table, and the springs of the fit."""
+        """The scene with the fitted law, as a table, and the fitted springs."""
         return self.specimen.with_factors(self.factors(model))
 
     def along(self) -> dict[str, NDArray[np.float64]]:
@@ -305,7 +305,8 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     priors : dict, optional
         Prior knowledge about 'force', 'a', the springs or 'mass': value in SI and standard uncertainty.
     functions : sequence of TransferFunction
-        Transfer functions of a patch of these magnets. Its sites scatter, so its mean differs from the lattice by this scatter.
+        Transfer functions of a patch of these magnets. Its sites scatter, so the mean of the patch differs from that of the
+        lattice.
     gain_sigma : float
         Relative standard uncertainty of the calibration of the transfer functions.
 

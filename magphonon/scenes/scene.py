@@ -359,8 +359,9 @@ class Scene(Table):
     def shaken(self, model: Model = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Dof]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
-        These are the arguments of `magphonon.response.frf.receptance`. With `frf.base_deg` the direction of the bench replaces
-        the force, if the caller allows a `bench`, and with [frf.wall] the displacements of the wall do, if it allows a `wall`.
+        These are the arguments of `magphonon.response.frf.receptance`. If the caller allows a `bench` and `frf.base_deg` is
+        given, the direction of the bench replaces the force. If it allows a `wall` and [frf.wall] is given, the displacements
+        of the wall replace it.
         """
         plan = self.wanted('frf')
         if plan.base_deg is not None and not bench:
@@ -446,7 +447,7 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     try:
         text = source.text
     except UnicodeDecodeError as error:
-        raise ValueError(f'{source} is not TOML, which is text in UTF-8: byte {error.start + 1} is not; '
+        raise ValueError(f'{source} is not TOML: its byte {error.start + 1} is not text in UTF-8; '
                          '"magphonon scene prototype" prints a scene to start from') from None
     try:
         data = tomllib.loads(text)

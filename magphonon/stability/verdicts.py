@@ -426,7 +426,7 @@ def buckling(case: Case) -> Finding:
         more = _times(found.spring / found.needed)
         words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} that it needs.{room}'
     elif uneven:
-        words = f'Stable{where}, even if all springs were softer by {spring}, the stiffness of the softest one.'
+        words = f'Stable{where}, and it would stay so if all springs were softer by {spring}, the stiffness of the softest one.'
     else:
         words = f'Stable{where}; no foundation needed.' + (f' It would buckle below a spacing of {at}.' if at else '')
     if case.large and case.atoms.pbc.any():

@@ -92,7 +92,7 @@ def _joined(name, values, sizes):
     if np.ndim(first) == 0 and all(value is first for value in values):
         return _at(name, first, np.tile(np.arange(sizes[0]), len(sizes)))
     if name == 'foundation':
-        values = [tie_of(value).springs('a structure joined of several that differ') for value in values]
+        values = [tie_of(value).springs('a structure that joins several different ones') for value in values]
     width = max((np.shape(value)[1:] for value in values), key=len)
     each = [np.reshape(value, (-1, *(np.shape(value)[1:] or (1,) * len(width)))) for value in values]
     return np.concatenate([np.broadcast_to(value, (size, *width)) for value, size in zip(each, sizes, strict=True)])

@@ -229,7 +229,8 @@ def _sites(places, cell):
     k = int(off.argmax())
     if off[k] > ASTRAY * near:
         raise ValueError(f'the point at ({places[k, 0]:.4g}, {places[k, 1]:.4g}) mm is {off[k]:.3g} mm off the nearest site of '
-                         'the lattice; leave out what is no particle, and check spacing and frame of the scene (R1 lies along x)')
+                         'the lattice; omit points that are not particles, and check the spacing of the scene and the frame of '
+                         'the positions (R1 lies along x)')
     if len(np.unique(np.column_stack([n, member]), axis=0)) < len(n):
         raise ValueError('two points stand on one site of the lattice; keep one record of each particle')
     A = np.linalg.solve(vectors, own)  # places in rows

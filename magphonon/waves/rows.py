@@ -52,7 +52,7 @@ class Row:
             normal = self.vector - (self.vector @ R1) / (R1 @ R1) * R1
             if np.linalg.norm(normal) < NEAR * np.linalg.norm(self.vector):
                 raise ValueError("the measured row runs along R1, as do the fronts of waves from a row of sources ('row'): "
-                                 "all its points move alike; for waves that run along the row take the source 'point'")
+                                 "all its points move alike; for waves that run along the row choose the source 'point'")
         return cell.cell.array @ normal / (normal @ self.vector) * cell.pbc
 
 

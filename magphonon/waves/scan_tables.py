@@ -199,7 +199,7 @@ def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
     kinds = {ORDINATES.get(one['ordinate_spec_data_type']) for one in over_time}
     if len(kinds) != 1 or None in kinds:
         types = sorted({one['func_type'] for one in records})
-        what = (f'its functions are of the types {types}, and records over time are 1' if records and not over_time else
+        what = (f'its functions have the types {types}, but a record over time has the type 1' if records and not over_time else
                 'its records are of several kinds, or of none of these' if over_time else 'it has no dataset 58')
         raise ValueError(f'{path} holds no displacements or velocities over time ({what}); export time records of one of the two')
     own = u.m / metre / (u.s if kinds == {'velocity'} else 1)

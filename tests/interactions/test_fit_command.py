@@ -112,7 +112,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, and is 0.005 m in line 2: the particles touch at 0.00635 m; '
                                     'give distances of the centres'),
     (['r_m,f_N', *(f'{0.01 * k},{0.01 * k}' for k in range(1, 9))], 'the forces need not fall with the distance'),
-    (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, and repulsion is positive'),
+    (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, but repulsion counts as positive'),
     (['r_m,f_N,direction', *(row + ',sideways' for row in GOOD)], "direction must be approach or return, not 'sideways'"),
 ])
 def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
