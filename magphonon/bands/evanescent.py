@@ -143,7 +143,7 @@ class ComplexBands(InHertz):
     xi : ndarray of complex, shape (frequencies, waves)
         Phase and decay per step, `e^{i xi}`; the imaginary part is zero or positive. Without damping the real part is not
         negative either, and each value stands for four waves: xi, -xi and their conjugates. With damping it stands for xi and
-        -xi; the real part is negative if the crests of a wave run against its energy. With gyration g, only waves whose energy
+        -xi; the real part is negative if the crests of a wave run against its energy. For gyroscopes only waves whose energy
         runs forwards are given. Infinite where a wave does not go beyond the particle that moves.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
