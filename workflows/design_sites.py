@@ -229,7 +229,7 @@ def corner(starts=2):
     percent = [100 * 10 ** (value / 10) for value in (other.value, other.given, design.value,
                                                       by_time_steps(share, design.atoms), design.before)]
     return [*Four(f'share of a {BURST_Hz:g} Hz burst round a corner (%)', *percent[:4], 0.01).rows,
-            Reported('share of the burst before (%)', percent[4])]
+            Reported('share of this burst before the design (%)', percent[4])]
 
 
 def slow_wave():

@@ -31,7 +31,7 @@ CYCLES, FORCE = 60, 1e-6                # of the burst, which must fit into the 
 BESIDE = 5.0                            # L, from the source to where energy has travelled
 HILL = 1.41, 1.42                       # gyration on either side of sqrt(2)
 MODELS = {'complete': 3 * (A - 1), 'conventional': 3 * A}
-"""D of each, in f/L: three bonds of the honeycomb add up to D/2 along each direction."""
+"""Diagonal stiffness D in each model, in f/L: the three bonds of a particle of the honeycomb add up to D/2 along x and y."""
 
 
 def main(out):
@@ -61,9 +61,9 @@ def closing():
 
     found = {model: brentq(gap, 1.0, 2.0, args=(model,), xtol=1e-12) for model in MODELS}
     formula = MODELS['complete'] / np.sqrt(4 * K + 2 * MODELS['complete'])
-    return [Check('middle gap closes at Gamma at g, in sqrt(f/(L m))', found['complete'], formula, 1e-9),
+    return [Check('rate g at which the middle gap closes at Gamma, in sqrt(f/(L m))', found['complete'], formula, 1e-9),
             Check('control: D0 alone', found['conventional'], formula, 0.1, control=True),
-            Check('D0 alone: middle gap closes at g, by the formula for D0', found['conventional'], 12 / np.sqrt(48), 1e-9)]
+            Check('D0 alone: this rate g, against the formula for D0', found['conventional'], 12 / np.sqrt(48), 1e-9)]
 
 
 def numbers():

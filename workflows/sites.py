@@ -73,7 +73,7 @@ def dimerised_chain():
     left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
     return [*edges, *pairs('dimerised chain: modes at its ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5,
                            ('first', 'second')),
-            Check('decay of such a mode per cell', left[3] / left[1], k2 / k1, 1e-4),
+            Check('decay of these modes per cell', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
             Check('control: number of modes in the gap with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
 
@@ -216,9 +216,11 @@ def scattered_magnets(out, known):
     what = f'prototype, strengths scatter by {100 * SCATTER:g} %: width of M shear (Hz)'
     place = np.average(frequencies, weights=here * weight)
     # either is known to some 5 % from so many magnets
-    return [Check(f'{what}, A(k, omega), and exact supercells', width, theirs, 0.15, consistency=True),
-            Check('control: the resolution of A(k, omega) alone, and exact supercells', resolution, theirs, 0.3, control=True),
-            Reported('its frequency then (Hz), and with equal magnets', float(place), known['M_complete_Hz'][0])], \
+    return [Check(f'{what}, from A(k, omega) and from exact supercells', width, theirs, 0.15, consistency=True),
+            Check('control: width from the resolution of A(k, omega) alone, and from exact supercells (Hz)',
+                  resolution, theirs, 0.3, control=True),
+            Reported('frequency of M shear with this scatter (Hz), and with equal magnets',
+                     float(place), known['M_complete_Hz'][0])], \
         save_picture(ax.figure, out / 'scattered_magnets.png', 'Scatter of 1 % in the strength of each magnet broadens M shear.')
 
 
@@ -252,8 +254,10 @@ def each_magnet(known):
         here, there, less = (units.hertz(x) for x in (std[own][0], drawn[:, own].std(), without[own][0]))
         what = f'independent scatter of 16 magnets: deviation of the {name} (Hz)'
         rows += [Check(f'{what}, to first order, compared with {SAMPLES} supercells', here, there, 0.1, consistency=True),
-                 Reported(f'{what}: mean shift of these', units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
-    return [*rows, Check('control: the last deviation, due to masses and pillars alone', less, there, 0.1, control=True)]
+                 Reported(f'{what}, and mean shift in these supercells',
+                          units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
+    return [*rows, Check('control: deviation of M shear due to masses and pillars alone, and due to all (Hz)',
+                         less, there, 0.1, control=True)]
 
 
 def disordered_chain():

@@ -27,7 +27,7 @@ LAWS = InversePower(1.0, 3.0), InversePower(1.0, 4.0), InversePower(1.0, 4.58), 
 FRAMES = 60
 """Moments at which waveforms are compared."""
 STEPS = 0.03
-"""Of the true waveform, as a share of the limit 2/omega_max; extrapolated with twice of it."""
+"""Time step of the true waveform, as a share of the limit 2/omega_max; a second run at twice this step extrapolates it."""
 
 
 @dataclass(frozen=True)

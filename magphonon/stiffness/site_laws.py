@@ -230,7 +230,8 @@ class Travelling(Springs):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OnSite(Springs):
-    """Energy V(d) of each particle as a function of its displacement d from its anchor: several wells, a tensor, a magnet below.
+    """Energy V(d) of each particle as a function of its displacement d from its anchor: a potential with several wells, a
+    stiffness tensor or a magnet below.
 
     Linear tools use V'' at rest, time steps the whole law. With a function of the time g, as for electromagnets, the energy is
     `g(t) V(d)`.

@@ -206,7 +206,7 @@ def test_scattered_missing_samples_are_filled_in(step_ms, noise, tmp_path):
 @pytest.mark.parametrize(('rows', 'message'), [
     ('{k},{p},nan,1e-6\n', 'the column u_x_m holds no number; remove it'),
     ('{k},{p},,1e-6\n', 'the column u_x_m holds no number; remove it'),
-    ('{k},{p},1e-6,\n{k}.5,{p},,1e-6\n', 'holds no point with two samples that have a value in every component'),
+    ('{k},{p},1e-6,\n{k}.5,{p},,1e-6\n', 'has no point that was sampled at two times or more in every component'),
 ])
 def test_columns_without_numbers_are_refused_in_words(rows, message, tmp_path):
     text = ''.join(rows.format(k=k, p=p) for k in range(20) for p in range(9))
