@@ -61,7 +61,7 @@ class Tool:
 TRAITS: dict[str, Trait] = {}
 TOOLS: dict[str, Tool] = {}
 MENDS: dict[tuple[str, str], str] = {}
-"""Better advice than that of the trait, by the names of tool and trait."""
+"""Advice for a particular tool and trait, by their names, in place of the general advice of the trait."""
 _running: ContextVar[Tool | None] = ContextVar('the declared tool that runs', default=None)
 
 

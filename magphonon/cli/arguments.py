@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 STDIN = '-'  # argument for a scene that is read from a pipe
 MOST_DIRECTIONS = 3000
-"""Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
+"""Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
 LOWEST = 60  # number of the lowest modes of a larger patch
 FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is named after scene and command
 

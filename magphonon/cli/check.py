@@ -30,7 +30,7 @@ grows with the third power of the side: sparse factorisations in the plane fill 
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
          'dos': 'bands.density.lattice_density', 'burst': 'response.propagation.propagate', 'plan': 'planning.peak.plan_peak',
          'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.stability_boundary'}
-"""The tool that each command asks first: what it declares is what the command takes."""
+"""The tool that each command calls first: a command supports what this tool declares."""
 SEEN = 1e-3
 """Relative change of a frequency by leaning pillars above which it is reported; real lattices are hardly known to better."""
 

@@ -31,7 +31,7 @@ JOURNAL = 'sweep.journal'
 MOST_VALUES = 10**6  # largest number of values of an axis
 SHOWN_REASONS = 6  # number of reasons for bad points that are shown, the most frequent ones; the file holds all
 NUMBER = re.compile(r'(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)')
-"""A number within a reason, and not within the name of a question."""
+"""A number in a reason, but not one in the name of a question."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -43,19 +43,19 @@ COVERED, NORMAL = 0.95, 1.959964
 BENDS = np.arange(2, 7)
 BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])  # powers of ln(r/r0) by which a law may bend, and how much
 ANY_SIZE, EXPONENT, EXPONENT_SPREAD = 3.0, 4.0, 3.0
-"""Priors of the free curve: ln f0 wherever the table has it, an exponent of 4 +- 3."""
+"""Priors of the free curve: ln f0 is known to 3 about what the table has, and the exponent is 4 +- 3."""
 SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
-"""How well a named magnet has its shape, and the weight of its law before the data speak: a near miss, such as dipoles for a
-screened law, cannot be seen over 8 to 16 mm, and with a weight of one half it would take the interval along."""
+"""How well a named magnet has its shape, and the prior weight of its law. A law that is nearly right, such as that of dipoles
+for a screened law, cannot be recognised over 8 to 16 mm; with a weight of one half it would shift the interval."""
 NOISES = None, 0.5, 0.0
 """Kinds of noise: the same everywhere, or proportional to the force above the middle one, or above the smallest one."""
 NEAREST = 0.3  # least distance at which a law is asked, in the nearest of the table, whatever the zero of the distances
 ROUNDS = 4  # times that noise and force are computed from each other: they settle to parts in a thousand
 LEAST_ROWS, MOST_ROWS = 6, 2000
-"""Least number of rows that tell their noise too, and the largest number that is fitted, every n-th of a longer table: what its
-rows share is no better known from more of them."""
+"""Least number of rows that also determine their noise, and largest number that is fitted, every n-th row of a longer table:
+more rows do not improve what all rows share."""
 FINEST = 1e-4
-"""Least standard deviation of a row, as a share of its force: a law of five bends follows no other law any better."""
+"""Least standard deviation of a row, as a share of its force: a curve of five bends cannot follow other laws more closely."""
 UNLIKELY = 0.01
 """Probability of the scatter of the rows below which their given uncertainty is widened by it."""
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong

@@ -33,8 +33,8 @@ MOST_DIRECTIONS = 1000
 """Largest number of degrees of freedom of a structure that is diagonalised, which takes about 0.3 s; the time grows with the
 third power."""
 ONE_PATTERN = 10.0
-"""Relative uncertainty of the shift of a large structure by its amplitude: its pattern at the peak is that of one mode with a
-share of others, so only the order of magnitude is known."""
+"""Relative uncertainty of the shift by the amplitude in a large structure: at the peak other modes take part in its motion, so
+only the order of magnitude is known."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ LONGEST_STEP = 0.5
 """Largest time step of a run, as a fraction of the limit 2/omega_max of Verlet.  The frequency error of a vibration at omega_max
 is then 13 % larger than in proportion to the square of the step, and with longer steps the difference grows fast."""
 STEP_ERROR_FRACTION = 0.6
-"""Fraction of the tolerance allotted to the time-step error: what is left is its own uncertainty, half of it in bursts."""
+"""Fraction of the tolerance allotted to the error of time steps; the rest is for its uncertainty, in bursts half of the rest."""
 
 
 @dataclass(frozen=True)

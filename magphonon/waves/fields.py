@@ -50,8 +50,8 @@ MOST_APART = 50  # spacings between neighbouring points from which their unit is
 APART = 2.0  # distance of ridge points along the path in bins, at which the windows share no noise
 NEAR = 1.0  # distance in bins of the centre of gravity of a cell's power from which that power belongs to another wave
 BENT = 0.25
-"""Shift of a point by the curvature of its branch, in frequency bins, from which the record does not resolve it: near Gamma and
-where branches meet."""
+"""Shift of a point by the curvature of its branch, in frequency bins, above which the record does not resolve the point: near
+Gamma and where branches meet."""
 DOUBT = 0.5  # share of this shift that is uncertain: so well are the bands of the scene and the powers within the lobe known
 UNEVEN = 0.005
 """Share of a frequency by which a specimen is uneven: its rim lacks neighbours and widens the lattice by some 0.2 %, so that

@@ -38,7 +38,8 @@ from .fields import hull_window
 SEGMENTS = 20  # of a record: their scatter knows the error to 1/sqrt(2 SEGMENTS) of itself
 FITS = 1e-6  # periods by which a wave may miss the supercell
 STEPS, STEP, DAMPED, EVERY = 20_000, 0.3, 0.3, 8
-"""Of runs: steps of STEP/w_max, with damping of DAMPED w_max, by which slow and fast waves forget soon, and a frame every few."""
+"""Runs take steps of STEP/w_max with a damping of DAMPED w_max, by which slow and fast waves soon lose their memory, and record a
+frame every few steps."""
 COLD = 1e-8  # temperature, as a share, at which forces are harmonic
 SLACK = 1e-6  # share of the highest frequency below which one is zero
 FEWEST = 5  # frames of a segment

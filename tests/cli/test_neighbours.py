@@ -12,7 +12,7 @@ from magphonon.cli.main import main
 from magphonon.cli.neighbours import neighbours, speeds
 from magphonon.scenes.scene import scene_of
 
-SHIFT = re.compile(r'(\w+), branch (\d) by ([+-][\d.]+) % to ([\d.]+) Hz')
+SHIFT = re.compile(r'branch (\d) at (\w+) by ([+-][\d.]+) % to ([\d.]+) Hz')
 
 
 def changed(name, **changes):
@@ -38,7 +38,7 @@ def test_shifts_per_branch_are_those_of_all_neighbours(name):
     points = scene.special_points
     shown = SHIFT.findall(line)
     assert shown
-    for point, branch, percent, to in shown:
+    for branch, point, percent, to in shown:
         few, many = (u.hertz(bloch_modes(atoms, [points[point]])[0][0, int(branch) - 1]) for atoms in (cell, every))
         assert float(percent) == pytest.approx(100 * (many / few - 1), abs=0.51 * 10 ** -('.' in percent))
         assert float(to) == pytest.approx(many, rel=1e-3)

@@ -110,7 +110,7 @@ def test_energy_of_a_table_is_the_integral_of_its_force():
 
 
 GAPPED = np.array([2.5, 10.6, 11.4, 12.5, 14.0, 18.0, 24.0]), np.array([150, 0.19, 0.16, 0.085, 0.062, 0.017, 0.005])
-GAP = pytest.mark.filterwarnings('ignore:.*nothing holds the table:UserWarning')
+GAP = pytest.mark.filterwarnings('ignore:.*nothing constrains the table:UserWarning')
 
 
 @GAP
