@@ -127,7 +127,7 @@ CLAIMS = (
           'Sec. III, Eq. 4', 'rad/s', 'oscillator omega_y, D0 alone (rad/s), theta0 = 0 deg'),
     Claim('Driven, it resonates there', 'frf', 'frf peak (rad/s), theta0 = 0 deg', 'Fig. 2: √(D_yy/M)', 'rad/s'),
     Claim('In a chain D* has no longitudinal part (misfit of ω²)', 'chain',
-          'chain longitudinal omega^2, D0 alone, largest misfit / top', 'closed form of a chain of springs'),
+          'chain longitudinal omega^2, D0 alone, largest misfit / highest', 'closed form of a chain of springs'),
     Claim('In the triangular lattice D* halves the shear branch at M', 'ideal_bands', 'ideal M, complete (rad/s), shear',
           'Fig. 4: √((2a - 6)f/(L₀M))', 'rad/s', 'ideal M, conventional (rad/s), shear'),
     Claim('and hardly moves the longitudinal one', 'ideal_bands', 'ideal M, complete (rad/s), longitudinal',

@@ -167,8 +167,8 @@ def fitted(law, L0):
     true, sigma = repulsion(law, L0), fit.half_widths[0] / 1.96
     left = (forces.f - f * (forces.r / L0) ** -a) / forces.sigma
     return (forces, fit), [
-        Check('synthetic set: ln of the force at 10 mm - true (sigma)', np.log(fit.force / true) / sigma, 0, 3),
-        Check('synthetic set: exponent at 10 mm - true (sigma)',
+        Check('synthetic set: ln of the force at 10 mm minus the true one (sigma)', np.log(fit.force / true) / sigma, 0, 3),
+        Check('synthetic set: exponent at 10 mm minus the true one (sigma)',
               (fit.exponent - local_exponent(law, L0)) / (fit.half_widths[2] / 1.96), 0, 3),
         Check('control: force of an inverse power (sigma)', (f - true) / np.sqrt(covariance[0, 0]), 0, 3, control=True),
         Check('control: chi2/freedom of the inverse power', left @ left / (len(left) - 2), 1, 1, control=True),

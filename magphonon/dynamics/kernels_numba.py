@@ -276,7 +276,7 @@ def _beyond(law, kind, i, x):
 
 
 class Bonds(NamedTuple):
-    """What is known of kinds of bonds or of each bond, see `at`; on a grid bond i of group n is number `n x slots + i`.
+    """Coefficients of the kinds of bonds, or of each bond, see `at`; on a grid bond i of group n is number `n x slots + i`.
 
     `model` is (q, t); `unit` is 1/r0^2 where the argument of a law is e; `strength` is 0 where a grid has no bond.
     """

@@ -172,7 +172,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
         raise ValueError('records and restarts with LAMMPS are possible only for motion in the plane; use interval= to write '
                          'all particles, or atoms.calc = atoms.calc.in_plane()')
     if (named := len(drives) + sum(particles is not None for particles, _ in records)) > GROUPS - 3:
-        raise ValueError(f'LAMMPS has groups for {GROUPS - 3} drives and records of some particles, not for {named}')
+        raise ValueError(f'LAMMPS has groups for at most {GROUPS - 3} drives and records of some particles, not for {named}')
     axes = 'xyz'[: calc.dim]
     decay = np.exp(-damping * timestep)
     sites = {'rmass': atoms.get_masses() * 2 / (1 + decay)}

@@ -41,9 +41,9 @@ class Modes(InHertz, Saved, kind='modes', units={
         Ascending, in rad/ms; for an unstable mode, minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
         Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, if the
-        particles are gyroscopes.  Positive at the first particle and axis that moves by more than a third of the largest motion.
-        Among modes of equal frequency the first moves most there and the others not at all, and so on: they are the same on
-        every machine, if the whole group is computed.
+        particles are gyroscopes.  The sign is positive at the first particle and axis that moves by more than a third of the
+        largest motion. Among modes of equal frequency the first moves most there and the others not at all, and so on: they are
+        the same on every machine, if the whole group is computed.
     """
 
     omega: np.ndarray

@@ -204,7 +204,7 @@ class Scene(Table):
 
     @classmethod
     def from_atoms(cls, atoms: Atoms, title: str | None = None) -> Scene:
-        """A scene of atoms with their calculator, without a file; `magphonon.write_scene` writes one."""
+        """A scene of atoms with their calculator, held in memory; `magphonon.write_scene` writes one to a file."""
         return scene_of(tables_of(checked_atoms(atoms), title, file='particles.traj'), atoms)
 
     def cell(self) -> Atoms:

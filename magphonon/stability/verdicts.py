@@ -147,7 +147,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     amplitude are judged.
 
     The structure is judged at rest: about the reference of its calculator, or about its present positions if they are another
-    rest.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
+    equilibrium.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
 
     Parameters
     ----------

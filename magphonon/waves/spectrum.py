@@ -96,7 +96,7 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
 
     @property
     def peak(self) -> float:
-        """Power of the strongest cell, offset and drift apart."""
+        """Power of the strongest cell, without the cells of offset and drift."""
         return self.power[FIRST * PAD :].max()
 
     @property

@@ -44,7 +44,7 @@ def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
     scene = tmp_path / 'scene.toml'
     scene.write_text(text)
     assert main(['plan', '--verbose', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert ': the nonlinear model, at most ' in capsys.readouterr().out
+    assert ': the nonlinear model is enough (' in capsys.readouterr().out
     rows = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1)
     assert rows[:, 0] == pytest.approx([32, 33, 34, 35, 36])
     assert rows[:, 1].argmax() == 2  # 33.76 Hz
