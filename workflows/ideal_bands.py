@@ -81,8 +81,8 @@ def draw_mode(out, cell, bands):
     ax = plot_mode(cell, bands, 'M', 0, ax=new_axes(height=3.4))
     ax.set_title('shear wave at M, ' + ax.get_title(loc='left').splitlines()[1].partition(',')[0], loc='left')
     return save_picture(ax.figure, out / 'mode_M.png',
-                        'The shear wave at M at the time of its largest displacement: rows move against each other along '
-                        'themselves (arrows); the grey lines are the paths of the particles.')
+                        'The shear wave at M at the time of its largest displacement: neighbouring rows slide past each other '
+                        '(arrows); the grey lines are the paths of the particles.')
 
 
 def draw_ratios(out, complete, conventional):

@@ -133,8 +133,8 @@ def _draw_maps(out, needed, fates):
     names = 'closed form of the border', 'run that grew', 'run that stayed'
     legend_of_set(figure, handles=[axes[0, 0].lines[0], grown, stayed], labels=names)
     return save_picture(figure, out / 'stability_map.png',
-                        'Foundation that each lattice needs. Only the triangular one can hold itself, for a > 3; below the '
-                        'border the shaded motion grows. With D0 alone every point is stable: that model shows none of this.')
+                        'Foundation that each lattice needs. Only the triangular one needs none, for a > 3; in the shaded region '
+                        'below the border motion grows. With D0 alone every point is stable: that model shows none of this.')
 
 
 # --- the oscillator --------------------------------------------------------------------------------------------------

@@ -103,8 +103,9 @@ def draw_experiment(out, scene):
 def between_lines(record, carrier, bins):
     """The row of Gamma-M: as near as Gamma-K where waves are long, off by more than a bin where they are not."""
     if carrier < APART:
-        return Check(f'{record}: distance to Gamma-M, as for a row of sources (bins)', bins, 0, HALF_A_BIN)
-    return Check(f'control: {record}: distance to Gamma-M, as for a row of sources (bins)', bins, 0, 1, control=True)
+        return Check(f'{record}: distance to the branch on Gamma-M, that of a row of sources (bins)', bins, 0, HALF_A_BIN)
+    return Check(f'control: {record}: distance to the branch on Gamma-M, that of a row of sources (bins)',
+                 bins, 0, 1, control=True)
 
 
 def longitudinal(cell, found, record):

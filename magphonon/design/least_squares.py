@@ -68,7 +68,7 @@ class ParameterFit:
     names : tuple of str
         The fitted parameters.
     factors : ndarray, shape (parameters,)
-        By which they differ from those at the start.
+        Factors by which the parameters differ from those at the start.
     information : ndarray, shape (parameters, parameters)
         J^T J for the logarithms of the parameters, the inverse of their covariance.
     residuals : ndarray, shape (points,)

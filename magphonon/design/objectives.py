@@ -395,7 +395,7 @@ class GroupVelocity(Objective):
     branch : int
         Counted from 0 by frequency.
     direction : ndarray, shape (dim,)
-        Of any length.
+        A vector of any length.
     """
 
     q: np.ndarray

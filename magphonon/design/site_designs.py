@@ -270,7 +270,7 @@ class SiteDesign:
     Attributes
     ----------
     atoms : ase.Atoms
-        At rest, with its calculator.
+        The structure at rest, with its calculator.
     objective : Objective
     variables : Variables
         What varied.
@@ -396,7 +396,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     steps, starts : int
         Number of iterations of each start, and number of starts. Each starts from the given structure with a small random change.
     seed : int
-        Of the starts.
+        Seed of the random changes of the starts.
     start : array_like, shape (parameters,), optional
         The first start, as `SiteDesign.x`.
     constraints : sequence of (Objective, float)

@@ -82,19 +82,19 @@ class SharedErrors:
     Attributes
     ----------
     distance : float
-        Of the zero of the distances in mm: contact, glue and tolerances of the magnets contribute 0.1 mm each. It dominates the
-        width of the intervals: 9.5 % of the slope for each 0.1 mm at 10 mm.
+        Error of the zero of the distances in mm: contact, glue and tolerances of the magnets contribute 0.1 mm each. It
+        dominates the width of the intervals: 9.5 % of the slope for each 0.1 mm at 10 mm.
     zero : float, optional
-        Of the zero of the force in N; by default a tenth of the largest force.
+        Error of the zero of the force in N; by default a tenth of the largest force.
     hysteresis : float, optional
-        Of half the difference between return and approach in N; by default a hundredth of the largest force.
+        Error of half the difference between return and approach in N; by default a hundredth of the largest force.
     backlash : float
-        Of the drive in mm.
+        Backlash of the drive in mm.
     gain : float
-        Of the gain of the load cell, as a fraction of every force; a table contains no information about it.
+        Error of the gain of the load cell, as a fraction of every force; a table contains no information about it.
     pair : float, optional
-        Of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By default it is
-        estimated where several pairs were measured; for a single pair nothing is added.
+        Deviation of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By
+        default it is estimated where several pairs were measured; for a single pair nothing is added.
     """
 
     distance: float = 0.2
@@ -132,7 +132,7 @@ class Fit:
     force, exponent : float
         f(r0) in N, and a(r0) = -d ln f/d ln r.
     covariance : ndarray, shape (2, 2)
-        Of ln f and a, the gain of the load cell included.
+        Covariance of ln f and a, including the gain of the load cell.
     wide : float
         Half width of a 95 % interval in standard deviations, by Student's distribution if the noise is learned from the table.
     shares : dict of str to float
@@ -142,7 +142,7 @@ class Fit:
     zeros : ndarray, shape (4,)
         F0 in N, d in mm, h in N and b in mm as the table has them.
     weight : float
-        Of the named shape against the free curve; 0 where none is named.
+        Weight of the named shape against the free curve; 0 where none is named.
     conflicts : ndarray, shape (4,)
         Distances of `zeros` from their priors, in the standard deviations expected in such tables; beyond CONFLICT the error is
         larger than was stated.

@@ -259,7 +259,7 @@ class Bonds:
     shift : ndarray of int, shape (bonds, 3)
         The periodic cell that holds j; read-only, and of no size in memory, where it is zero throughout.
     vectors : ndarray, shape (bonds, 3)
-        From i to j at rest, in mm.
+        Bond vectors from i to j at rest, in mm.
     particles : int
         Number of particles in the structure.
     cutoff : float or None

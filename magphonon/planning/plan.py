@@ -40,7 +40,7 @@ class Method:
     dt : float, optional
         Time step in ms; None where no time steps are made.
     order : int
-        Of the time steps.
+        Order of the time steps.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Plan:
         What its error is relative to.
     tolerance : float
     methods : tuple of Method
-        From the simplest to the most complete.
+        Methods, from the simplest to the most complete.
     evidence : tuple of str
         Sentences that say where the errors come from.
     """

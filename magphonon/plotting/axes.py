@@ -202,7 +202,7 @@ def panels(rows: int, columns: int, width: float | None = None,
     ----------
     rows, columns : int
     width : float, optional
-        Of the figure, in inches.
+        Width of the figure, in inches.
     height : float, optional
         Of a row of panels, in inches; by default three quarters of the width of a panel.
 

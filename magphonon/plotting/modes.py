@@ -40,7 +40,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     atoms : ase.Atoms
         One cell of a planar lattice with its PairCalculator.
     bands : Bands
-        Of these atoms, with modes (`vectors=True`).
+        Bands of these atoms, with modes (`vectors=True`).
     q : str or int
         Name of a special point on the path, or index of a wavevector of the path.
     mode : int

@@ -79,7 +79,7 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     Parameters
     ----------
     force : function
-        From times, shape (times,), to forces, shape (times, components).
+        Maps times, shape (times,), to forces, shape (times, components).
     edges : ndarray
         Increasing times in ms at which panels must end.
     rate : float

@@ -81,7 +81,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     Returns
     -------
     ase.Atoms
-        With the positions, momenta and rest positions of all of them.
+        One structure with the positions, momenta and rest positions of all of them.
 
     Examples
     --------

@@ -191,7 +191,7 @@ def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | 
     Parameters
     ----------
     scene : Scene
-        With [frf], known to about ten percent.
+        A scene with [frf], known to about ten percent.
     functions : sequence of TransferFunction
         As `with_dofs` returns them.
 

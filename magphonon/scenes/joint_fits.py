@@ -168,11 +168,11 @@ class JointFits:
     specimen : Specimen
         The start of the fit, and the family of laws.
     joints : dict of Joint
-        By model.
+        The joint fits by model.
     ridges : dict of DispersionFit
-        By model; empty without ridges.
+        Fits of the ridges by model; empty without ridges.
     responses : dict of TransferFit
-        By model; empty without transfer functions.
+        Fits of the transfer functions by model; empty without transfer functions.
     """
 
     specimen: Specimen

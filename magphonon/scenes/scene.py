@@ -53,11 +53,11 @@ from .tolerances import Uncertainty
 from .written_atoms import checked_atoms, tables_of
 
 PAIRS = 3e-4
-"""Largest relative change of a frequency by the neighbours that are left out where shells = 'all' has to be a number."""
+"""Where shells = 'all' has to become a number: largest relative change of a frequency by the omitted neighbours."""
 LONG_RANGE = 0.01
-"""Largest relative error of a frequency by neighbours left out where a number of shells is wanted of a law of long range."""
+"""Where a law of long range needs a number of shells: largest relative error of a frequency by the omitted neighbours."""
 MOST_IN_A_CELL = 30
-"""Largest number of particles in the cell of a file whose bands tell how many neighbours it needs."""
+"""Largest number of particles in the cell of a file whose bands are computed to find how many neighbours it needs."""
 
 
 @contextmanager
@@ -478,7 +478,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     Parameters
     ----------
     atoms : ase.Atoms
-        With PairCalculator or AllNeighbours.
+        Atoms with PairCalculator or AllNeighbours.
     path : path-like
         Path of the scene file; its name ends in .toml.
     title : str, optional

@@ -128,7 +128,7 @@ class LinearSystem:
         push : ndarray, shape (particles, 3), optional
             Constant forces of drives, in N, that become part of the dead load.
         *also : str
-            As of `of`.
+            Traits that the caller accepts, as in `of`.
         """
         refuse(atoms, running(*also))
         if isinstance(atoms, LinearSystem):

@@ -248,7 +248,7 @@ class OnSite(Springs):
         uses g = 1; linear tools refuse such a law.
 
     K : array_like, optional
-        Of `OnSite.tensor`.
+        The matrix of `OnSite.tensor`.
     share : float or array_like, shape (particles,)
         Factor of V at each site.
 

@@ -79,7 +79,7 @@ class Field:
     dt : float
         In ms.
     frames : int
-        Of one segment.
+        Number of frames in one segment.
     member : ndarray of int, shape (points,)
         Which particle of its cell each point is.
     spacing : float
@@ -170,7 +170,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     Parameters
     ----------
     scan : Scan
-        With places, in the frame of the cell, from any origin.
+        A scan with places, in the frame of the cell, from any origin.
     cell : ase.Atoms
         With its PairCalculator.
 
@@ -369,7 +369,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
         With its PairCalculator; its bands give the curvature.
     path : ase.dft.kpoints.BandPath
     name : str
-        Of the record.
+        Name of the record.
     source : {'row', 'point', 'field'}, optional
         The source of the waves, 'field' for noise; by default 'field' if the motion lasts for the whole record, else 'point'.
     """
@@ -506,7 +506,7 @@ def field_at(field: Field, cell: Atoms,
     k : ndarray, shape (wavevectors,)
         Both components of the wavevectors, in rad/mm, over the first zone.
     power : ndarray, shape (wavevectors, wavevectors)
-        At (k_y, k_x), of both components of the motion, in mm^2.
+        Power at (k_y, k_x), of both components of the motion, in mm^2.
     shape : ndarray of complex, shape (points, 2)
         In mm: the coherent motion with the largest share of the power of all segments; its phase is zero where it is largest.
     """

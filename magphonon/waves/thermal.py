@@ -65,7 +65,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     bias : ndarray, shape (wavevectors, branches)
         The bias that was subtracted, due to few frames, window and time step together.
     linear : ndarray, shape (wavevectors, branches)
-        Of the linear lattice, for comparison.
+        Frequencies of the linear lattice, for comparison.
     """
 
     q: np.ndarray
@@ -85,7 +85,7 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     atoms : ase.Atoms or LinearSystem
         The supercell or the patch that moved, with its PairCalculator; its present positions do not matter.
     displacements : array_like, shape (frames, particles, dim)
-        From rest, in mm, in thermal equilibrium from the first frame.
+        Displacements from rest, in mm, in thermal equilibrium from the first frame.
     temperature_mJ : float
         kT.
     cell : ase.Atoms
@@ -209,7 +209,7 @@ def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: Array
     cell : ase.Atoms
         With its PairCalculator.
     repeats : array_like of int, shape (3,)
-        Of the cell.
+        Numbers of cells along the lattice vectors in the supercell.
     temperature_mJ : float
         kT.
     q : array_like, shape (wavevectors, 3)
