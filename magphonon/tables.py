@@ -147,7 +147,7 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
         try:
             heads, separator, rows, notes = _divided(path, found, headings, is_header)
         except csv.Error as error:
-            raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from None
+            raise ValueError(f'{path} is not a text table ({error}); export it as CSV') from None
         lines = [n for n, _ in rows]
     else:
         found, notes = _stretched(path, found), []

@@ -80,7 +80,7 @@ def gap():
             Check('control: D0 alone', shear(crossing['conventional'], 'conventional') / HZ, 33.18603, 0.01, control=True),
             Check('quasi-frequencies minus those from the monodromy matrix of three rows, in rad/ms', away, 0, 1e-11),
             Check('control: those at +q', wrong, 0, 1e-4, control=True),
-            Check('share of the harmonic at +q itself: no gap', pair(back)[1], 1, 1e-3),
+            Check('share of the harmonic at +q itself, where there is no gap', pair(back)[1], 1, 1e-3),
             Check('control: at -q', pair(there)[1], 1, 0.1, control=True)]
 
 
@@ -137,7 +137,7 @@ def front(model):
 
 
 def stiffness(model):
-    """Of the bonds between two rows against shear, (a - 3) f/2L; with D0 alone a f/2L."""
+    """Stiffness of the bonds between two rows against shear, (a - 3) f/2L; with D0 alone a f/2L."""
     return (4 + MODELS[model]) / 2
 
 

@@ -83,7 +83,7 @@ class _Link:
         self.L, self.R, self.pencil = L[: self.lost], R[: self.lost], (L[self.lost :], R[self.lost :])
 
     def restored(self, z, alpha, beta):
-        """Vectors of the pencil with this link, in columns, from those `z` without it, at the roots alpha/beta."""
+        """Vectors of the pencil with this link, in columns; `z` are those without it, and alpha/beta the roots."""
         inside = linalg.solve_triangular(self.triangle, self.R @ z * alpha - self.L @ z * beta)
         x = self.keep @ (z * beta) + self.null @ inside
         return x / np.linalg.norm(x, axis=0)

@@ -292,7 +292,8 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     ----------
     scene : Scene
         Spacing and mass are taken from it; its force, exponent and springs are the start of the fit.  The law is any smooth one,
-        or, if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] counts.
+        or, if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] is
+        included.
     forces : dict of Forces, optional
         Tables of forces by name; each has its own shared errors.
     ridges : RidgePoints, optional
