@@ -97,7 +97,7 @@ NEEDED = 'a table has time_s and x_m'
     ('time_s,x_m\n1,2\n3,"4\n', 'line 3 of .*t.csv: unexpected end of data; complete or delete it'),
     ('time_s,x_m\n' + 200_000 * '1' + ',2\n', 'line 2 of .*t.csv: field larger than field limit'),
     ('time_s,x_m\n1,2\n3,' + 200_000 * '1' + '\n', 'line 3 of .*t.csv: field larger than field limit'),
-    ('time_s,' + 200_000 * 'x' + '\n1,2\n', 't.csv is no table of text .field larger than field limit'),
+    ('time_s,' + 200_000 * 'x' + '\n1,2\n', 't.csv is not a text table .field larger than field limit'),
 ])
 def test_what_is_no_table_is_refused_with_the_place(text, message, tmp_path):
     with pytest.raises(ValueError, match=message):

@@ -96,7 +96,7 @@ def patch(law=None, foundation=0.3, model='complete', pbc=False, stretched=1.0):
 
 
 @pytest.mark.parametrize(('other', 'words'), [
-    (patch(InversePower(b=9e3, a=4.6)), r'1 differs from structure 0 in its law \(InversePower\(b=9000.0.* instead of .*b=3000.0'),
+    (patch(InversePower(b=9e3, a=4.6)), r'differs from structure 0 in its law \(InversePower\(b=9000.0.* instead of .*b=3000.0'),
     (patch(Gaussian()), 'in its law'),
     (patch(model='conventional'), r'in its model \(conventional instead of complete\)'), (patch(pbc=(1, 0, 0)), 'in its cell')])
 def test_what_replicas_cannot_share_is_refused(other, words):
