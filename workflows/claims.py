@@ -40,7 +40,7 @@ BEAM = 4**4                            # bending stiffness of a beam 1/4 inch ac
 
 @dataclass(frozen=True)
 class Spring:
-    """A linear spring of its own length: at that length it pushes nothing."""
+    """A linear spring with a rest length, at which it exerts no force."""
 
     stiffness: float
     length: float

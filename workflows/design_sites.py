@@ -125,8 +125,9 @@ def judged(table):
     told = bench.judge(table, DRAWS)
     rows = [Check(f'demultiplexer: draws of {DRAWS} at 1 % scatter that fail {GOAL:g} dB, by another solver',
                   told['draws'] - told['kept'], 0, (1 - SHARE) * DRAWS),
-            Reported('demultiplexer: number of strengths used, and in the list', told['strengths'], len(STRENGTHS)),
-            Reported('demultiplexer: number of pillars used, and in the list', told['springs'], len(PILLARS))]
+            Reported('demultiplexer: number of grades of magnets used, and of those available',
+                     told['strengths'], len(STRENGTHS)),
+            Reported('demultiplexer: number of kinds of pillars used, and of those available', told['springs'], len(PILLARS))]
     for port, f, here, there in zip('AB', bench.HERTZ, own_decibels(bench.read(table)), told['dB'], strict=True):
         rows.append(Check(f'demultiplexer: {f:g} Hz to port {port} (dB), and by another solver', here, there, KEPT))
     return [*rows, Reported('demultiplexer: worst tenth of the draws (dB)', told['tenth'])]

@@ -82,7 +82,7 @@ def stepped():
     seen = Recorder(dyn, interval=20)
     dyn.run(120)
     exact = propagate(strip(40), seen.times, [burst], C / u.s).displacements
-    return Check('behind a side that moves by a burst, time steps: largest misfit to the exact motion / its amplitude',
+    return Check('side moved by a burst: largest misfit of the time steps behind it to the exact motion / its amplitude',
                  abs(seen.displacements - exact).max() / 1e-4, 0.0, 2e-3)
 
 

@@ -61,8 +61,8 @@ UNLIKELY = 0.01
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
 WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached
 MORE_ROWS, FARTHER = 10, 1.5
-"""Number of rows proposed at one distance, and this distance as a multiple of the largest in the table; the other proposal is the
-smallest."""
+"""Number of rows proposed at one distance. One proposal is this multiple of the largest distance in the table, the other the
+smallest distance."""
 CURVE = slice(0, 2 + len(BENDS))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
 ZEROS = slice(FORCE_ZERO, BACKLASH + 1)  # and the z of each pair after them

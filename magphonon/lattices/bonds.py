@@ -344,7 +344,7 @@ class Bonds:
         return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sums `C^T pull` of what pulls at the far ends of the bonds, shape (bonds, dim), and pushes at the near ones."""
+        """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
         far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
         return (far - near).T
 
