@@ -371,7 +371,8 @@ def plain_c(dyn, displacements, duration):
     real, length, pad, slot = blocks._dtype, blocks.layout.length, int(pad), blocks.layout.slot + int(pad)
     start, mobility = np.zeros((2, length + 2 * pad), real), np.zeros(length + 2 * pad, real)
     start[:, slot], mobility[pad:pad + length] = displacements[:, :2].T, slots[1]
-    law_and_bonds = [np.array(offsets, int), *(np.ascontiguousarray(x, real) for x in (law.c, [bonds.Rx, bonds.Ry], bonds.g))]
+    c = law.c if bonds.unit is None else law.c * bonds.unit[:, None] ** (1 + np.arange(law.c.shape[1]))  # by x and not by e
+    law_and_bonds = [np.array(offsets, int), *(np.ascontiguousarray(x, real) for x in (c, [bonds.Rx, bonds.Ry], bonds.g))]
     name, number = ('float', ctypes.c_float) if real is np.float32 else ('double', ctypes.c_double)
     with TemporaryDirectory() as folder:
         source, built = Path(__file__).with_name('plain_steps.c'), Path(folder, 'plain_steps.so')
@@ -666,7 +667,7 @@ def factorised(atoms, refined=False):
     system, (force, row), w = LinearSystem.of(atoms), middle_force(atoms), OMEGA[CHOSEN]
     source = system.shapes.T @ force[:, :2].ravel()
     D = sparse.csc_array(system.K + (1j * GAMMA * w - w**2) * sparse.eye_array(len(source)))
-    lu = splu(D, permc_spec='MMD_AT_PLUS_A', options={'SymmetricMode': True})  # half the time of the order by default
+    lu = splu(D, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})  # pivots off the diagonal would fill it
     y = lu.solve(source + 0j)
     if refined:
         y += lu.solve(source - D @ y)

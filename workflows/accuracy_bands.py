@@ -42,15 +42,14 @@ def read(one, many):
     every, best = quickest(many, 'dense, all'), quickest(many, 'dense, lowest', 'banded', 'Bloch', 'Lanczos')
     alone, two, *_, widest = (m for m in one if m.method == 'phonopy n x n')
     loose = next(m for m in many if m.method == 'Lanczos, inverted')
-    return (f'One magnet: the Bloch matrix is exact to round-off and takes {assembled.seconds / exact.seconds:.0f} times as long '
-            f'as the closed form. An error of {TIGHT:g} takes phonopy {numerical.seconds / assembled.seconds:.0f} times as '
-            f'long as the Bloch matrix, and ase.phonons {ase.seconds / assembled.seconds:.0f} times; both need displacements to '
-            'both sides, because to one side the error is of first order where branches cross. A supercell of 1 x 1 is off by '
-            f'{alone.error:.1g}, 2 x 2 by {two.error:.0e}, and {widest.setting} by {widest.error:.0e}, which takes '
-            f'{widest.seconds / two.seconds:.0f} times as long as 2 x 2. '
-            f'Hundreds of magnets: "{best.method}" finds the lowest branches in {every.seconds / best.seconds:.1f} times less '
-            f'time than all branches take; Lanczos with {loose.setting} is off by {loose.error:.1g}: it misses one of two equal '
-            'branches.')
+    return (f'One magnet: the Bloch matrix, exact to round-off, takes {assembled.seconds / exact.seconds:.0f} times as long as '
+            f'the closed form. To reach {TIGHT:g}, phonopy takes {numerical.seconds / assembled.seconds:.0f} times as long as '
+            f'the Bloch matrix and ase.phonons {ase.seconds / assembled.seconds:.0f} times, both with displacements to both '
+            f'sides: to one side only, the error is of first order where branches cross. A supercell of 1 x 1 is off by '
+            f'{alone.error:.1g}, 2 x 2 by {two.error:.0e}, and {widest.setting} by {widest.error:.0e}, '
+            f'{widest.seconds / two.seconds:.0f} times as long. Hundreds of magnets: "{best.method}" finds the lowest branches '
+            f'in {every.seconds / best.seconds:.1f} times less time than all branches take; Lanczos with {loose.setting} is off '
+            f'by {loose.error:.1g}, because it misses one of two equal branches.')
 
 
 def checks(one, many):

@@ -177,7 +177,7 @@ def reading(curves, amplitudes):
     def best(x, errors):
         return f'{errors.min():.0e}, at {x[errors.argmin()]:.0e} L0'
 
-    return (f'Displaced to both sides, bands are good to {best(DISTANCES, both)}; to one side only to {best(DISTANCES, one)}. '
+    return (f'With displacements to both sides bands are good to {best(DISTANCES, both)}, to one side to {best(DISTANCES, one)}. '
             f"In time, the least departure from the linear response is {best(amplitudes, held)}, in ASE's loop with FixAtoms, "
             f'and {best(amplitudes, free)}, without a constraint; blocks, which carry displacements from rest, still follow it '
             f'to {blocks[0]:.0e} at {amplitudes[0]:.0e} L0.')

@@ -284,6 +284,6 @@ def reading(panels):
     rough = [m.error for m in table if m.method == VERLET and m.seconds < best.seconds]
     alone = f'only where an error of {min(rough):.1g} will do' if rough else 'at no error charted here'
     longer, longest = (spoken(steps.seconds / m.seconds) for m in (own, best))
-    return (f'At {panel}, an error of {TARGET:.0e} takes {spoken(best.seconds)} s with {best.method}, {spoken(own.seconds)} s '
-            f'with propagate (which keeps to a tolerance, in the memory of a few vectors), and {spoken(steps.seconds)} s with '
-            f'{steps.method}, {longest} and {longer} times as long. {steps.method} is quicker {alone}.')
+    return (f'At {panel}, {best.method} reaches an error of {TARGET:.0e} in {spoken(best.seconds)} s and propagate (which keeps '
+            f'to a tolerance, in the memory of a few vectors) in {spoken(own.seconds)} s. {steps.method} takes '
+            f'{spoken(steps.seconds)} s, {longest} and {longer} times as long; it is faster {alone}.')

@@ -1,4 +1,4 @@
-"""On the bench: intervals that the commands state, judged with a simulated laboratory that shares no code with the package.
+"""On a simulated bench: the intervals that the commands state, tested by a laboratory that shares no code with the package.
 
 Each path is what a group would do with its own data. The lattice is that of `bench_lattice`: discs whose force is integrated over
 their faces, all neighbours, scattered magnets, places and pillars, and a vibrometer with faults. The control of each path is the

@@ -47,7 +47,7 @@ def main(out):
                      'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.'),
         draw_maps(out, maps, scene.burst.carriers_Hz),
         save_picture(plot_crossing(shear), out / 'burst_crossing.png',
-                     'The burst of shear in both models at the same time, when the faster one is half way up the measured row: '
+                     'The same shear burst in both models, at the time when the faster one is half way up the measured row: '
                      'D* makes its waves shorter and slower.')])
 
 

@@ -1,4 +1,4 @@
-"""The chapters of the report and the claims of the paper: what each workflow reproduces, and whose its references are."""
+"""The chapters of the report and the claims of the paper: what each workflow reproduces, and where its references are from."""
 
 from dataclasses import dataclass
 from importlib import import_module

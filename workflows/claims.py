@@ -1,4 +1,4 @@
-"""The paper's statements about D*: when it vanishes, that amplitude does not matter, what a frozen direction costs."""
+"""The paper's statements about D*: when it vanishes, that amplitude does not matter, what freezing the directions costs."""
 
 from dataclasses import dataclass
 

@@ -81,8 +81,8 @@ def draw_mode(out, cell, bands):
     ax = plot_mode(cell, bands, 'M', 0, ax=new_axes(height=3.4))
     ax.set_title('shear wave at M, ' + ax.get_title(loc='left').splitlines()[1].partition(',')[0], loc='left')
     return save_picture(ax.figure, out / 'mode_M.png',
-                        'The shear wave at M at the time of its largest displacement: neighbouring rows slide past each other '
-                        '(arrows); the grey lines are the paths of the particles.')
+                        'The shear wave at M at the time of its largest displacement: neighbouring rows slide past each '
+                        'other (arrows); the grey lines are the paths of the particles.')
 
 
 def draw_ratios(out, complete, conventional):
@@ -101,8 +101,8 @@ def draw_ratios(out, complete, conventional):
     axes[1].set_ylabel('')
     figure.colorbar(ScalarMappable(scale, filled.cmap), ax=axes, label=r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$')
     return save_picture(figure, out / 'ratio.png',
-                        'How far D* lowers the branches over the zone: shear by half towards M, the longitudinal one by some '
-                        'percent. So the shift is specific to one mode.')
+                        'How far D* lowers the branches over the zone: the shear branch by half towards M, the longitudinal '
+                        'one by some percent. D* thus acts mostly on one of the two modes.')
 
 
 def draw_contours(out, complete, conventional):

@@ -1,4 +1,4 @@
-"""Losses: a wave decays twice as fast as D0 alone predicts, because D* makes it slow."""
+"""Losses: from row to row a wave decays twice as fast as D0 alone predicts, because D* makes it slow."""
 
 import numpy as np
 

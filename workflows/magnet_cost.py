@@ -82,8 +82,8 @@ def reading(table):
         return f'does not reach {tolerance:g}' if best is None else f'takes {1e3 * best.seconds:.2g} ms for {tolerance:g}'
 
     series = next(m for m in near if m.method == SERIES)
-    text = (f'At {table[0].panel}, the sum over rims {takes(RIMS, 1e-9)}; the series made from it once for all distances answers '
-            f'in {1e6 * series.seconds:.0f} us.')
+    text = (f'At {table[0].panel}, the sum over rims {takes(RIMS, 1e-9)}; a series, made from it once for all '
+            f'distances, then takes {1e6 * series.seconds:.0f} us.')
     if not any(m.method == FIELD for m in near):
         return f'{text} {MISSING}'
     return f'{text} {FIELD} {takes(FIELD, 1e-9)}; {MESH} {takes(MESH, 1e-3)} and {takes(MESH, 1e-9)}.'

@@ -155,8 +155,8 @@ def _draw_prototype(out):
         plot_bands(analytic_bands(atoms, scene.band_path()), ax=ax, linestyle=style, label=label)
     legend_above(ax, ncols=1)
     return save_picture(ax.figure, out / 'prototype_neighbours.png',
-                        'The prototype beyond its model: all neighbours raise the shear branch at M from 58.2 to 67.5 Hz; the '
-                        'pillars, which add 27 % to the mass, take most of this back, to 59.9 Hz.')
+                        'The prototype beyond its model: all neighbours raise the shear branch at M from 58.2 to 67.5 Hz; '
+                        'the 27 % of mass that the pillars add lowers it again, to 59.9 Hz.')
 
 
 def _relaxation():

@@ -1,4 +1,4 @@
-"""Noise: a bath gives every wave the energy kT; its stiffness kT/<|u_q|^2> is not that of D0 alone."""
+"""Noise: a heat bath gives every wave the energy kT; the stiffness kT/<|u_q|^2> of a wave is not that of D0 alone."""
 
 import numpy as np
 
@@ -78,5 +78,6 @@ def picture(out, scene, cell, cold, change, error):
     shift.set(xlabel='$kT/(f L_0)$ (%)', ylabel='stiffness of shear at M, change (%)', xlim=(0, 160 * HOT))
     legend_above(shift, ncols=2)
     return save_picture(figure, out / 'noise.png',
-                        'Waves of the prototype in a bath. (a) At low temperature their stiffness, with two standard errors, '
-                        'lies on the branches with D*, not on those of D0 alone. (b) At higher temperature shear at M softens.')
+                        'Waves of the prototype in a heat bath. (a) At low temperature their stiffness, with two standard '
+                        'errors, lies on the branches with D*, not on those of D0 alone. (b) At higher temperature the shear '
+                        'wave at M softens.')

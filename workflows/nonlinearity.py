@@ -10,8 +10,8 @@ each with free waves, because the motion starts from a linear wave.  For f ~ r^-
 In the triangular lattice without a foundation, a = 4, shear at M softens, dw/w = -285/16 (A/L0)^2, and the waves that rotate at K
 stiffen, +475/36 (A/L0)^2: there each particle moves in the potential of Henon and Heiles.
 
-In a row of nine that move along it, ends held, the middle one of half the mass, a vibration of the middle one is stable up to
-about 6 % of L0. Above that, waves next to it grow at its expense, and beyond about 24 % it is stable again.
+Nine particles in a row move along it; the two ends are held, and the middle one has half the mass. A vibration of the middle one
+is stable up to about 6 % of L0. Above that, waves next to it grow at its expense, and beyond about 24 % it is stable again.
 """
 
 import numpy as np

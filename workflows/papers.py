@@ -1,4 +1,4 @@
-"""Other people's papers: ions, Wigner crystals, gyroscopes, tensegrity, strings and foams, each number next to that of D0 alone.
+"""Other people's papers: ions, Wigner crystals, gyroscopes, tensegrity, strings and foams, each number beside that of D0 alone.
 
 Every reference is a closed form written out here, a printed number, or a number from public code; none comes from the package.
 Those marked `(printed)` or `(IonSim.jl's tests)` were read there, those `(quoted from memory)` were not; all others are closed

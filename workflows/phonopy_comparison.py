@@ -1,4 +1,4 @@
-"""phonopy compared with the analytic stiffness: force constants, D*, the foundation, and the error by displacement distance."""
+"""phonopy compared with the analytic stiffness: force constants, D*, the foundation, and the error against the displacement."""
 
 import numpy as np
 
@@ -53,4 +53,4 @@ def draw(out, d, errors):
     ax.axvline(1e-5, color='0.6', lw=0.8, label='default')
     ax.set(xlabel=r'displacement $d/L_0$', ylabel='largest error / highest frequency')
     legend_above(ax, ncols=2)
-    return save_picture(ax.figure, out / 'displacement.png', "The V-curve: phonopy's error against the displacement distance.")
+    return save_picture(ax.figure, out / 'displacement.png', 'The error of phonopy against the size of its displacements.')

@@ -1,4 +1,4 @@
-"""Couplings of both signs: a chain of springs k1 and -k1/2 buckles at a sixth of a turn, unless pillars hold it."""
+"""Couplings of both signs: a chain of springs k1 and -k1/2 buckles in waves of six spacings, unless pillars hold it."""
 
 import numpy as np
 from ase.constraints import FixedLine
@@ -84,5 +84,5 @@ def picture(out):
     ax.set(xlabel=r'phase per magnet, $\xi/\pi$', ylabel=r'$\omega^2 m/k_1$', xlim=(0, 1), ylim=(-1, 5))
     ax.legend()
     return save_picture(ax.figure, out / 'signs.png', (
-        'A chain whose nearest neighbours repel and whose second neighbours attract with half the stiffness: bands (marks) and '
-        'closed form; waves in the grey range grow.'))
+        'A chain whose neighbours repel and whose second neighbours attract half as stiffly: bands (marks) and closed form; '
+        'waves in the grey band grow.'))

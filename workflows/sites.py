@@ -221,7 +221,8 @@ def scattered_magnets(out, known):
                   resolution, theirs, 0.3, control=True),
             Reported('frequency of M shear with this scatter (Hz), and with equal magnets',
                      float(place), known['M_complete_Hz'][0])], \
-        save_picture(ax.figure, out / 'scattered_magnets.png', 'Scatter of 1 % in the strength of each magnet broadens M shear.')
+        save_picture(ax.figure, out / 'scattered_magnets.png',
+                     'Scatter of 1 % in the strength of each magnet broadens the shear peak at M.')
 
 
 def shear_at_M(cells):

@@ -90,7 +90,7 @@ def draw_bands(out):
         ax = plot_band_ribbons(Bands(path, spread.values), spread, ax=ax, label=model, linestyle=line)
     bars = plot_contributions(at_points(scene, tolerances), list(POINTS))
     return [save_picture(ax.figure, out / 'uncertainty_bands.png',
-                         'The prototype with tolerances of half a percent or so (chosen: the paper gives none): the shear '
+                         'The prototype with tolerances of about half a percent (chosen here: the paper gives none): the shear '
                          'branches of the two models lie far outside each other\'s ribbons; the longitudinal ribbons touch.'),
             save_picture(bars.figure, out / 'uncertainty_contributions.png',
                          'The causes of the uncertainty: the spacing moves all bands most, the radius of the pillars the '

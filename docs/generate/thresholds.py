@@ -8,9 +8,9 @@ import magphonon
 SOURCE = Path(magphonon.__file__).parent
 HEAD = """# Every threshold
 
-The named numbers of the code: limits, tolerances and choices, with what they mean and the functions that use them. A function in
-bold refuses what lies beyond: it raises an error that says why. The number is read from the source, and is the one that counts.
-For what they amount to see [validity](../../reference/validity.md).
+The named numbers of the code: limits, tolerances and choices, with what they mean and the functions that use them. A function
+in bold refuses what lies beyond: it raises an error that says why. The numbers are read from the source, so they are always
+those in use. For their consequences see [validity](../../reference/validity.md).
 """
 
 

@@ -8,16 +8,16 @@ from . import api
 
 HEAD = """# Which tool takes what
 
-A structure may have more than masses, bonds and constant springs. Each tool declares what it takes of this, and refuses the
-rest: its message names the trait, tools that take it, and how to do without. The tables are made from these declarations
-(`magphonon/traits.py`). A tool of your own that asks `LinearSystem.of(atoms)` is refused {refused}, unless it declares them
-with `magphonon.traits.takes`.
+A structure may have more than masses, bonds and constant springs. Each tool declares which of these it supports, and refuses
+the rest: its message names the trait, the tools that support it, and what to do instead. The tables are made from these
+declarations (`magphonon/traits.py`). A tool of your own that asks `LinearSystem.of(atoms)` is refused {refused}, unless it
+declares them with `magphonon.traits.takes`.
 
 | trait | a structure with it has |
 |---|---|
 """
 LEFT_OUT = """
-ASE's own dynamics and optimisers cannot be refused, and see forces alone: they leave gyration and modulation out.
+ASE's own dynamics and optimisers cannot be refused, and see forces alone: they ignore gyration and modulation.
 """
 
 

@@ -98,7 +98,7 @@ print(f'lowest frequency with D*: {complete.frequencies_Hz.min():.1f} Hz')
 # The conventional model puts the lowest frequency at Γ.  In truth it is at X, where neighbouring rows slide past each other.  On
 # pillars a third weaker this frequency would be zero, and the lattice would buckle.
 #
-# Before you build it, ``magphonon check --verbose`` makes the same check of a scene.  It also prints the largest time step, the
+# Before you build it, ``magphonon check --verbose`` checks a scene in the same way.  It also prints the largest time step, the
 # range of linear motion, and the stiffness that the pillars need so that the magnets do not tilt out of the plane.  ``magphonon
 # explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
 

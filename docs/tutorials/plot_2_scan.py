@@ -147,7 +147,7 @@ print(f'crest at ({k[column]:.2f}, {k[row]:.2f}) rad/mm, resolution {field.bin_k
 
 # %%
 # Molecular dynamics can take the place of the camera: dynasor reads an ASE trajectory that ``DrivenVerlet`` has written.  It
-# takes millimetres for Angstrom and milliseconds for femtoseconds, so read its rad/fs as rad/ms::
+# takes our millimetres for Angstrom and our milliseconds for femtoseconds, so read its rad/fs as rad/ms::
 #
 #     trajectory = dynasor.Trajectory('motion.traj', trajectory_format='ase', length_unit='Angstrom', time_unit='fs')
 #     omega, density = dynasor.compute_spectral_energy_density(trajectory, rest, cell, k, dt=2.0)

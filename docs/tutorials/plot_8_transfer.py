@@ -88,9 +88,11 @@ for x, y in (0.01, 0.0), (-0.005, 0.00866), (0.0, -0.01732):
 print('\n'.join(rows[:3]))
 
 # %%
-# Is it read as it was meant? --------------------------- ``magphonon frf --measured`` and ``magphonon fit --frf`` warn you if
-# the numbers look like something other than the header says: mm instead of m, a velocity, or the opposite sign of the phase.
-# Here we test a table whose header says displacements, but whose numbers are velocities.
+# Does the header tell the truth?
+# -------------------------------
+# ``magphonon frf --measured`` and ``magphonon fit --frf`` warn you if the numbers look like something other than the header says:
+# mm instead of m, a velocity, or the opposite sign of the phase.  Here we test a table whose header says displacements, but whose
+# numbers are velocities.
 
 from dataclasses import replace
 

@@ -2,7 +2,7 @@
 Bands with and without D*
 =========================
 
-The dispersion relation of the published prototype, by the complete model, with springs alone and by phonopy.
+The dispersion relation of the published prototype: from the complete model, from springs alone, and from phonopy.
 """
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands, plot_bands, read_scene

@@ -2,7 +2,7 @@
 Where D* matters
 ================
 
-The ratio of the frequencies with and without D* of the lowest branch, over the whole zone.
+The lowest branch, here the shear branch: the ratio of its frequencies with and without D*, over the whole zone.
 """
 
 from magphonon import read_scene

@@ -2,7 +2,7 @@
 How many neighbours?
 ====================
 
-Nearest neighbours alone, two shells of them, and all: what distant magnets add to the bands.
+What distant magnets add to the bands: nearest neighbours alone, two shells of neighbours, and all of them.
 """
 
 from magphonon import MagneticRepulsion, analytic_bands, plot_bands, read_scene

@@ -2,7 +2,7 @@
 A gap between two masses
 ========================
 
-Light and heavy magnets in a honeycomb: frequencies at which nothing travels.
+In a honeycomb of light and heavy magnets there are frequencies at which no wave travels.
 """
 
 import numpy as np

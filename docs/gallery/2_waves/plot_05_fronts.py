@@ -2,8 +2,8 @@
 Wave fronts
 ===========
 
-The same push on the same magnets at the same time, without time steps: with springs alone, which is
-called conventional, and with the static forces.
+The same push in both models, at the same time: springs alone (conventional), and with the static forces (complete). No time steps
+are needed.
 """
 
 import numpy as np

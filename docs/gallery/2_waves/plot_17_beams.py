@@ -2,7 +2,7 @@
 Where energy goes
 =================
 
-Contours of equal frequency of the shear branch: energy flows across them, so that flat sides send it in beams.
+Contours of equal frequency of the shear branch: energy flows at right angles to them, so flat sides send it out in beams.
 """
 
 from magphonon import read_scene, units as u

@@ -2,7 +2,7 @@
 A demultiplexer
 ===============
 
-Every magnet and every pillar chosen from a list, so that 60 Hz arrives at A and 80 Hz at B.
+Every magnet and every pillar is chosen from a list, so that 60 Hz arrives at port A and 80 Hz at port B.
 """
 
 from magphonon import read_scene

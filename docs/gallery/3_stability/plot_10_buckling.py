@@ -2,7 +2,7 @@
 When a lattice buckles
 ======================
 
-The foundation that the triangular, the square and the kagome lattice need, as a function of the exponent of the force between
+How stiff a foundation the triangular, the square and the kagome lattice need, as a function of the exponent of the force between
 the magnets.
 """
 

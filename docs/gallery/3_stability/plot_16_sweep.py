@@ -2,7 +2,8 @@
 A map over two parameters
 =========================
 
-The shear frequency at M over the exponent of the law and the height of the pillars, at one force between neighbours.
+The shear frequency at M as a function of the exponent of the law and the height of the pillars. The force between neighbours is
+kept the same.
 """
 
 import numpy as np

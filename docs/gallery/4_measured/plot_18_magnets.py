@@ -2,7 +2,7 @@
 Force between ring magnets
 ==========================
 
-The force computed from size and remanence, as a datasheet gives them, and the dipole law that it approaches at large distances.
+The force computed from the size and the remanence in a datasheet, and the dipole law that it approaches at large distances.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 A tensegrity prism
 ==================
 
-Three struts and nine cables, which the scene `prism` lists.  Calladine (1978) counts 3 j - 6 - b + s = 1 mechanism: with D0
-alone seven modes cost nothing.  Self-stress stiffens the mechanism, and six modes remain, the rigid motions of the whole body.
+Three struts and nine cables, which the scene `prism` lists.  Calladine (1978) counts 3 j - 6 - b + s = 1 mechanism: with D0 alone
+seven modes cost no energy. Self-stress stiffens the mechanism, and only the six rigid motions of the whole body remain.
 """
 
 from magphonon import modes, read_scene

@@ -4,7 +4,7 @@ A net stiff by its tension
 
 A honeycomb of springs has three bonds at each node, fewer than the four that make a plane structure stiff.  With D0 alone its
 shear modulus is zero, as in issue 4 of RigidPy on GitHub.  When it is stretched, D* makes it stiff.  Circles: the closed form
-with both sublattices at rest.
+with both sublattices held at rest.
 """
 
 import numpy as np
