@@ -116,8 +116,8 @@ class Proposal(NamedTuple):
     then: float
 
     def __str__(self) -> str:
-        now = f'instead of {100 * self.now:.2g} %' if self.now <= 1 else 'and is not determined now'
-        return f'{self.measurement}, and {spoken(self.quantity)} is known to {100 * self.then:.2g} % {now}.'
+        now = f' instead of {100 * self.now:.2g} %' if self.now <= 1 else '; it is not determined now'
+        return f'{self.measurement}: {spoken(self.quantity)} would then be known to {100 * self.then:.2g} %{now}.'
 
 
 def spoken(name: str) -> str:

@@ -57,7 +57,7 @@ def content(path: str | PathLike[str], most: int) -> Any:
     except (OSError, MemoryError, Refused):
         raise
     except Exception as error:  # libraries fail on files of other kinds in many ways
-        raise ValueError(f'{path} is no {suffix} file that {reader.__module__.removeprefix("magphonon.")} can read '
+        raise ValueError(f'{path} is not a {suffix} file that {reader.__module__.removeprefix("magphonon.")} can read '
                          f'({type(error).__name__}: {shown(str(error))}); export it again, or as CSV') from None
 
 

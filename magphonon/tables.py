@@ -28,7 +28,7 @@ LENGTH = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm, 'nm': 1e-6 * u.mm, 'cm': 10 *
 TIME = {'s': u.s, 'ms': u.ms, 'us': 1e-3 * u.ms}
 FORCE = {'N': u.N, 'mN': 1e-3 * u.N, 'uN': 1e-6 * u.N, 'kN': 1e3 * u.N} | {
     name: grams * GRAM_FORCE for name, grams in (('gf', 1.0), ('g', 1.0), ('kgf', 1e3), ('mgf', 1e-3), ('lbf', 453.59237))}
-"""Units of forces, with those of balances, whose gram is the weight of a gram."""
+"""Units of forces, including the gram of a balance, which is the weight of a gram."""
 MASS = {'kg': u.kg, 'g': u.g, 'mg': 1e-3 * u.g}
 SPEED = {f'{length}_per_{time}': x / t for length, x in LENGTH.items() for time, t in TIME.items()}
 STIFFNESS = {f'{force}_per_{length}': f / x for force, f in FORCE.items() for length, x in LENGTH.items()}
@@ -48,7 +48,7 @@ BLOCK = 2**16
 """Number of rows that are held as text at a time."""
 COMMENT = '#%'  # begins a line that is a comment
 PREAMBLE = 200
-"""Number of lines among which the header is looked for: instruments write what they are above it."""
+"""Number of lines in which the header is looked for: instruments write their settings above it."""
 SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # the line by which Excel is told the separator
 BRACKETS = re.compile(r'(?P<name>.*?)\s*(?:\[(?P<a>[^][]*)\]|\((?P<b>[^()]*(?:\([^()]*\)[^()]*)?)\)'
                       r'|\s/\s*(?P<c>\S.*)|/(?P<d>[^][\s]+)|\sin\s(?P<e>\S+))')
@@ -64,7 +64,7 @@ WORDS = {
     'im': ('imag', 'imaginary', 'imaginary_part', 'imaginaerteil', 'imaginärteil'),
     'drive': ('force', 'kraft', 'hammer'), 'mass': ('masse',),
     'answer': ('displacement', 'velocity', 'acceleration', 'response', 'beschleunigung', 'auslenkung', 'schnelle')}
-"""What instruments call a quantity: their words in small letters."""
+"""Names that instruments give to a quantity, in small letters."""
 SPELT = {'hz': 'Hz', 'hertz': 'Hz', 'khz': 'kHz', 'sec': 's', 'sek': 's', 'seconds': 's', 'msec': 'ms', 'newton': 'N',
          '°': 'deg', 'degrees': 'deg', 'grad': 'deg', 'degree': 'deg', 'radians': 'rad', 'micron': 'um', '-': '', '1': '',
          'gf': 'gf', 'lb': 'lbf', 'lbs': 'lbf', 'inch': 'in', 'inches': 'in'}
@@ -147,7 +147,7 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
         try:
             heads, separator, rows, notes = _divided(path, found, headings, is_header)
         except csv.Error as error:
-            raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from None
+            raise ValueError(f'{path} is not a text table ({error}); export it as CSV') from None
         lines = [n for n, _ in rows]
     else:
         found, notes = _stretched(path, found), []
@@ -373,7 +373,8 @@ def _passed_over(path, head, columns, others, layout):
                          f'{again}')
     if not others:
         known = [f'{q}_{unit}'.rstrip('_') for q, units in columns.items() for unit in units]
-        raise ValueError(f'{path}: such a table has no column {shown(head.name)}' + (did_you_mean(head.name, known) or layout))
+        raise ValueError(f'{path}: this kind of table has no column {shown(head.name)}'
+                         + (did_you_mean(head.name, known) or layout))
 
 
 def _blocks(path, rows, heads, separator):

@@ -38,7 +38,7 @@ class Trait:
     has : callable
         Whether the atoms and their calculator, its arguments, have it.
     words : str
-        Completes "... does not take".
+        Completes "... does not support".
     mend : callable
         What to do instead, in words: of the calculator.
     """
@@ -61,7 +61,7 @@ class Tool:
 TRAITS: dict[str, Trait] = {}
 TOOLS: dict[str, Tool] = {}
 MENDS: dict[tuple[str, str], str] = {}
-"""Better advice than that of the trait, by the names of tool and trait."""
+"""Advice for a particular tool and trait, by their names, in place of the general advice of the trait."""
 _running: ContextVar[Tool | None] = ContextVar('the declared tool that runs', default=None)
 
 
@@ -99,7 +99,7 @@ def takes(*names: str, **mends: str) -> Callable[[Callable[P, R]], Callable[P, R
 
 
 def refuse(given: Any, tool: Tool) -> None:
-    """Refuse atoms, a linear system of them or what holds one, if they have a trait that the tool does not take."""
+    """Refuse atoms, a linear system of them or what holds one, if they have a trait that the tool does not support."""
     given = getattr(given, 'system', given)
     atoms = getattr(given, 'atoms', given)
     calc = getattr(atoms, 'calc', None)
@@ -108,7 +108,7 @@ def refuse(given: Any, tool: Tool) -> None:
 
 
 def all_but(what: str, *names: str) -> Tool:
-    """What a tool does in a special case, named by `what`, and in which it does not take the traits of these names."""
+    """What a tool does in a special case, named by `what`, and in which it does not support the traits of these names."""
     return Tool(what, __name__, frozenset(TRAITS) - frozenset(names))
 
 
@@ -134,7 +134,7 @@ def refusal(calc: Any, tool: Tool, trait: Trait) -> str:
 
     others = [other.name for other in sorted(TOOLS.values(), key=apart) if trait.name in other.takes]
     instead = f' ({", ".join(others[:NAMED])} do)' if others else ''
-    return f'{tool.name} does not take {trait.words}{instead}; {MENDS.get((tool.name, trait.name)) or trait.mend(calc)}'
+    return f'{tool.name} does not support {trait.words}{instead}; {MENDS.get((tool.name, trait.name)) or trait.mend(calc)}'
 
 
 @cache
@@ -169,8 +169,8 @@ def _held(atoms):
 
 
 def _gyrating(calc):
-    return (f'they gyrate at up to {1e3 * np.max(abs(np.asarray(calc.gyration))):.4g} rad/s; to leave that out: atoms.calc.set('
-            'gyration=0), and in a scene take gyration_rad_per_s out')
+    return (f'they gyrate at up to {1e3 * np.max(abs(np.asarray(calc.gyration))):.4g} rad/s; to ignore this, set atoms.calc.set('
+            'gyration=0), or remove gyration_rad_per_s from the scene')
 
 
 def _attracted(calc):
@@ -205,13 +205,13 @@ trait('site law', 'ties other than constant springs', _known)(
     lambda atoms, calc: calc.tie.known and not calc.tie.modulated)
 trait('constraints', 'particles that are held or guided', 'remove the constraints with atoms.set_constraint()')(
     lambda atoms, calc: _held(atoms))
-trait('out of plane', 'motion out of the plane', 'take the motion in the plane, atoms.calc = atoms.calc.in_plane()')(
+trait('out of plane', 'motion out of the plane', 'keep to motion in the plane with atoms.calc = atoms.calc.in_plane()')(
     lambda atoms, calc: calc.layer)
 trait('conventional', "a calculator with model='conventional'", "set model='complete', as in atoms.calc.set(model='complete')")(
     lambda atoms, calc: calc.model != 'complete')
 trait('attraction', 'particles that attract each other', _attracted)(lambda atoms, calc: len(attracting(calc)))
 trait('oblique', 'forces that are not along the line between two particles',
-      'of UprightMagnets take the motion in the plane, atoms.calc = atoms.calc.in_plane()')(
+      'if they are UprightMagnets, keep to motion in the plane with atoms.calc = atoms.calc.in_plane()')(
     lambda atoms, calc: calc.interaction.central(calc.dim) is None)
 trait('unlike', 'particles of different laws, strengths or springs', _differing)(
     lambda atoms, calc: _mixed(calc) or _uneven(calc))

@@ -198,7 +198,7 @@ CASES = {
     # bands
     'bands model': (lambda: analytic_bands(cell(), path(), model='D0'), "'D0'", "one of 'complete', 'conventional'"),
     'bands without law': (lambda: analytic_bands(lattices.triangular(1, 1), path()), 'None', 'attach atoms.calc'),
-    'bands of a patch': (lambda: analytic_bands(with_cell(magnets(), (9, 9, 9)), path()), 'not periodic', 'take the unit cell'),
+    'bands of a patch': (lambda: analytic_bands(with_cell(magnets(), (9, 9, 9)), path()), 'not periodic', 'use the unit cell'),
     'path of another cell': (lambda: analytic_bands(cell(), path(lattices.square)), 'another shape', 'atoms.cell.bandpath'),
     'path as a list': (lambda: analytic_bands(cell(), ['G', 'M']), 'list', 'get one from atoms.cell.bandpath'),
     'path of unknown points': (lambda: analytic_bands(cell(), 'GQ'), 'GQ', 'your own wavevectors'),
@@ -241,7 +241,7 @@ CASES = {
     'drawn on another path': (lambda: plot_bands(bands(points='GK'), ax=plot_bands(bands())), 'GK', 'on the same path'),
     'mode without modes': (lambda: plot_mode(cell(), bands(), 'M', 0), 'without modes', 'vectors=True'),
     'mode beyond': (lambda: plot_mode(cell(), bands(vectors=True), 'M', 2), '2', 'must be 0 to 1'),
-    'mode at no point': (lambda: plot_mode(cell(), bands(vectors=True), 'Z', 0), "'Z'", 'it knows G, M, K'),
+    'mode at no point': (lambda: plot_mode(cell(), bands(vectors=True), 'Z', 0), "'Z'", 'it has G, M, K'),
     'mode off the path': (lambda: plot_mode(cell(), bands(vectors=True), 'K', 0), 'K', 'choose a path that does'),
     'mode past the path': (lambda: plot_mode(cell(), bands(vectors=True), 5, 0), '5', 'from 0 to 4'),
     'zone of a line': (lambda: plot_zone(path(lattices.chain, 'GX')), 'GX', 'planar lattices'),

@@ -151,12 +151,12 @@ def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine
 
 def test_orders_above_two_are_refused_when_anything_turns():
     patch = drawn(np.random.default_rng(0))
-    with pytest.raises(ValueError, match='a step of order 4 or 6 does not take particles that gyrate'):
+    with pytest.raises(ValueError, match='a step of order 4 or 6 does not support particles that gyrate'):
         DrivenVerlet(patch, 0.01, order=4)
     patch.calc.set(gyration=0.0)
     dyn = DrivenVerlet(patch, 0.01, order=4)
     patch.calc.set(gyration=1.0)
-    with pytest.raises(ValueError, match='does not take particles that gyrate'):
+    with pytest.raises(ValueError, match='does not support particles that gyrate'):
         dyn.run(1)
 
 
@@ -653,7 +653,7 @@ def test_the_command_tells_chern_numbers_and_leaves_phonopy_out(capsys, tmp_path
     words = capsys.readouterr().out
     assert 'complete: the Chern numbers of the bands are 1, -1, 1, -1' in words
     assert 'conventional: the Chern numbers of the bands are 1, 0, 0, -1' in words
-    assert 'none that runs one way' in words
+    assert 'none that runs only one way' in words
     assert not list((tmp_path / 'out').glob('*.yaml'))
     write_scene(honeycomb([1.55, 1.5]), tmp_path / 'own.toml')  # each particle its own
     assert main(['bands', '--verbose', str(tmp_path / 'own.toml'), '-o', str(tmp_path / 'own')]) == 0

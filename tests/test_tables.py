@@ -97,7 +97,7 @@ NEEDED = 'a table has time_s and x_m'
     ('time_s,x_m\n1,2\n3,"4\n', 'line 3 of .*t.csv: unexpected end of data; complete or delete it'),
     ('time_s,x_m\n' + 200_000 * '1' + ',2\n', 'line 2 of .*t.csv: field larger than field limit'),
     ('time_s,x_m\n1,2\n3,' + 200_000 * '1' + '\n', 'line 3 of .*t.csv: field larger than field limit'),
-    ('time_s,' + 200_000 * 'x' + '\n1,2\n', 't.csv is no table of text .field larger than field limit'),
+    ('time_s,' + 200_000 * 'x' + '\n1,2\n', 't.csv is not a text table .field larger than field limit'),
 ])
 def test_what_is_no_table_is_refused_with_the_place(text, message, tmp_path):
     with pytest.raises(ValueError, match=message):
@@ -105,9 +105,9 @@ def test_what_is_no_table_is_refused_with_the_place(text, message, tmp_path):
 
 
 def test_other_columns_are_refused_where_a_table_wants_none(tmp_path):
-    with pytest.raises(ValueError, match=r"such a table has no column 'colour'; a table has"):
+    with pytest.raises(ValueError, match=r"this kind of table has no column 'colour'; a table has"):
         read_table(write(tmp_path, 'x_m,colour\n1,2\n'), COLUMNS, ['x'], others=False, layout=NEEDED)
-    with pytest.raises(ValueError, match=r"such a table has no column 'cont'; did you mean 'count'\?"):
+    with pytest.raises(ValueError, match=r"this kind of table has no column 'cont'; did you mean 'count'\?"):
         read_table(write(tmp_path, 'x_m,cont\n1,2\n'), COLUMNS, ['x'], others=False)
     with pytest.raises(ValueError, match=r"no column 'z{,400}\.\.\. \(1002 characters\); a table has"):
         read_table(write(tmp_path, f'x_m,{1000 * "z"}\n1,2\n'), COLUMNS, ['x'], others=False, layout=NEEDED)

@@ -233,7 +233,7 @@ def test_no_trait_is_ignored(tool, base, tmp_path):
         atoms = have(base, k=k)
         if name not in taken:
             words = '|'.join(re.escape(one.words) for one in TRAITS.values() if one.has(atoms, atoms.calc))
-            with pytest.raises(ValueError, match=f'{tool} does not take ({words})'):
+            with pytest.raises(ValueError, match=f'{tool} does not support ({words})'):
                 asked(ask, atoms, tmp_path)
         elif name in OWN.get(tool, ()):
             with pytest.raises(ValueError, match=OWN[tool][name]):
@@ -300,7 +300,7 @@ def new_trait(monkeypatch):
 def test_a_new_trait_is_refused_everywhere_on_its_first_day(tool, base, new_trait, tmp_path):
     ask = (CELLS if base is CELL else PATCHES)[tool]
     atoms = made(base, k=travelling() if tool in TOGETHER else K)
-    with pytest.raises(ValueError, match='does not take particles that are painted; wash them'):
+    with pytest.raises(ValueError, match='does not support particles that are painted; wash them'):
         asked(ask, atoms, tmp_path)
 
 
@@ -310,7 +310,7 @@ def test_also_by_tools_that_declare_nothing(new_trait):
     system = LinearSystem.of(atoms, 'painted')
     for door in LinearSystem.of, LinearSystem.nearest:
         for given in atoms, system:
-            with pytest.raises(ValueError, match='a tool without a declaration does not take particles that are painted'):
+            with pytest.raises(ValueError, match='a tool without a declaration does not support particles that are painted'):
                 door(given)
             assert door(given, *((None,) if door == LinearSystem.nearest else ()), 'painted') is not None
 
@@ -323,10 +323,10 @@ def test_a_declaration_holds_for_all_that_a_tool_calls():
     try:
         gyrating = HAVE['gyration'](CELL)
         assert own(gyrating).shape == (4, 4)
-        with pytest.raises(ValueError, match=r'a tool without a declaration does not take particles that gyrate.*2000 rad/s'):
+        with pytest.raises(ValueError, match=r'a tool without a declaration does not support particles that gyrate.*2000 rad/s'):
             LinearSystem.of(gyrating)
         assert LinearSystem.of(gyrating, 'gyration').turning
-        with pytest.raises(ValueError, match="own does not take a calculator with model='conventional'"):
+        with pytest.raises(ValueError, match="own does not support a calculator with model='conventional'"):
             own(HAVE['conventional'](CELL))
     finally:
         del TOOLS[next(name for name in TOOLS if name.endswith('own'))]
@@ -337,7 +337,7 @@ def test_supercells_that_other_tools_displace_are_asked_too():
         cell = HAVE[name](CELL)
         large = cell.repeat((2, 2, 1))
         large.calc = cell.calc
-        words = f'a tool that displaces particles of its own supercells does not take {TRAITS[name].words}'
+        words = f'a tool that displaces particles of its own supercells does not support {TRAITS[name].words}'
         with pytest.raises(ValueError, match=words):
             large.get_forces()
 
@@ -346,7 +346,7 @@ def test_what_is_set_later_is_asked_again():
     patch = made(PATCH)
     assert response.count_modes_below(patch, 11.0) >= 0
     patch.calc.set(gyration=1.0)
-    with pytest.raises(ValueError, match='count_modes_below does not take particles that gyrate'):
+    with pytest.raises(ValueError, match='count_modes_below does not support particles that gyrate'):
         response.count_modes_below(patch, 11.0)
     patch.calc.set(gyration=0.0)
     assert response.count_modes_below(patch, 11.0) >= 0
@@ -357,5 +357,5 @@ def test_planes_that_keep_particles_in_their_plane_hold_nothing():
     cell.set_constraint(FixedPlane([0, 1], (0, 0, 1)))
     assert np.array_equal(mp.sound_speeds(cell), mp.sound_speeds(made(CELL)))
     cell.set_constraint(FixedPlane([0, 1], (0, 1, 0)))
-    with pytest.raises(ValueError, match='sound_speeds does not take particles that are held or guided'):
+    with pytest.raises(ValueError, match='sound_speeds does not support particles that are held or guided'):
         mp.sound_speeds(cell)

@@ -150,20 +150,22 @@ def checks(curves, amplitudes):
     both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
     first_order = slope(DISTANCES, one, 1e-6, 1e-3)
     tests = [
-        Check('derivative, both sides: power above the floor', slope(DISTANCES, both, 1e-4, 1e-2), 2, 0.05),
-        Check('derivative, both sides: power below the floor', slope(DISTANCES, both, 1e-9, 1e-7), -1, 0.2),  # round-off scatters
-        Check('derivative, one side: power above the floor', first_order, 1, 0.05),
-        Check('control: one side as good as both', first_order, 2, 0.3, control=True),
+        Check('derivative, both sides: order of the error above round-off', slope(DISTANCES, both, 1e-4, 1e-2), 2, 0.05),
+        Check('derivative, both sides: order of the error by round-off',
+              slope(DISTANCES, both, 1e-9, 1e-7), -1, 0.2),  # round-off scatters
+        Check('derivative, one side: order of the error above round-off', first_order, 1, 0.05),
+        Check('control: derivative, one side, against the order of both sides', first_order, 2, 0.3, control=True),
     ]
     for name in ('held', 'ase'):
         u = curves[WINDOW, LOOPS[name]]
-        tests += [Check(f'amplitude window, {LOOPS[name]}: power below the floor', slope(amplitudes, u, 1e-12, 1e-8), -1, 0.2),
+        tests += [Check(f'amplitude window, {LOOPS[name]}: order of the error by round-off',
+                        slope(amplitudes, u, 1e-12, 1e-8), -1, 0.2),
                   Check(f'control: {LOOPS[name]}, error at the smallest amplitude', u[0], 0, DIGITS, control=True)]
     for name in ('numpy', 'compiled'):
         if (WINDOW, LOOPS[name]) in curves:
             u = curves[WINDOW, LOOPS[name]]
             power = slope(amplitudes[:len(u)], u, 1e-7, 1e-3)
-            tests += [Check(f'amplitude window, {LOOPS[name]}: power above the floor', power, 1, 0.05),
+            tests += [Check(f'amplitude window, {LOOPS[name]}: order of the error above round-off', power, 1, 0.05),
                       Check(f'amplitude window, {LOOPS[name]}: error at the smallest amplitude', u[0], 0, DIGITS)]
     return tests
 

@@ -200,9 +200,9 @@ def reading(panels):
     best, tight = cheapest(table, steps.error), cheapest([m for m in table if m.method == SERIES], TIGHT)
     factors = next(m.seconds for m in table if m.method == DIRECT)
     exact, many = cheapest(magnet, TIGHT), cheapest([m for m in magnet if m.method == STEPPED], 1e-2)
-    return (f'At {panel}, time steps to the steady state take {spoken(steps.seconds)} s for an error of {steps.error:.0e}, '
-            f'after one impulse {spoken(struck.seconds)} s for {struck.error:.0e}; {best.method} takes {spoken(best.seconds)} s, '
-            f'{spoken(steps.seconds / best.seconds)} times less, and {spoken(tight.seconds)} s for {tight.error:.0e} '
-            f'(factorisations {spoken(factors)} s). '
+    return (f'At {panel}, time steps to the steady state take {spoken(steps.seconds)} s for an error of {steps.error:.0e}, and '
+            f'time steps after one impulse {spoken(struck.seconds)} s for {struck.error:.0e}. With {best.method} it takes '
+            f'{spoken(best.seconds)} s, {spoken(steps.seconds / best.seconds)} times less; an error of {tight.error:.0e} takes '
+            f'{spoken(tight.seconds)} s (by factorisations {spoken(factors)} s). '
             f'For one magnet the closed form takes {spoken(exact.seconds)} s, all frequencies in one run of time steps '
             f'{spoken(many.seconds)} s.')

@@ -39,7 +39,7 @@ def main(out):
             if branch == 'shear':
                 shear[model] = patch, site, passage
     patch, point = scene.patch_atoms(), scene.burst.model_copy(update={'source': 'point'})
-    checks.append(Check('control: transverse burst from a point: the same spread (amplitudes)',
+    checks.append(Check('control: transverse burst from a point: spread of the motion along a front (amplitudes)',
                         spread(patch, cell, *point.send(0, cell, patch), 'transverse'), 0, NEARLY_PLANE, control=True))
     lattice = plot_patch(patch, site, ax=new_axes(5.5, 3.6)).figure
     return Outcome(checks, [
@@ -74,14 +74,15 @@ def draw_maps(out, maps, carriers_Hz):
 
 
 def compared(record, wave, motion, model, branch):
-    """The rows for one map: on its own branch, off the other model's, by how much for its uncertainty."""
+    """Rows for one map: the ridge lies on its own branch and off that of the other model, in bins and in uncertainties."""
     (other,) = set(MODELS) - {model}
     own, off = wave.misfits[model, branch], wave.misfits[other, branch]
     apart = {'shear': 5, 'longitudinal': 1}[branch]  # bins: D* hardly moves the longitudinal branch
-    return [Check(f'{record}: strongest motion is the {motion} one', float(wave.motion == motion), 1.0, 0.0),
+    return [Check(f'{record}: the strongest motion is {motion}', float(wave.motion == motion), 1.0, 0.0),
             Check(f'{record}: distance to its own branch (bins)', own.bins, 0.0, HALF_A_BIN),
-            Check(f'{record}: the same / its uncertainty', own.omega / own.sigma_omega, 0.0, NORMAL),
-            Check(f'{record}: nearest branch with which the ridge agrees is its own',
+            Check(f'{record}: distance to its own branch / uncertainty', own.omega / own.sigma_omega, 0.0, NORMAL),
+            Check(f'{record}: of the branches with which the ridge agrees, its own is the nearest',
                   float(wave.agrees_with[:1] == ((model, branch),)), 1.0, 0.0),
             Check(f'control: {record}: distance to the {other} branch (bins)', off.bins, 0.0, apart, control=True),
-            Check(f'control: {record}: the same / its uncertainty', off.omega / off.sigma_omega, 0.0, NORMAL, control=True)]
+            Check(f'control: {record}: distance to the {other} branch / uncertainty',
+                  off.omega / off.sigma_omega, 0.0, NORMAL, control=True)]

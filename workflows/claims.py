@@ -40,7 +40,7 @@ BEAM = 4**4                            # bending stiffness of a beam 1/4 inch ac
 
 @dataclass(frozen=True)
 class Spring:
-    """A linear spring of its own length: at that length it pushes nothing."""
+    """A linear spring with a rest length, at which it exerts no force."""
 
     stiffness: float
     length: float
@@ -91,7 +91,7 @@ def without_static_force():
     free = np.sqrt([2 / MASS, 6 / MASS])  # shear and longitudinal at M, of springs of 1 N/mm
     return [*pairs("springs without static force (phi' = 0), M, complete model", at_M(L0, 'complete') / free, (1, 1), 1e-12,
                    BRANCHES),
-            Check('control: the same springs pressed by 10 %, shear at M, complete / D0 alone',
+            Check('control: these springs compressed by 10 %, shear at M, complete / D0 alone',
                   at_M(1.1 * L0, 'complete')[0] / at_M(1.1 * L0, 'conventional')[0], 1, 0.05, control=True)]
 
 
@@ -160,7 +160,8 @@ def literal_update(paper):
     here = frequency_at_M('literal', AMPLITUDES[1])
     what = 'M shear in time, only the magnitude updated'
     return [Check(f'{what}, against D0 alone (rad/s)', here, paper['M_conventional'][0], 1e-6),
-            Check('control: the same against D0 + D* (rad/s)', here, paper['M_complete'][0], 0.5, control=True)]
+            Check('control: M shear in time, only the magnitude updated, against D0 + D* (rad/s)',
+                  here, paper['M_complete'][0], 0.5, control=True)]
 
 
 def loop_work():
@@ -187,8 +188,8 @@ def loop_work():
     power = np.polyfit(np.log(LOOPS), np.log(literal), 1)[0]
     what = 'work around a loop of radius u / (f L0 (u/L0)^3)'
     return [Check(f'{what}, complete model', scaled('complete').max(), 0, 1e-6),
-            Check('the same, D0 alone with projected lengths', scaled('conventional').max(), 0, 1e-6),
-            Check('control: the same, only the magnitude updated', scaled('literal').max(), 0, 1e-6, control=True),
+            Check('work around this loop, D0 alone with projected lengths', scaled('conventional').max(), 0, 1e-6),
+            Check('control: work around this loop, only the magnitude updated', scaled('literal').max(), 0, 1e-6, control=True),
             Check('power of the radius in the work, if only the magnitude of the force is updated', power, 3, 0.02)]
 
 

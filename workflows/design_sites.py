@@ -125,8 +125,9 @@ def judged(table):
     told = bench.judge(table, DRAWS)
     rows = [Check(f'demultiplexer: draws of {DRAWS} at 1 % scatter that fail {GOAL:g} dB, by another solver',
                   told['draws'] - told['kept'], 0, (1 - SHARE) * DRAWS),
-            Reported('demultiplexer: number of strengths used, and in the list', told['strengths'], len(STRENGTHS)),
-            Reported('demultiplexer: number of pillars used, and in the list', told['springs'], len(PILLARS))]
+            Reported('demultiplexer: number of grades of magnets used, and of those available',
+                     told['strengths'], len(STRENGTHS)),
+            Reported('demultiplexer: number of kinds of pillars used, and of those available', told['springs'], len(PILLARS))]
     for port, f, here, there in zip('AB', bench.HERTZ, own_decibels(bench.read(table)), told['dB'], strict=True):
         rows.append(Check(f'demultiplexer: {f:g} Hz to port {port} (dB), and by another solver', here, there, KEPT))
     return [*rows, Reported('demultiplexer: worst tenth of the draws (dB)', told['tenth'])]
@@ -229,7 +230,7 @@ def corner(starts=2):
     percent = [100 * 10 ** (value / 10) for value in (other.value, other.given, design.value,
                                                       by_time_steps(share, design.atoms), design.before)]
     return [*Four(f'share of a {BURST_Hz:g} Hz burst round a corner (%)', *percent[:4], 0.01).rows,
-            Reported('share of the burst before (%)', percent[4])]
+            Reported('share of this burst before the design (%)', percent[4])]
 
 
 def slow_wave():

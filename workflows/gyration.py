@@ -31,7 +31,7 @@ CYCLES, FORCE = 60, 1e-6                # of the burst, which must fit into the 
 BESIDE = 5.0                            # L, from the source to where energy has travelled
 HILL = 1.41, 1.42                       # gyration on either side of sqrt(2)
 MODELS = {'complete': 3 * (A - 1), 'conventional': 3 * A}
-"""D of each, in f/L: three bonds of the honeycomb add up to D/2 along each direction."""
+"""Diagonal stiffness D in each model, in f/L: the three bonds of a particle of the honeycomb add up to D/2 along x and y."""
 
 
 def main(out):
@@ -61,9 +61,9 @@ def closing():
 
     found = {model: brentq(gap, 1.0, 2.0, args=(model,), xtol=1e-12) for model in MODELS}
     formula = MODELS['complete'] / np.sqrt(4 * K + 2 * MODELS['complete'])
-    return [Check('middle gap closes at Gamma at g, in sqrt(f/(L m))', found['complete'], formula, 1e-9),
+    return [Check('rate g at which the middle gap closes at Gamma, in sqrt(f/(L m))', found['complete'], formula, 1e-9),
             Check('control: D0 alone', found['conventional'], formula, 0.1, control=True),
-            Check('the same, by the formula for D0', found['conventional'], 12 / np.sqrt(48), 1e-9)]
+            Check('D0 alone: this rate g, against the formula for D0', found['conventional'], 12 / np.sqrt(48), 1e-9)]
 
 
 def numbers():
@@ -84,9 +84,9 @@ def edges(gaps):
             *pairs('middle gap with D0 alone', gaps['conventional'], (3.344168, 3.537844), 1e-6, ('from', 'to')),
             Check('waves along the edges of the strip within the gap', len(flows['complete'].q), 0, 1e-12),
             Check('control: D0 alone', len(flows['conventional'].q), 0, 0.5, control=True),
-            Check('net number of them along the right edge, D0', flows['conventional'].right, 1, 1e-12),
-            Check('and along the left edge', flows['conventional'].left, -1, 1e-12),
-            Check('their speed d omega/dk / period of the strip, D0', slope, 0.2117, 5e-3)]
+            Check('D0 alone: net number of waves along the right edge', flows['conventional'].right, 1, 1e-12),
+            Check('D0 alone: net number of waves along the left edge', flows['conventional'].left, -1, 1e-12),
+            Check('D0 alone: speed of these waves d omega/dk / period of the strip', slope, 0.2117, 5e-3)]
 
 
 def bursts(gaps):
@@ -96,7 +96,7 @@ def bursts(gaps):
     (there, back, energy), with_dstar = shares['conventional'], shares['complete']
     travels = sum(with_dstar[:2]) * with_dstar[2] / energy
     return [Check('burst, D0 alone: share of its energy that does not run to the right', 1 - there, 0, 0.16),
-            Check('share that runs to the left, D0', back, 0, 1e-3),
+            Check('burst, D0 alone: share of its energy that runs to the left', back, 0, 1e-3),
             Check('energy that travels with D* / energy that enters with D0 alone', travels, 0, 1e-3),
             Check('control: D0 alone', there + back, 0, 1e-3, control=True)]
 

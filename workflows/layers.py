@@ -60,7 +60,7 @@ def triangular_lattice():
                                               analytic_bands(atoms, path, 'conventional'))]
     apart = [abs(other - squares[0]).max() / squares[0].max() for other in squares[1:]]
     return [Check('triangular layer, central force: drop of omega_z^2 at K, in f/(L m)', drops[0] * L0 / force, 9.0, 1e-9),
-            Check('control: the same without D*', drops[1] * L0 / force, 9.0, 0.5, control=True),
+            Check('control: drop of omega_z^2 at K without D*', drops[1] * L0 / force, 9.0, 0.5, control=True),
             Check('phonopy against the Bloch matrix, share of the highest squared frequency', apart[0], 0.0, 1e-8,
                   consistency=True),
             Check('control: phonopy against D0 and the supports', apart[1], 0.0, 1e-2, control=True)]
@@ -73,7 +73,8 @@ def upright_magnets():
     ends = [pair_force(RING, RING, (L0, 0, z))[2] for z in (STEP, -STEP)]
     stiffness = -(ends[0] - ends[1]) / (2 * STEP)
     D = layer(UprightMagnets(LAW), 1.5).calc.bloch_matrix(np.array([[2 / 3, 1 / 3, 0]]))
-    return [Check('the same for upright dipoles', (1.5 - D[0, 2, 2].real) * L0 / force, 27.0, 1e-9),
+    return [Check('triangular layer, upright dipoles: drop of omega_z^2 at K, in f/(L m)',
+                  (1.5 - D[0, 2, 2].real) * L0 / force, 27.0, 1e-9),
             Check("rings: stiffness of a pair out of the plane by Laplace's equation, N/mm", law.vertical(L0), stiffness, 1e-6,
                   consistency=True),
             Check("control: phi'/r, as of a force along the bond", law.planar.dphi(L0) / L0, stiffness, 0.5, control=True)]
@@ -94,8 +95,8 @@ def threshold():
     with_dstar, without = (np.sqrt(share * needed / MASS) * time for share in (0.1, 0.9))
     return [Check('supports 0.1 % stiffer than 9 f/L: verdict stable', stable[0], 1, 1e-9),
             Check('supports 0.1 % softer: verdict stable', stable[1], 0, 1e-9),
-            Check('supports 10 % softer: growth of the wave at K in a run / cosh', grown / np.cosh(with_dstar), 1.0, 1e-3),
-            Check('control: the run against the supports without D*', grown, np.cos(without), 0.5, control=True)]
+            Check('supports 10 % softer: growth of the wave at K in time steps / cosh', grown / np.cosh(with_dstar), 1.0, 1e-3),
+            Check('control: this growth / cosh of supports without D*', grown, np.cos(without), 0.5, control=True)]
 
 
 def plasma_crystal(known):

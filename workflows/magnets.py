@@ -84,11 +84,11 @@ def beside_the_fit(ring, law, L0, paper):
         *(Reported(f'exponent of the ring law fitted from {near} to {far} mm, and in the paper',
                    fitted_exponent(law, near, far), paper['a']) for near, far in WINDOWS),
         Reported('force at 10 mm, computed / fitted: not explained', f / fit, 1),
-        *(Reported(f'the same {what}', force / fit, 1) for what, force in candidates(ring, L0).items()),
+        *(Reported(f'force at 10 mm, computed / fitted: {what}', force / fit, 1) for what, force in candidates(ring, L0).items()),
         *(Reported(f'mass at 7.5 g/cm3 {what} (kg), and in the paper', DENSITY * other.volume / u.kg, paper['mass'])
           for what, other in other_shapes(ring).items()),
         Check('out-of-plane stiffness of a bond / -(a_loc - 1) f/r', stiffness / (-(a - 1) * f / L0), 1, 1e-6),
-        Check('control: the same / -f/r of a central law', stiffness / (-f / L0), 1, 1, control=True),
+        Check('control: out-of-plane stiffness of a bond / -f/r of a central law', stiffness / (-f / L0), 1, 1, control=True),
     ]
 
 
@@ -111,8 +111,8 @@ def candidates(ring, L0):
 def other_shapes(ring):
     """Rings that would have the fitted force and exponent, and contradict the printed shape and mass."""
     inch = 25.4 * u.mm
-    return {'of a ring with a bore of 1/8 inch': Ring(inch / 4, inch / 8, inch / 8, ring.remanence),
-            'of a metric ring, 6 x 2 x 3 mm': Ring(6 * u.mm, 2 * u.mm, 3 * u.mm, ring.remanence)}
+    return {'for a ring with a bore of 1/8 inch': Ring(inch / 4, inch / 8, inch / 8, ring.remanence),
+            'for a metric ring, 6 x 2 x 3 mm': Ring(6 * u.mm, 2 * u.mm, 3 * u.mm, ring.remanence)}
 
 
 def fitted_exponent(law, near, far):
@@ -167,8 +167,8 @@ def fitted(law, L0):
     true, sigma = repulsion(law, L0), fit.half_widths[0] / 1.96
     left = (forces.f - f * (forces.r / L0) ** -a) / forces.sigma
     return (forces, fit), [
-        Check('synthetic set: ln of the force at 10 mm - true (sigma)', np.log(fit.force / true) / sigma, 0, 3),
-        Check('synthetic set: exponent at 10 mm - true (sigma)',
+        Check('synthetic set: ln of the force at 10 mm minus the true one (sigma)', np.log(fit.force / true) / sigma, 0, 3),
+        Check('synthetic set: exponent at 10 mm minus the true one (sigma)',
               (fit.exponent - local_exponent(law, L0)) / (fit.half_widths[2] / 1.96), 0, 3),
         Check('control: force of an inverse power (sigma)', (f - true) / np.sqrt(covariance[0, 0]), 0, 3, control=True),
         Check('control: chi2/freedom of the inverse power', left @ left / (len(left) - 2), 1, 1, control=True),

@@ -77,7 +77,7 @@ def _planar_crystals(known):
         Check('Wigner crystal, long plasmon, omega^2/(2 pi n e^2 k/m)', plasmon**2 / (2 * np.pi * n * k), 1, 3e-4),
         Check('colloidal dipole crystal, shear modulus (kT Gamma/L^2)', mu, known['dipole_shear_modulus'], 1e-9),
         Check('plasma crystal at kappa L = 1.618, nearest neighbours: c_T/c_L', nearest / steep, 0, 1e-7),
-        Check('control: the same with all neighbours, which stabilise it', np.divide(*sound_speeds(cell)), 0, 0.1, control=True),
+        Check('control: with all neighbours, which stabilise it: c_T/c_L', np.divide(*sound_speeds(cell)), 0, 0.1, control=True),
     ]
 
 

@@ -74,13 +74,13 @@ def gap():
     away = abs(np.exp(-1j * there.omega[0] * T)[:, None] - multipliers).min(axis=1).max() / T
     wrong = abs(np.exp(-1j * back.omega[0] * T)[:, None] - multipliers).min(axis=1).max() / T
     return [Check('width of the gap at -q, in Hz', (high - low) / HZ, 0.476629, 2e-6),
-            Check('the same, by coupled modes eps k/(2 m sqrt(w1 w2))', (high - low) / HZ, coupled / HZ, 2e-4),
-            Check('its middle, in Hz: two waves of the mean lattice that differ by W', shear(crossing['complete']) / HZ,
+            Check('width of this gap by coupled modes, eps k/(2 m sqrt(w1 w2)), in Hz', (high - low) / HZ, coupled / HZ, 2e-4),
+            Check('middle of this gap, in Hz: two waves of the mean lattice that differ by W', shear(crossing['complete']) / HZ,
                   33.18603, 1e-6),
             Check('control: D0 alone', shear(crossing['conventional'], 'conventional') / HZ, 33.18603, 0.01, control=True),
             Check('quasi-frequencies minus those from the monodromy matrix of three rows, in rad/ms', away, 0, 1e-11),
             Check('control: those at +q', wrong, 0, 1e-4, control=True),
-            Check('share of the harmonic at +q itself: no gap', pair(back)[1], 1, 1e-3),
+            Check('share of the harmonic at +q itself, where there is no gap', pair(back)[1], 1, 1e-3),
             Check('control: at -q', pair(there)[1], 1, 0.1, control=True)]
 
 
@@ -112,11 +112,11 @@ def gain():
     threshold = brentq(lambda eps: growth(eps, DAMPING), 0.07, 0.09, xtol=1e-9)
     held = [verdict(prototype(eps, 2 * w, None), damping=DAMPING).stable for eps in (0.0816, 0.0818)]
     return [Check('growth at W = 2 w, in 1/s', growth(EPS) * units.s, 1.223413, 1e-6),
-            Check('the same, by eps k/(4 m w)', growth(EPS) * units.s, formula * units.s, 1e-5),
+            Check('growth at W = 2 w by eps k/(4 m w), in 1/s', growth(EPS) * units.s, formula * units.s, 1e-5),
             Check('control: D0 alone', growth(EPS, model='conventional') * units.s, 1.223413, 0.5, control=True),
             Check('depth above which it grows, with losses of 4 per s', threshold, 0.0817, 1e-3),
             Check('verdict at a depth of 0.0816: stable', held[0], 1, 1e-12),
-            Check('verdict at 0.0818', held[1], 0, 1e-12)]
+            Check('verdict at a depth of 0.0818: stable', held[1], 0, 1e-12)]
 
 
 def front(model):
@@ -137,7 +137,7 @@ def front(model):
 
 
 def stiffness(model):
-    """Of the bonds between two rows against shear, (a - 3) f/2L; with D0 alone a f/2L."""
+    """Stiffness of the bonds between two rows against shear, (a - 3) f/2L; with D0 alone a f/2L."""
     return (4 + MODELS[model]) / 2
 
 
@@ -147,7 +147,7 @@ def speeds(fronts):
     formula = {model: q * np.sqrt(stiffness(model) / (C**2 + q**2)) for model in MODELS}
     return [Check('front through the rows, in rows per time', fronts['complete'][0], formula['complete'], 5e-3),
             Check('control: D0 alone', fronts['conventional'][0], formula['complete'], 0.5, control=True),
-            Check('the same, by the formula for D0', fronts['conventional'][0], formula['conventional'], 5e-3)]
+            Check('front with D0 alone, against the formula for D0', fronts['conventional'][0], formula['conventional'], 5e-3)]
 
 
 def picture(out, fronts):
@@ -169,5 +169,6 @@ def picture(out, fronts):
     right.legend()
     return save_picture(figure, out / 'modulation.png',
                         'Foundations that change. (a) Shear waves on springs that a wave modulates by 30 % at 8 Hz (ready scene '
-                        '"modulated"): gaps open at other wavevectors for waves against it and with it. (b) A front through rows '
+                        '"modulated"): gaps open at different wavevectors for waves that run against it and with it. (b) A '
+                        'front through rows '
                         'with two wells each, at three times: with D0 alone it runs twice as fast.')

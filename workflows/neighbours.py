@@ -44,7 +44,7 @@ def main(out):
     f = repulsion(patch.calc.laws, 10 * units.mm)
     checks += [Check('control: force left on a row inside the rim, third neighbours, unrelaxed (f(L0))', rest.before / f, 0, 0.1,
                      control=True),
-               Check('the same, relaxed (f(L0))', rest.after / f, 0, 1e-9)]
+               Check('force left on this row once relaxed (f(L0))', rest.after / f, 0, 1e-9)]
     return Outcome(checks, [_draw_shells(out), _draw_prototype(out), _draw_relaxation(out, patch, rest)])
 
 
@@ -62,11 +62,12 @@ def _closed_forms(known):
         Check('dipole crystal c_L^2', c_L**2, known['dipole_c_L_squared'], 1e-11),
         Check('dipole crystal c_T^2', c_T**2, known['dipole_c_T_squared'], 1e-11),
         Check('dipole crystal c_L/c_T, sqrt(11) of Golden and Kalman', c_L / c_T, 11**0.5, 1e-11),
-        Check('dipole chain, c^2 / nearest neighbours, zeta(3)', sound_speeds(chain)[1] ** 2 / nearest[0],
+        Check('dipole chain, c^2 / that of nearest neighbours, zeta(3)', sound_speeds(chain)[1] ** 2 / nearest[0],
               known['dipole_chain_c_squared'], 1e-12),
-        Check('dipole chain, omega^2 at X / nearest neighbours, 31/32 zeta(5)',
+        Check('dipole chain, omega^2 at X / that of nearest neighbours, 31/32 zeta(5)',
               bloch_modes(chain, [M])[0][0, 1] ** 2 / nearest[1], known['dipole_chain_edge_squared'], 1e-12),
-        Check('Bloch matrix with the sums split differently, relative', abs(ours - other).max() / abs(ours).max(), 0, 1e-11,
+        Check('Bloch matrix with another split of the sums, relative difference',
+              abs(ours - other).max() / abs(ours).max(), 0, 1e-11,
               consistency=True),
     ]
 

@@ -31,10 +31,11 @@ def main(out):
     error = change.mean(axis=1).std(ddof=1) / np.sqrt(SEEDS)
     checks = [
         Check('shear at M from kT/<|u|^2> (Hz)', u.hertz(cold.omega[:3, 0].mean()), u.hertz(closed(cell, f / L)[0, 0]), 0.08),
-        Check('harmonic limit at M and K, largest misfit in errors', misfit['complete'], 0.0, 4.0),
-        Check('control: harmonic limit with D0 alone, largest misfit in errors', misfit['conventional'], 0.0, 4.0, control=True),
+        Check('harmonic limit at M and K, largest misfit in standard errors', misfit['complete'], 0.0, 4.0),
+        Check('control: harmonic limit with D0 alone, largest misfit in standard errors',
+              misfit['conventional'], 0.0, 4.0, control=True),
         Check(f'shear at M at kT = {HOT:g} f L: change of stiffness', change.mean(), AT_HOT, 0.7),
-        Check('control: shear at M, no change', 0.0, AT_HOT, 0.7, control=True),
+        Check('control: no change of the stiffness of shear at M', 0.0, AT_HOT, 0.7, control=True),
     ]
     return Outcome(checks, [picture(out, scene, cell, cold, change.mean(), error)])
 

@@ -98,7 +98,8 @@ def main(out):
         Check('strain under a burst, sum over bonds / L0', under[-2], RATIO * WAVES[-2] ** 2 * WIDTH * np.sqrt(np.pi), 1e-2),
         Check('strain along the chain - closed form, largest', abs(e - forms).max() / abs(forms).max(), 0, 0.05),
         Check('strain under a burst against amplitude, slope', slope(WAVES, under), 2, 1e-3),
-        Check('control: third power for the second', slope(WAVES, np.array(under) * WAVES), 2, 0.1, control=True),
+        Check('control: strain under a burst times the amplitude, against the amplitude, slope',
+              slope(WAVES, np.array(under) * WAVES), 2, 0.1, control=True),
     ]
     family, seen, rates = local_mode()
     worst = int(family.growth.argmax())
@@ -110,7 +111,7 @@ def main(out):
               consistency=True),
         # of a fit over some beats, as all of them
         Check('largest growth at stable amplitudes', max(rates[family.stable]), 0, 0.01),
-        Check('control: at all amplitudes', max(rates), 0, 0.01, control=True),
+        Check('control: largest growth at all amplitudes', max(rates), 0, 0.01, control=True),
     ]
     return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_waves(out, (t, h, expected), (x, e, forms)),
                             draw_path(out, measured_waves), draw_local_mode(out, family, seen, rates)])

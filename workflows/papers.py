@@ -1,8 +1,8 @@
 """Other people's papers: ions, Wigner crystals, gyroscopes, tensegrity, strings and foams, each number beside that of D0 alone.
 
 Every reference is a closed form written out here, a printed number, or a number from public code; none comes from the package.
-Those marked `(printed)` or `(IonSim.jl's tests)` were read there, those `(from memory)` were not; all others are closed forms of
-the theory that a paper uses, written from knowledge of the field and not copied from its pages.
+Those marked `(printed)` or `(IonSim.jl's tests)` were read there, those `(quoted from memory)` were not; all others are closed
+forms of the theory that a paper uses, written from knowledge of the field and not copied from its pages.
 
 Not found in full text, and therefore not among the rows: the tables of Wang et al. 2018 (one-way gap), Chong et al. 2021, Lee et
 al. 2025 (magnets on cantilevers) and Watkins et al. 2020 (demultiplexer), the Chern numbers of the spindle lattice of Mitchell et
@@ -282,7 +282,7 @@ def _prisms():
         complete, alone = modes(atoms).omega ** 2, without_static_forces(atoms)
         zeros, blind = ((abs(w2) < ZERO * w2.max()).sum() for w2 in (complete, alone))
         yield Row(CALLADINE, f'{n} struts: modes without stiffness by D0, 6 + (3 j - 6) - b + s', blind, 2 * n + 1, None, 0)
-        yield Row(CALLADINE, f'{n} struts: modes without stiffness, all prestressed but six', zeros, 6, blind, 0)
+        yield Row(CALLADINE, f'{n} struts: modes without stiffness once prestressed, the six rigid motions', zeros, 6, blind, 0)
 
 
 @dataclass(frozen=True)
@@ -338,12 +338,12 @@ def _argon():
     cell.set_masses([MASS])
     r = find_bonds(cell, cutoff=9.1).lengths
     rest = brentq(lambda spacing: (law.dphi(spacing * r) * r).sum(), 1.0, 1.2)
-    yield Row(CRYSTAL, 'distance of neighbours, 1.09 sigma (from memory)', rest, 1.09, None, 0.005)
-    yield Row(CRYSTAL, 'energy per atom, -8.6 epsilon (from memory)', law.phi(rest * r).sum(), -8.6, None, 0.006)
+    yield Row(CRYSTAL, 'distance of neighbours, 1.09 sigma (quoted from memory)', rest, 1.09, None, 0.005)
+    yield Row(CRYSTAL, 'energy per atom, -8.6 epsilon (quoted from memory)', law.phi(rest * r).sum(), -8.6, None, 0.006)
     cell.set_cell(cell.cell * rest, scale_atoms=True)
     cell.calc = PairCalculator(cell, law, cutoff=9.1 * rest)
     r, volume = rest * r, cell.get_volume()
-    yield Row(CRYSTAL, 'bulk modulus, 75 epsilon/sigma^3 (from memory)', elastic_moduli(cell).bulk, 75,
+    yield Row(CRYSTAL, 'bulk modulus, 75 epsilon/sigma^3 (quoted from memory)', elastic_moduli(cell).bulk, 75,
               (law.d2phi(r) * r**2).sum() / (9 * volume), 0.007)
 
 

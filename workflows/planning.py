@@ -108,10 +108,13 @@ def main(out, quick=True):
     checks = [
         Check(f'planning: share of {len(verdicts)} plans whose method misses the tolerance', missed, 0.0, 1 - MET,
               consistency=True),
-        Check('planning: share where a simpler method has less than a tenth of the tolerance', needless, 0.0, NEEDLESS,
+        Check('planning: share of plans in which a simpler method errs by less than a tenth of the tolerance',
+              needless, 0.0, NEEDLESS,
               consistency=True),
-        Check('control: share met where D* is ignored', met_by(without_dstar, verdicts), 1.0, 0.05, control=True),
-        Check('control: share met where the amplitude is ignored', met_by(without_amplitude, verdicts), 1.0, 0.05, control=True),
+        Check('control: share of plans that meet the tolerance if D* is ignored',
+              met_by(without_dstar, verdicts), 1.0, 0.05, control=True),
+        Check('control: share of plans that meet the tolerance if the amplitude is ignored',
+              met_by(without_amplitude, verdicts), 1.0, 0.05, control=True),
     ]
     return Outcome(checks, [draw(out, verdicts)])
 

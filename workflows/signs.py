@@ -34,7 +34,7 @@ def main(out):
         Check('chain of both signs: phase of its softest wave (rad)', abs(phases[closed(phases).argmin()]), np.pi / 3, 1e-5),
         *(Check(f'on a foundation of 0.4 k1: {name} end of the waves that grow (rad)', edge, one, 1e-5)
           for name, edge, one in zip(('lower', 'upper'), edges, true, strict=True)),
-        Check('on a foundation of 0.4 k1: growth of a run (1/s)', growth(soft) * u.s,
+        Check('on a foundation of 0.4 k1: growth rate in time steps (1/s)', growth(soft) * u.s,
               np.sqrt((0.5 - TOO_SOFT) * k1 / bare.get_masses()[0]) * u.s, 1e-4),
         Check('control: all magnets repel: foundation needed / k1', critical_foundation(only).k / k1, 0.5, 0.5, control=True),
     ], [picture(out)])

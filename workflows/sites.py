@@ -71,10 +71,11 @@ def dimerised_chain():
     ends, other = (local_modes(along_x(42, law=laws, tags=tags, walls=True), gap) for tags in ([0, 0, 1, 1], [0, 1, 1, 0]))
     u = abs(ends.shapes[0, :, 0] + np.array([1, -1])[:, None] * ends.shapes[1, :, 0])
     left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
-    return [*edges, *pairs('its modes at the ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5, ('first', 'second')),
-            Check('decay of such a mode per cell', left[3] / left[1], k2 / k1, 1e-4),
+    return [*edges, *pairs('dimerised chain: modes at its ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5,
+                           ('first', 'second')),
+            Check('decay of these modes per cell', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
-            Check('control: with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
+            Check('control: number of modes in the gap with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
 
 
 def missing_magnet(out, known):
@@ -215,9 +216,11 @@ def scattered_magnets(out, known):
     what = f'prototype, strengths scatter by {100 * SCATTER:g} %: width of M shear (Hz)'
     place = np.average(frequencies, weights=here * weight)
     # either is known to some 5 % from so many magnets
-    return [Check(f'{what}, A(k, omega), and exact supercells', width, theirs, 0.15, consistency=True),
-            Check('control: the resolution of A(k, omega) alone, and exact supercells', resolution, theirs, 0.3, control=True),
-            Reported('its frequency then (Hz), and with equal magnets', float(place), known['M_complete_Hz'][0])], \
+    return [Check(f'{what}, from A(k, omega) and from exact supercells', width, theirs, 0.15, consistency=True),
+            Check('control: width from the resolution of A(k, omega) alone, and from exact supercells (Hz)',
+                  resolution, theirs, 0.3, control=True),
+            Reported('frequency of M shear with this scatter (Hz), and with equal magnets',
+                     float(place), known['M_complete_Hz'][0])], \
         save_picture(ax.figure, out / 'scattered_magnets.png',
                      'Scatter of 1 % in the strength of each magnet broadens the shear peak at M.')
 
@@ -252,8 +255,10 @@ def each_magnet(known):
         here, there, less = (units.hertz(x) for x in (std[own][0], drawn[:, own].std(), without[own][0]))
         what = f'independent scatter of 16 magnets: deviation of the {name} (Hz)'
         rows += [Check(f'{what}, to first order, compared with {SAMPLES} supercells', here, there, 0.1, consistency=True),
-                 Reported(f'{what}: mean shift of these', units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
-    return [*rows, Check('control: the last deviation, due to masses and pillars alone', less, there, 0.1, control=True)]
+                 Reported(f'{what}, and mean shift in these supercells',
+                          units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
+    return [*rows, Check('control: deviation of M shear due to masses and pillars alone, and due to all (Hz)',
+                         less, there, 0.1, control=True)]
 
 
 def disordered_chain():
@@ -271,10 +276,12 @@ def disordered_chain():
     alike = 2 / np.pi * np.arcsin(omega / 2)
     return [*(Check(f'disordered chain, share of modes below {w:g} sqrt(k/m)', a, b, 0.05)
               for w, a, b in zip(omega, here, below / CHAIN, strict=True)),
-            Check('control: the same for equal masses, below 1.95', alike[-1], below[-1] / CHAIN, 0.05, control=True),
+            Check('control: chain of equal masses, share of modes below 1.95 sqrt(k/m)',
+                  alike[-1], below[-1] / CHAIN, 0.05, control=True),
             # some 50 modes at each frequency, of lengths that scatter by 60 %
             Check('power of the frequency in the localisation length of long waves', reach_power(chain), -2, 0.25),
-            Check('control: the same for equal masses', reach_power(along_x(CHAIN // 10)), -2, 0.25, control=True)]
+            Check('control: chain of equal masses, power of the frequency in this length',
+                  reach_power(along_x(CHAIN // 10)), -2, 0.25, control=True)]
 
 
 def reach_power(chain):

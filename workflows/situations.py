@@ -23,11 +23,11 @@ from magphonon.waves.wave_source import burst_setup
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 LAWS = InversePower(1.0, 3.0), InversePower(1.0, 4.0), InversePower(1.0, 4.58), Yukawa(1.0, 2.0)
-"""In units of the spacing, 1 mm."""
+"""Laws in units of the spacing, 1 mm."""
 FRAMES = 60
 """Moments at which waveforms are compared."""
 STEPS = 0.03
-"""Of the true waveform, as a share of the limit 2/omega_max; extrapolated with twice of it."""
+"""Time step of the true waveform, as a share of the limit 2/omega_max; a second run at twice this step extrapolates it."""
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,9 @@ def main(out):
         checks += [
             Check(f'{name}: foundation needed, largest misfit over a from 1 to 8 (f/L0)', misfit['complete'], 0, 1e-9),
             Check(f'control: {name}, D0 alone (f/L0)', misfit['conventional'], 0, 0.5, control=True),
-            Check(f'{name}: runs 5 % from the border with the wrong result', wrong(grown['complete']), 0, 0),
-            Check(f'control: {name}, D0 alone, runs with the wrong result', wrong(grown['conventional']), 0, 0, control=True),
+            Check(f'{name}: number of runs 5 % from the border that end wrongly', wrong(grown['complete']), 0, 0),
+            Check(f'control: {name}, D0 alone, number of runs that end wrongly',
+                  wrong(grown['conventional']), 0, 0, control=True),
             Check(f'{name}: growth rates of runs, largest misfit', misfit_of_rates(grown['complete']), 0, 1e-3),
         ]
     checks += _angles()
@@ -132,8 +133,8 @@ def _draw_maps(out, needed, fates):
     names = 'closed form of the border', 'run that grew', 'run that stayed'
     legend_of_set(figure, handles=[axes[0, 0].lines[0], grown, stayed], labels=names)
     return save_picture(figure, out / 'stability_map.png',
-                        'Foundation that each lattice needs. Only the triangular one can hold itself, for a > 3; below the '
-                        'border the shaded motion grows. With D0 alone every point is stable: that model shows none of this.')
+                        'Foundation that each lattice needs. Only the triangular one needs none, for a > 3; in the shaded region '
+                        'below the border motion grows. With D0 alone every point is stable: that model shows none of this.')
 
 
 # --- the oscillator --------------------------------------------------------------------------------------------------
@@ -290,7 +291,7 @@ def _steps(measured, laws):
         checks.append(Check(f'limit of omega dt, exact split, zeta = {zeta:g}', limit[0], 2, 1e-6))
         if zeta > 1:
             checks.append(Check(f'control: limit of omega dt, explicit damping, zeta = {zeta:g}', limit[1], 2, 0.5, control=True))
-            checks.append(Check('the same against 2/zeta', limit[1], 2 / zeta, 1e-6))
+            checks.append(Check('limit of omega dt, explicit damping, against 2/zeta', limit[1], 2 / zeta, 1e-6))
     return checks
 
 

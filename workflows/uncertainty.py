@@ -44,7 +44,7 @@ def main(out):
     half_way = response.values < response.values.max() / np.sqrt(2)  # within the peak's width the second order counts
     checks += [Check(f'oscillator: deviation of the amplitude beside the peak, linear / {SAMPLES} random - 1',
                      apart[half_way].max(), 0, TOLERANCE, consistency=True),
-               Check('control: the same on top of the peak, where the slope vanishes', apart.max(), 0, 0.05, control=True)]
+               Check('control: deviation on top of the peak, where the slope vanishes', apart.max(), 0, 0.05, control=True)]
     return Outcome(checks, [*draw_bands(out), draw_limit(out, scene), draw_response(out, response, sampled)])
 
 

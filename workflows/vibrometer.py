@@ -67,8 +67,8 @@ def maps(scene, out):
             record, misfits = f'vibrometer {carrier:g} Hz, {model} simulation', wave.misfits
             own, off = misfits[model, 'shear'], misfits[other, 'shear']
             checks += [Check(f'{record}: distance to its own shear branch, Gamma-K (bins)', own.bins, 0, HALF_A_BIN),
-                       Check(f'{record}: the same in units of its uncertainty', own.omega / own.sigma_omega, 0, NORMAL),
-                       Check(f'{record}: it agrees with its own branch and no other',
+                       Check(f'{record}: this distance / its uncertainty', own.omega / own.sigma_omega, 0, NORMAL),
+                       Check(f'{record}: the ridge agrees with its own branch and no other',
                              float(wave.agrees_with == ((model, 'shear'),)), 1, 0),
                        Check(f'control: {record}: distance to the {other} shear branch (bins)', off.bins, 0, 1, control=True)]
             table[-1].append(wave)
@@ -103,8 +103,9 @@ def draw_experiment(out, scene):
 def between_lines(record, carrier, bins):
     """The row of Gamma-M: as near as Gamma-K where waves are long, off by more than a bin where they are not."""
     if carrier < APART:
-        return Check(f'{record}: distance to Gamma-M, as for a row of sources (bins)', bins, 0, HALF_A_BIN)
-    return Check(f'control: {record}: distance to Gamma-M, as for a row of sources (bins)', bins, 0, 1, control=True)
+        return Check(f'{record}: distance to the branch on Gamma-M, that of a row of sources (bins)', bins, 0, HALF_A_BIN)
+    return Check(f'control: {record}: distance to the branch on Gamma-M, that of a row of sources (bins)',
+                 bins, 0, 1, control=True)
 
 
 def longitudinal(cell, found, record):
@@ -121,7 +122,7 @@ def longitudinal(cell, found, record):
     misfit, nearest = compare(replace(wave.ridge, **arrays), oblique), min(misfit.bins for misfit in wave.misfits.values())
     record += ', longitudinal motion'
     return [Check(f'{record}: branches of Gamma-K with which the ridge agrees', len(wave.agrees_with), 0, 0),
-            Check(f'control: {record}: distance to the nearest of them (bins)', nearest, 0, 1, control=True),
+            Check(f'control: {record}: distance to the nearest branch of Gamma-K (bins)', nearest, 0, 1, control=True),
             Check(f'{record}: distance above 58.2 Hz to shear waves M + k (bins)', misfit.bins, 0, HALF_A_BIN)]
 
 

@@ -82,7 +82,7 @@ def stepped():
     seen = Recorder(dyn, interval=20)
     dyn.run(120)
     exact = propagate(strip(40), seen.times, [burst], C / u.s).displacements
-    return Check('behind a side that moves by a burst, time steps: largest misfit to the exact motion / its amplitude',
+    return Check('side moved by a burst: largest misfit of the time steps behind it to the exact motion / its amplitude',
                  abs(seen.displacements - exact).max() / 1e-4, 0.0, 2e-3)
 
 
@@ -114,7 +114,7 @@ def picture(out, steady, true):
     for row, mark, label in zip(steady.values(), 'os', ('complete, $D^0+D^*$', 'conventional, $D^0$'), strict=True):
         ax.plot(n, abs(row), mark, fillstyle='none', label=label)
     ax.plot(n, abs(true), '-', color='black', label='$|e^{i\\xi n}|$')
-    ax.set(xlabel='rows behind the shaken side', ylabel='amplitude per that of the side', ylim=(0, 1.02))
+    ax.set(xlabel='rows behind the shaken side', ylabel='amplitude / amplitude of the side', ylim=(0, 1.02))
     ax.legend()
     return save_picture(ax.figure, out / 'walls.png', 'A side of the prototype is shaken along its own direction at 40 Hz, with '
                                                       'losses of 4 /s.')

@@ -234,7 +234,7 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
     (50, 3)
     """
     if not atoms.pbc.any():
-        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+        raise ValueError('the structure is not periodic and has no bands; use the unit cell from which it was made')
     alike = Atoms(cell=atoms.cell.array / atoms.cell.lengths()[atoms.pbc].max(), pbc=atoms.pbc)
     try:
         path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc.tolist())
@@ -254,7 +254,7 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
     taken to the cell of the atoms, as it is.
     """
     if not atoms.pbc.any():
-        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+        raise ValueError('the structure is not periodic and has no bands; use the unit cell from which it was made')
     if isinstance(path, str):
         return band_path(atoms, path)
     if not isinstance(path, BandPath):

@@ -117,7 +117,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     Returns
     -------
     DensityOfStates
-        With as many `modes` as the lattice has branches.
+        The density, with as many `modes` as the lattice has branches.
 
     Examples
     --------

@@ -83,7 +83,7 @@ class _Link:
         self.L, self.R, self.pencil = L[: self.lost], R[: self.lost], (L[self.lost :], R[self.lost :])
 
     def restored(self, z, alpha, beta):
-        """Vectors of the pencil with this link, in columns, from those `z` without it, at the roots alpha/beta."""
+        """Vectors of the pencil with this link, in columns; `z` are those without it, and alpha/beta the roots."""
         inside = linalg.solve_triangular(self.triangle, self.R @ z * alpha - self.L @ z * beta)
         x = self.keep @ (z * beta) + self.null @ inside
         return x / np.linalg.norm(x, axis=0)
@@ -143,8 +143,8 @@ class ComplexBands(InHertz):
     xi : ndarray of complex, shape (frequencies, waves)
         Phase and decay per step, `e^{i xi}`; the imaginary part is zero or positive. Without damping the real part is not
         negative either, and each value stands for four waves: xi, -xi and their conjugates. With damping it stands for xi and
-        -xi; the real part is negative if the crests of a wave run against its energy. With g only waves whose energy runs
-        forwards are given. Infinite where a wave does not go beyond the particle that moves.
+        -xi; the real part is negative if the crests of a wave run against its energy. For gyroscopes only waves whose energy
+        runs forwards are given. Infinite where a wave does not go beyond the particle that moves.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
         where the decay is infinite.

@@ -42,7 +42,8 @@ class FloquetBands(InHertz):
         In fractions of the reciprocal vectors.
     omega : ndarray of complex, shape (wavevectors, 2 * modes)
         Quasi-frequencies in rad/ms, ascending by their real part, which is not negative: motion goes as e^{-i omega t}, and grows
-        where the imaginary part is positive.  Each is one of many, omega + n W at the wavevector q + n kap.
+        where the imaginary part is positive.  Frequencies are defined up to multiples of W: omega + n W at the wavevector q + n
+        kap is the same motion, for any integer n.
     weight : ndarray, shape (wavevectors, 2 * modes)
         Share of the harmonic at q itself in this motion, 0 to 1: it is 1 far from all resonances and 1/2 where two waves mix
         equally.
@@ -97,7 +98,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
     True
     """
     if not atoms.pbc.any():
-        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+        raise ValueError('the structure is not periodic and has no bands; use the unit cell from which it was made')
     hill, q = Hill(atoms, model, damping), wavevectors(q)
     tolerance, harmonics = positive('tolerance', tolerance), 1
     omega, weight = hill.solved(q, harmonics)

@@ -82,7 +82,7 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     Returns
     -------
     phonopy.Phonopy
-        With force constants in N/mm and frequencies in Hz.  No file was read or written.
+        With force constants in N/mm and frequencies in Hz.  Nothing is read from a file or written to one.
 
     Examples
     --------
@@ -131,8 +131,8 @@ def _cell_calculator(atoms):
     calc: Any = LinearSystem.of(atoms).moving().atoms.calc
     for guide in atoms.constraints:
         if not isinstance(guide, FixAtoms):
-            raise ValueError(f'phonopy moves particles in every direction, but the cell holds the constraint {guide}; remove '
-                             'it, or take analytic_bands')
+            raise ValueError(f'phonopy moves particles in every direction, but the cell holds the constraint {guide}; remove it, '
+                             'or use analytic_bands')
     calc.displacements(atoms)  # refuses atoms that are not those of the reference
     if 'X' in atoms.symbols:
         raise ValueError(f"phonopy refuses the symbol 'X' of particle {atoms.symbols.search('X')[0]}; "
@@ -194,7 +194,7 @@ def _checked_distance(distance, shortest):
     distance = positive('distance', distance, 'mm')
     if not 1e-12 * shortest <= distance <= 0.1 * shortest:
         raise ValueError(f'the distance {distance:g} mm is {distance / shortest:.1e} of the shortest bond; outside 1e-12 to '
-                         f'0.1, round-off or the curvature of the law spoil the force constants. Without distance= it is '
+                         f'0.1, round-off or the curvature of the law spoils the force constants. Without distance= it is '
                          f'{DISTANCE * shortest:g} mm')
     return distance
 

@@ -30,8 +30,8 @@ REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
 """Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one if the first is
 not enough.  It holds about a thousand bonds of each particle, whose sum takes as long as that over all by Ewald's method."""
 LOW = 0.01
-"""Fraction of the highest frequency below which a difference is one of that fraction and not of the frequency: near buckling a
-frequency is the small difference of large terms, and at Gamma zero."""
+"""Below this fraction of the highest frequency, shifts are given relative to that fraction and not to the frequency itself:
+near buckling a frequency is the small difference of large terms, and at Gamma it is zero."""
 MOST_TRIED, FEW = (400, 40), 8
 """Largest number of shells, in cells of a FEW particles and in larger ones. In the latter positions may be irregular, so that
 every distance is a shell."""

@@ -23,9 +23,9 @@ from ..traits import LINEAR, takes
 from .bloch import in_batches
 
 COARSE, FINE = 24, 192
-"""Wavevectors along each reciprocal vector at first, and at most, as they are doubled."""
+"""Number of wavevectors along each reciprocal vector: at first, and at most after doublings."""
 SMOOTH = 1.5
-"""Largest flux through a plaquette, in rad, of a mesh that resolves the curvature: beyond pi numbers could be others."""
+"""Largest flux through a plaquette, in rad, of a mesh that resolves the curvature: beyond pi the Chern numbers are ambiguous."""
 TOUCHING = 1e-9  # gap, as a fraction of the highest frequency, that is round-off
 STEPS = 120  # wavevectors along a strip, 0 and 1/2 among them, between which a wave is looked for
 CLEAR = 0.8  # least share of the motion in one half of the strip for a wave to belong to its edge

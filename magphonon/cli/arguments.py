@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 STDIN = '-'  # argument for a scene that is read from a pipe
 MOST_DIRECTIONS = 3000
-"""Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
+"""Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
 LOWEST = 60  # number of the lowest modes of a larger patch
 FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is named after scene and command
 
@@ -93,7 +93,7 @@ def default_folder(options: Namespace) -> str:
 def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[str]]:
     """The lattice of a scene, its patch or finite structure, and lines that say what is left out."""
     if scene.single:
-        raise ValueError('the oscillator is one particle, with neither bands nor modes to count; "magphonon frf" is for it')
+        raise ValueError('the oscillator is one particle and has no bands or modes to count; use "magphonon frf"')
     left = left_out(scene)
     if scene.finite:
         return None, scene.patch_atoms(), left
@@ -103,14 +103,15 @@ def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[st
 def left_out(scene: Scene) -> list[str]:
     """A line that says which keys of [bands] are for the command `bands` alone, if any are given."""
     given = '' if scene.bands is None else scene.bands.beyond
-    return [f'{given} left out: this is linear motion without losses or heat; "magphonon bands" has it'] if given else []
+    return [f'{given} ignored here: this command computes linear motion without losses or heat; "magphonon bands" includes '
+            'them'] if given else []
 
 
 def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
     """Add the options of pictures, with --fmax if some have a frequency axis (`frequencies`)."""
     group = parser.add_argument_group('pictures')
     group.add_argument('--pdf', action='store_true', help='write each picture as PDF too')
-    group.add_argument('--title', metavar='TEXT', help="title of the pictures (default: the scene's); '' for none")
+    group.add_argument('--title', metavar='TEXT', help="title of the pictures (default: the title of the scene); '' for none")
     if frequencies:
         group.add_argument('--fmax', metavar='HZ', type=float, help='upper end of the frequency axes in Hz')
     group.add_argument('--style', metavar='FILE', help='style sheet of matplotlib, whose settings replace those of the package')

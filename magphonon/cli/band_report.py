@@ -75,7 +75,7 @@ def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> li
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
     return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics on '
-            'either side. Growing waves fill narrow ranges, and those between these wavevectors are missed: "magphonon check" '
+            'either side. Growing waves fill narrow ranges of wavevectors, so some may lie between these: "magphonon check" '
             'searches everywhere.']
 
 
@@ -96,6 +96,8 @@ def _rows(label, columns, highest):
 @REPORT.answer
 def effect(case: Case) -> str:
     """What D* does to the branch at a special point that it changes most, and whether the lattice stands."""
+    from ..plotting.bands import mode_names
+
     stands = verdict(case.atoms).finding('buckling') if case.turned else buckling(case)
     words = '' if stands is None or stands.fault else f' {stands.words}'
     complete = case.bands['complete'].frequencies_Hz
@@ -110,7 +112,8 @@ def effect(case: Case) -> str:
         return f'D* changes no branch at {", ".join(at)}.{words}'
     to = (f'{units.in_words("Hz", f0, f)} ({100 * (f / f0 - 1):+.2g} %)' if f > 0 else
           f'{units.in_words("Hz", f0)} to below zero: it buckles')
-    return f'D* takes branch {branch + 1} at {name} from {to}.{words}'
+    kind = mode_names(case.bands['complete'])[at[name], branch]
+    return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.{words}'
 
 
 @REPORT.remark
@@ -204,9 +207,10 @@ def topology(case: Case) -> Iterator[str]:
         at = bloch_modes(case.atoms, np.zeros((1, 3)), model)[0][0]
         for low, high in band_gaps(case.atoms, model=model):
             net = int(numbers[at <= (low + high) / 2].sum())  # of the bands below
-            side = f'{abs(net)} more along an edge with the rim on {"the right" if net > 0 else "the left"} than back'
+            side = (f'{abs(net)} more along an edge with the rim on {"the right" if net > 0 else "the left"} than in the '
+                    'opposite direction')
             yield (f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz; waves: '
-                   f'{side if net else "none that runs one way along an edge"}')
+                   f'{side if net else "none that runs only one way along an edge"}')
 
 
 @REPORT.remark

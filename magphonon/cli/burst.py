@@ -28,8 +28,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='program that computes the time steps of the complete model (default: own)')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
     parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
-                                                       'bursts that were already run there, here or on a cluster, are read and '
-                                                       'not run again')
+                                                       'a burst that has already run there, on this machine or on a cluster, is '
+                                                       'read and not run again')
     parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
     parser.add_argument('--animation', action='store_true',
                         help='also a GIF of each burst crossing the patch, both models side by side')
@@ -167,9 +167,9 @@ def _conclusion(records):
             if here:
                 bins = [sorted(misfits[which, name].bins for misfits in here) for which in (model, other)]
                 near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
-                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges on its {name} branch, {near} bins away, '
-                             f'and {far} bins from that of the {other} model')
-    lines += ['(a bin is the resolution in wavenumber, 2 pi over the number of places of the row)'] * bool(lines)
+                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges lie on its {name} branch, {near} bins off '
+                             f'it, and {far} bins off that of the {other} model')
+    lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
         lines.append(f'{astray} of the ridges lie on no branch of the row: --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']
@@ -206,8 +206,8 @@ def _decays(plan, cell, records):
                 omega = 2 * np.pi * carrier * units.Hz
                 reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
                 if np.isfinite(reach):
-                    lines.append(f'{name}_{model}: {carrier:g} Hz lies in a band gap along R2; the slowest decay is to 1/e '
-                                 f'in {reach:.3g} steps')
+                    lines.append(f'{name}_{model}: {carrier:g} Hz lies in a band gap along R2; the wave that decays most slowly '
+                                 f'falls to 1/e in {reach:.3g} steps')
     return ['', *lines] if lines else []
 
 

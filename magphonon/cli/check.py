@@ -30,7 +30,7 @@ grows with the third power of the side: sparse factorisations in the plane fill 
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
          'dos': 'bands.density.lattice_density', 'burst': 'response.propagation.propagate', 'plan': 'planning.peak.plan_peak',
          'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.stability_boundary'}
-"""The tool that each command asks first: what it declares is what the command takes."""
+"""The tool that each command calls first: a command supports what this tool declares."""
 SEEN = 1e-3
 """Relative change of a frequency by leaning pillars above which it is reported; real lattices are hardly known to better."""
 
@@ -118,7 +118,7 @@ def verdict_in_short(case: Case) -> str:
     said = [case.judged.finding('buckling').words]
     if (supports := case.judged.supports) is not None and supports.central:
         needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
-        said.append(f'Supports need {needed} out of the plane.')
+        said.append(f'The supports need a stiffness of {needed} out of the plane.')
     if (amplitude := case.judged.amplitude) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
@@ -190,9 +190,9 @@ def commands(case: Case) -> str | None:
         try:
             refuse(case.atoms, DECLARED[name])
         except ValueError as error:
-            why = str(error).partition(' does not take ')[2].partition(' (')[0].partition(';')[0]
+            why = str(error).partition(' does not support ')[2].partition(' (')[0].partition(';')[0]
             refused.setdefault(why, []).append(f'"magphonon {command}"')
-    return '\n'.join(f'Commands that do not take {why}: {", ".join(named)}.' for why, named in refused.items()) or None
+    return '\n'.join(f'Commands that do not support {why}: {", ".join(named)}.' for why, named in refused.items()) or None
 
 
 @REPORT.check
@@ -241,4 +241,4 @@ def _large(patch, perfect):
                 'the patch: foundation, spacing, supports and time steps. The fixed rim may make it stable even where the '
                 'lattice buckles. The linear amplitude is that of waves far from the rim.')
     return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). Its spacing, its '
-            'supports and its linear amplitude are not judged: they need a smaller patch with as many defects.')
+            'supports and its linear amplitude are not judged: for these, give a smaller patch with as many defects.')

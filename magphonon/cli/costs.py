@@ -30,8 +30,9 @@ USABLE_FRACTION = 0.5
 GIGABYTE = 2**30
 PICTURES_bytes = 60e6  # fonts, figures and imports, for every command
 POINT_bytes, MATRIX_bytes = 1500, 3200
-"""Bands: a wavevector by both models and phonopy, for any cell; its matrices for a cell of one particle, which grow with the
-square of the number of particles.  Measured between 20 000 and 60 000 wavevectors of cells of one, two and three particles."""
+"""Bytes of one wavevector of bands by both models and phonopy: a part for any cell, and the matrices of a cell of one particle,
+which grow with the square of the number of particles.  Measured between 20 000 and 60 000 wavevectors of cells of one, two and
+three particles."""
 PHASE_bytes = 33  # bands: the phase of one bond at one wavevector; counted
 PAIR_bytes = 20  # bands by phonopy: one pair of particles of the supercell, whose distances phonopy keeps
 SERIES_bytes, PROOF_bytes = 3000, 13e3

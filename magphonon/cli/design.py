@@ -12,8 +12,8 @@ from .arguments import add_output, add_pictures, add_scene
 HELP = 'find the spacing and foundation, or every magnet of a patch, for the frequencies that you want'
 RESULTS = 'design.*', 'design_*.png', 'design_*.pdf', 'design_*.gif'
 TOLERABLE = 0.01
-"""Largest shift of a frequency by neighbours left out that a design may have, as a fraction: magnets are set to half a percent of
-the spacing, which moves a frequency by some percent."""
+"""Largest shift of a frequency by omitted neighbours that a design may have, as a fraction: magnets are placed to within half a
+percent of the spacing, which moves a frequency by some percent."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -119,7 +119,7 @@ def _refuse_foreign(file):
 def _refuse_unknown(scene: Scene) -> None:
     """Refuse scenes that the page cannot compute: only planar lattices with a few shells of neighbours are possible."""
     if scene.single:
-        raise ValueError('the oscillator is one particle without bands; "magphonon frf" is for it')
+        raise ValueError('the oscillator is one particle and has no bands; use "magphonon frf"')
     if scene.finite:
         raise ValueError('a finite structure has no bands to explore; "magphonon modes" shows its modes')
     if scene.lattice.kind == 'file':

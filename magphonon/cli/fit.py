@@ -48,25 +48,29 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='with --bands or --frf: parameters that keep their values in the scene, with the names of '
                              '--prior, such as --fix a,foundation_N_per_m')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
-                        help='with --bands or --frf: what is already known about a parameter, in SI, as '
-                             'force_N=0.288+-0.01 or a=3.8+-10%%; units may be left out of names; may be given several times')
+                        help='with --bands or --frf: what is already known about a parameter, in SI, such as force_N=0.288+-0.01 '
+                             'or a=3.8+-10%%; units may be left out of names; may be given several times')
     parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
-                        help='with --bands: leave out a ridge, as --without "60Hz, longitudinal"; the intervals are widened by '
+                        help='with --bands: omit a ridge, such as --without "60Hz, longitudinal"; the intervals are widened by '
                              'as much as the fit misses it')
-    parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, as 10mm (default: the middle distance)')
+    parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, such as 10mm (default: the middle of the '
+                                                                    'measured distances)')
     for name, reader, metavar, words in (
-            ('distance', length, 'R', 'how well the zero of the distances is known, as 0.1mm: it matters most (default: 0.2mm)'),
-            ('zero', force, 'F', 'how well the zero of the force is known, as 5mN (default: a tenth of the largest force)'),
-            ('hysteresis', force, 'F', 'half the difference of return and approach (default: a hundredth of the largest force)'),
-            ('backlash', length, 'R', 'backlash of the drive (default: 0.1mm)'),
-            ('gain', float, 'X', 'how well the gain of the load cell is known, as a fraction (default: 0.01)')):
+            ('distance', length, 'R', 'standard uncertainty of the zero of the distances, such as 0.1mm; it matters most '
+                                      '(default: 0.2mm)'),
+            ('zero', force, 'F', 'standard uncertainty of the zero of the force, such as 5mN (default: a tenth of the largest '
+                                 'force)'),
+            ('hysteresis', force, 'F', 'half the difference between the forces on return and on approach (default: a hundredth '
+                                       'of the largest force)'),
+            ('backlash', length, 'R', 'standard uncertainty due to the backlash of the drive (default: 0.1mm)'),
+            ('gain', float, 'X', 'standard uncertainty of the gain of the load cell, as a fraction (default: 0.01)')):
         parser.add_argument(f'--{name}-sigma', metavar=metavar, type=reader, help=words)
     parser.add_argument('--pair-sigma', metavar='X', type=float,
                         help='standard deviation of the force from one pair to the next, as a fraction (default: the scatter of '
                              'several pairs in one table, else 0)')
     parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: the known shape '
-                                                          'narrows the intervals, and it is given up for a free curve where the '
-                                                          'data contradict it')
+                                                          'narrows the intervals; if the data contradict it, a free curve is '
+                                                          'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
                         help='distance of the centres at contact: measurements below it are refused (default: that of --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',

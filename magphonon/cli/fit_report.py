@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import units as u
+from ..bands.bands import analytic_bands
 from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..findings import Findings, next_lines
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, shells_within
@@ -17,7 +18,7 @@ from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .fitted import entries_of, in_a_line, interval, with_unit
+from .fitted import SIGMAS, entries_of, in_a_line, interval, with_unit
 from .neighbours import neighbours, omitted
 
 if TYPE_CHECKING:
@@ -52,8 +53,8 @@ def force_and_exponent(case):
     fit = case.fit
     force, _, exponent = fit.intervals
     return (f'At {u.in_words("m", fit.spacing / u.m)} the force is {fit.force / u.N:.4g} N ({force[0] / u.N:.4g} to '
-            f'{force[1] / u.N:.4g}), the exponent {fit.exponent:.4g} ({exponent[0]:.4g} to {exponent[1]:.4g}): intervals of 95 '
-            '%.')
+            f'{force[1] / u.N:.4g}) and the exponent {fit.exponent:.4g} ({exponent[0]:.4g} to {exponent[1]:.4g}), with 95 % '
+            'intervals in brackets.')
 
 
 @FORCES.remark
@@ -66,7 +67,7 @@ def table(case):
 @FORCES.remark
 def force_and_slope(case):
     fit = case.fit
-    yield f'\nat {fit.spacing / u.m:g} m, intervals of 95 %:'
+    yield f'\nat {fit.spacing / u.m:g} m, with 95 % intervals:'
     force, slope, exponent = fit.intervals
     for name, value, ends, unit, symbol in (('force f', fit.force, force, u.N, 'N'),
                                             ('slope df/dr', fit.slope, -slope[::-1], u.N / u.m, 'N/m'),
@@ -90,7 +91,7 @@ def what_makes_the_slope_uncertain(case):
     fit = case.fit
     shares = sorted(fit.shares.items(), key=lambda item: -item[1])
     parts = ', '.join(f'{name} {100 * share:.0f} %' for name, share in shares if share > 0.005)
-    yield f'What makes the slope uncertain: {parts} (of its variance).'
+    yield f'Causes of the uncertainty of the slope, as shares of its variance: {parts}.'
 
 
 @FORCES.remark
@@ -150,9 +151,9 @@ def reach(case):
     """How many shells of neighbours the table reaches."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
-    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. The forces '
-            'of the others are extrapolated: measure to three spacings or more, or name the magnet '
-            '(--magnet). "magphonon check" says what they shift.')
+    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. Forces at '
+            'larger distances are extrapolated: measure to three spacings or more, or name the magnet (--magnet). "magphonon '
+            'check" says by how much the neighbours there shift the frequencies.')
 
 
 @FORCES.check
@@ -179,7 +180,7 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
         return '\n'.join([*_answer(found), *_shown(RIDGES, found), *([f'\n{beside.words}'] if beside.fault else [])])
     own, fits = found.points, found.fits
     ridges = Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist()))
-    on = ', '.join(f'{count} on branch {branch + 1}' for branch, count in sorted(ridges.items()))
+    on = ', '.join(f'{count} on branch {branch + 1}{_called(found, branch)}' for branch, count in sorted(ridges.items()))
     lines = [*_answer(found), '', found.scene.title, '', f'Fitting {len(own)} of the {points} ridge points (the others repeat '
              f'the noise of these). Ridges: {on}.', *_known(found, fixed), '']
     values = {model: found.values(model) for model in fits}
@@ -188,7 +189,17 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     return '\n'.join([*lines, *_table(fits, rows), '',
-                      'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.', *RIDGES.lines(found)])
+                      '95 % intervals; force and bond stiffness -df/dr are those at the spacing.', *RIDGES.lines(found)])
+
+
+def _called(found, branch):
+    """How the particles move on a branch, in brackets, where it is the same at all its points."""
+    points, cell = found.points, found.scene.perfect_cell()
+    on = np.array(found.fits['complete'].branches)[points.ridge] == branch
+    kinds = {*analytic_bands(cell, points.q[on], vectors=True).polarisations[:, branch]}
+    if kinds == {'transverse'} and cell.pbc.sum() > 1:
+        return ' (shear)'
+    return f' ({kinds.pop()})' if len(kinds) == 1 else ''
 
 
 def _known(found, fixed):
@@ -220,7 +231,8 @@ def allowed(found):
     lines = [f'They allow for a shift that all ridges of a branch share: {told} (bins of wavenumber).']
     strayed = found.fits['complete'].strayed
     if strayed:
-        lines.append(f'{strayed} of the points from a point source are closer to the other branch than to that of their motion.')
+        lines.append(f'{strayed} of the points from a point source are closer to the other branch than to the branch of their '
+                     'own motion.')
     return lines
 
 
@@ -232,7 +244,8 @@ def _shown(report, found):
 def _answer(found):
     """The parameters of the better model in a line, if it follows the data."""
     model = found.better.model
-    return [f'{in_a_line(found.values(model), UNITS)}: {model} model, intervals of 95 %.'] if found.better.follows else []
+    told = f'{model.capitalize()} model: {in_a_line(found.values(model), UNITS)}, with 95 % intervals in brackets.'
+    return [told] if found.better.follows else []
 
 
 def _table(fits, rows):
@@ -266,7 +279,7 @@ def undetermined(found):
             if len(set(found.fits['complete'].branches)) == 1 else 'more frequencies of both branches')
     return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters can change together '
             f'without moving the ridges. Measure {more}, or state what is known from elsewhere with --prior; --fix '
-            f'{open_[0]} takes its value from the scene as exact.']
+            f'{open_[0]} keeps its value in the scene as exact.']
 
 
 @RIDGES.check
@@ -274,12 +287,12 @@ def biased(found):
     lines = []
     if found.biased and found.better.follows:
         more = ' '.join(f'--prior {KEY_OF[name]}=...+-...' for name in found.names if name not in (*found.priors, 'force'))
-        lines.append('Biased, with wide intervals: the waves come from a point source, or from a source that the table does not '
-                     'name. Such ridges are shifted, so the values lie on one side of their intervals (docs/coverage.md). '
-                     f'State what is known from elsewhere, as {more}, or drive a row of sources.')
+        lines.append('The values are biased and their intervals wide: the waves come from a point source, or from a source that '
+                     'the table does not name. Such ridges are shifted, so the true values lie to one side within the intervals '
+                     f'(docs/coverage.md). State what is known from elsewhere with {more}, or drive a row of sources.')
     if not any(found.points.motions):
         lines.append('The table has no column motion: which branch a ridge follows is decided by its distance alone'
-                     + (', and all points count as one ridge. Name record and motion (transverse or longitudinal) of each.'
+                     + (', and all points count as one ridge. Add the columns record and motion (transverse or longitudinal).'
                         if len(found.points.names) == 1 else '.'))
     return lines
 
@@ -289,9 +302,9 @@ def left_out(found):
     fit = found.fits['complete']
     if not found.left_out:
         return []
-    return [f'Left out of the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
+    return [f'Omitted from the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
             f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened accordingly. A fit that is good only '
-            'because ridges were left out is no more certain than a fit of all.']
+            'because ridges were left out is no more certain than a fit to all of them.']
 
 
 @RIDGES.check
@@ -323,10 +336,11 @@ def verdict(found):
         law = [key for key, name in KEYS.items() if name in found.names and not name.startswith('foundation')]
         known = f' A law that is known from measured forces would decide: --prior, or --fix {",".join(law)}.' if law else ''
         return [f'D*: these data cannot decide between the models. They differ by {difference:.2g} in chi2, {abs(sigmas):.1f} '
-                f'sigma: with different parameters, both follow the ridges.{known}', *_scattered(found)]
+                f'sigma, which noise alone may give: with different parameters, both follow the ridges.{known}',
+                *_scattered(found)]
     better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
     lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
-             f'{"for" if sigmas > 0 else "against"} D*.']
+             f'{"for" if sigmas > 0 else "against"} D* ({SIGMAS}).']
     if found.fits[worse].scatter == 1:
         lines.append(f'The {worse} model follows the ridges within their uncertainties, too: the evidence rests on the '
                      'difference alone.')
@@ -410,7 +424,7 @@ def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
     return '\n'.join([
         *_answer(found), '', found.scene.title, '',
         f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '', *_table(fits, rows), '',
-        'Intervals of 95 %; values in brackets are of a model that does not fit the data; force and '
+        '95 % intervals; values in brackets are of a model that does not fit the data; force and '
         'bond stiffness -df/dr are those at the spacing.', *RESPONSES.lines(found)])
 
 
@@ -447,7 +461,7 @@ def which_model(found):
     return f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {
         'complete': 'the data speak for D0 + D*.',
         'conventional': 'D0 alone follows the data and D0 + D* does not; they speak for D0 alone'
-                        + (', and the complete model ends without static forces.' if found.endless else '.'),
+                        + (', and the fit of the complete model ends without static forces.' if found.endless else '.'),
         None: 'this cannot decide between the models.'}[found.verdict]
 
 

@@ -12,6 +12,9 @@ from ..design.least_squares import DETERMINED, NORMAL
 from ..findings import spoken
 from ..scenes.scene import Scene
 
+SIGMAS = 'as a guide, noise alone gives 2 sigma in one fit of 20, and 5 sigma in one of two million'
+"""How to read a number of standard deviations."""
+
 
 def in_a_line(values: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
     """Parameters that are determined, each with its interval; `values` hold relative standard uncertainties."""

@@ -155,7 +155,7 @@ def _scattered(scene, system, omega):
         return []
     spread = mode_scatter(system, scatter, Modes(found.omega[:SHOWN_PEAKS], found.shapes[:SHOWN_PEAKS]))
     shown = ', '.join(f'{f:.5g} +- {std:.2g}' for f, std in zip(*map(units.hertz, spread), strict=True))
-    return [f'  the lowest of them with what [uncertainty] says, to first order: {shown} Hz']
+    return [f'  the lowest of them, with the standard deviations that follow from [uncertainty] to first order: {shown} Hz']
 
 
 def _peaks(result, unit):

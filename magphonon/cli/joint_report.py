@@ -14,10 +14,10 @@ from ..interactions.fits import SHAPE_WEIGHT
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
-from .fitted import entries_of, in_a_line, interval, with_unit
+from .fitted import SIGMAS, entries_of, in_a_line, interval, with_unit
 
 PULL = 2.7
-"""Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10, and none is seen in 1 of 100."""
+"""Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10 cases, a false one in 1 of 100."""
 
 JOINT = Findings()
 
@@ -27,7 +27,7 @@ def joint_report(found, verbose: bool = True) -> str:
     must not be missed.
     """
     joint, values = found.joints['complete'], found.values()
-    first = f'{in_a_line(values, UNITS)}: intervals of 95 %.'
+    first = f'{in_a_line(values, UNITS)}, with 95 % intervals in brackets.'
     if not verbose:
         return '\n'.join([first, *(one.words for one in JOINT.asked(found).values() if one.words)])
     alone = {name: [joint.alone(name).sigma_along(v) for v in found.along().values()] for name in found.records}
@@ -43,7 +43,7 @@ def joint_report(found, verbose: bool = True) -> str:
             rows.append((f'{name}, branch {branch + 1} (Hz)', interval(u.hertz(omega[k, branch]), sigma[k, branch])))
     rows = [(*row, *[''] * (len(rows[0]) - len(row))) for row in rows]
     return '\n'.join([first, '', found.specimen.scene.title, '', *in_columns(rows, left=2), '',
-                      'Intervals of 95 %; then the half widths that each record alone would give.', *JOINT.lines(found)])
+                      '95 % intervals, then the half widths of those that each record alone would give.', *JOINT.lines(found)])
 
 
 @JOINT.remark
@@ -76,7 +76,8 @@ def dstar(found):
     evidence = found.evidence
     if abs(evidence) < TELLS:
         return f'D*: these records cannot decide between the models ({abs(evidence):.1f} sigma).'
-    return f'D*: all records together are evidence of {abs(evidence):.1f} sigma {"for" if evidence > 0 else "against"} D*.'
+    return (f'D*: all records together are evidence of {abs(evidence):.1f} sigma {"for" if evidence > 0 else "against"} D* '
+            f'({SIGMAS}).')
 
 
 @JOINT.check
@@ -86,8 +87,8 @@ def responses(found):
     complete, alone = (found.responses[model].square for model in ('complete', 'conventional'))
     yield f'Transfer functions: the residual without D* is {np.sqrt(alone / complete):.2g} times that with it.'
     if not found.joints['complete'].alone(RESPONSES).records[0].information.any():
-        yield ('They are given no weight, because even a scatter of 10 % from site to site would not explain them: check with '
-               '"magphonon fit --frf" whether positions, units or neighbours are wrong.')
+        yield ('They are given no weight, because even a scatter of 10 % from site to site would not explain them: use '
+               '"magphonon fit --frf" to check whether positions, units or neighbours are wrong.')
 
 
 @JOINT.check

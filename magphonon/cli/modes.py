@@ -261,9 +261,9 @@ def scatter(case: Case) -> Finding | None:
     columns, lost = case.spread
     words = '  +- is the standard deviation due to all tolerances in [uncertainty], to first order'
     if 'drawn_std_Hz' in columns:
-        words = ('  +- is the larger of two standard deviations, both in modes.csv: that due to the scatter of each site, to '
-                 f'first order, and that of the same mode in {round(DRAWN * (1 - lost))} structures drawn at random, about '
-                 'these frequencies')
+        words = ('  +- is the larger of two standard deviations: one follows to first order from the scatter of the sites, the '
+                 f'other is that of the same mode in {round(DRAWN * (1 - lost))} structures drawn at random, about these '
+                 'frequencies; both are in modes.csv')
     unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
     return Finding(lost, words + unstable, fault=bool(unstable))
 
@@ -363,12 +363,12 @@ def _with_others(scene, system, found, shown):
         return []
     enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
-        return ['  how other neighbours would change these modes was not computed']
+        return ['  the effect of farther neighbours on these modes was not computed']
     if enough.shells <= scene.law.asked:
         return []
     law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))
     every = LinearSystem.of(scene.model_copy(update={'law': law}).patch_atoms()).moving()
-    return _shifted(system, every, found, shown, f'{enough.shells} shells of neighbours, beyond which none matters')
+    return _shifted(system, every, found, shown, f'{enough.shells} shells of neighbours (farther ones do not matter)')
 
 
 def _shifted(system, every, found, shown, how):
@@ -395,7 +395,7 @@ def matches(comparison, found) -> list[str]:
     from ..response.measured_shapes import FAR
 
     f = found.frequencies_Hz
-    lines = ['measured shapes (MAC of 1 is the same shape; columns of mac.csv in this order):']
+    lines = ['measured shapes (a MAC of 1 means the same shape; mac.csv has its columns in this order):']
     for name, omega, mac, least, best in zip(comparison.names, comparison.omega, comparison.mac, comparison.least,
                                              comparison.best, strict=True):
         measured, alike = units.hertz(omega), np.flatnonzero(mac > least)
@@ -410,8 +410,8 @@ def matches(comparison, found) -> list[str]:
                          + (f'; mode {", ".join(others)} looks the same at so few points (aliasing): measure particles between '
                             'them' if others else ''))
         else:
-            lines.append(f'{what}no mode alike; the nearest is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC {mac[best]:.3f}, '
-                         f'while a match needs {least:.3f} with this number of measured directions')
+            lines.append(f'{what}no mode matches; the most similar is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC '
+                         f'{mac[best]:.3f}, but with this number of measured directions a match needs {least:.3f}')
     return lines
 
 

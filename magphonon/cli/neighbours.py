@@ -83,7 +83,7 @@ class Case:
             for k, x in enumerate(relative[abs(relative).argmax(axis=0), range(relative.shape[1])]):
                 to = f' to {u.hertz(self.found.every[here][0, k]):.4g} Hz' if len(several) == 1 else ''
                 words = f'{"" if to else "up to "}{100 * x:+.2g} %{to}'
-                shifts.append((x, f'{name}, {branch} {k + 1}', words, (name, k + 1)))
+                shifts.append((x, f'{branch} {k + 1} at {name}', words, (name, k + 1)))
         return shifts
 
     @cached_property
@@ -189,6 +189,7 @@ def speeds(scene: Scene) -> str | None:
     shifts = (all_ - few) / np.where(few == 0, np.nan, abs(few))
     if not (abs(shifts) > TOLERANCE).any():
         return None
-    told = ', '.join(f'that of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
+    told = ', '.join(f'the speed of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
                      for k, (x, c) in enumerate(zip(shifts, all_, strict=True)) if np.isfinite(c))
-    return f'Long waves feel neighbours much farther away: these would shift the speeds above, {told or "without bound"}.'
+    return ('Long waves feel neighbours much farther away: all of them together would shift '
+            f'{told or "the speeds above without bound"}.')

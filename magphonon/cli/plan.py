@@ -34,7 +34,7 @@ def run(options: Namespace) -> None:
         raise ValueError(f'--tolerance must lie between {LEAST_TOLERANCE:g} and 1, not {tolerance:g}; '
                          'near zero a frequency is the square root of a rounded eigenvalue and has no more digits')
     if options.output is not None and not options.answer:
-        raise ValueError(f'-o {options.output} is the directory for the results of --run; add --run, or leave -o out')
+        raise ValueError(f'-o {options.output} is the directory for the results of --run; add --run, or omit -o')
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf', 'burst')
     options.output = options.output or default_folder(options)

@@ -36,7 +36,7 @@ MOST_WORDS = 6  # different words of a column that are listed
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('file', metavar='FILE', help='text, .npz, .mat, .h5, .tdms, .xlsx or universal file of an instrument')
     parser.add_argument('--contact', metavar='R', type=length, default=0.0,
-                        help='size of the magnets along the line between them, as 6.35mm, where a table of forces has gaps')
+                        help='for a table of forces over gaps: size of the magnets along the line between them, such as 6.35mm')
     add_output(parser, default=None)
     add_pictures(parser, frequencies=False)
 

@@ -108,7 +108,7 @@ def results(options: Namespace, scene: Scene | None = None, *tables: str | PathL
     except OSError as error:
         if error.errno not in (ENOSPC, EFBIG, EDQUOT) or (error.filename and folder not in Path(error.filename).parents):
             raise  # such as a full disk that holds a long record elsewhere
-        raise OSError(f'no space left for results in {folder} ({error.strerror}), nothing was written; make room or choose '
+        raise OSError(f'no space left for results in {folder} ({error.strerror}); nothing was written; make room or choose '
                       'another place') from None
     finally:
         for path in reversed(made):

@@ -100,7 +100,7 @@ def _draw(scene, design, patch, source, tolerances, folder, save):
     save(plot_levels(u.hertz(frf.omega), levels, marks)[0].figure, 'design_levels')
     histories = {'D0 + D*': design.history}
     if design.conventional is not None:
-        histories['D0 alone, by its own promise'] = design.conventional.history
+        histories['D0 alone, as it promises'] = design.conventional.history
     save(plot_convergence(histories, 'weakest target (dB)').figure, 'design_convergence')
     if tolerances is not None:
         free = LinearSystem.of(design.atoms).mobile

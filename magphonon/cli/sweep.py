@@ -31,7 +31,7 @@ JOURNAL = 'sweep.journal'
 MOST_VALUES = 10**6  # largest number of values of an axis
 SHOWN_REASONS = 6  # number of reasons for bad points that are shown, the most frequent ones; the file holds all
 NUMBER = re.compile(r'(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)')
-"""A number within a reason, and not within the name of a question."""
+"""A number in a reason, but not one in the name of a question."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -45,7 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'linear.amplitude, timestep.limit, verdict.faults, frf.peak_Hz or frf.peak_m_per_N; give it again '
                              'for another')
     parser.add_argument('--executor', choices=EXECUTORS, default='processes',
-                        help='processes of this machine (default), this process alone, Dask, or the ranks of mpiexec')
+                        help='processes on this machine (default), this process alone, Dask, or the ranks of mpiexec')
     parser.add_argument('--workers', metavar='N', type=int, help='processes on this machine (default: one for each core)')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='address of a running Dask scheduler, such as '
                                                                '`tcp://10.0.0.1:8786`')
@@ -194,7 +194,7 @@ def _reasons(answers: Dataset) -> list[str]:
         alike[NUMBER.sub('{}', fault.replace('{', '{{').replace('}', '}}'))].append(NUMBER.findall(fault))
     if not alike:
         return []
-    lines = [f'\n{sum(map(len, alike.values()))} points lack an answer, hatched in the pictures:']
+    lines = [f'\n{sum(map(len, alike.values()))} points have no answer and are hatched in the pictures:']
     for words, numbers in sorted(alike.items(), key=lambda item: -len(item[1]))[:SHOWN_REASONS]:
         ends = [(min(column, key=float), max(column, key=float)) for column in zip(*numbers, strict=True)]
         ranges = [low if low == high else f'{low} to {high}' for low, high in ends]

@@ -101,7 +101,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
     Returns
     -------
     list of Design
-        With increasing spacing.
+        In order of increasing spacing.
 
     Raises
     ------

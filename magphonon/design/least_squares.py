@@ -68,7 +68,7 @@ class ParameterFit:
     names : tuple of str
         The fitted parameters.
     factors : ndarray, shape (parameters,)
-        By which they differ from those at the start.
+        Factors by which the parameters differ from those at the start.
     information : ndarray, shape (parameters, parameters)
         J^T J for the logarithms of the parameters, the inverse of their covariance.
     residuals : ndarray, shape (points,)
@@ -140,7 +140,7 @@ class ParameterFit:
         """Covariance of the logarithms of the parameters, shape (parameters, parameters)."""
         if self.rank < len(self.names):
             raise ValueError(f'the points determine only {self.rank} combinations of the {len(self.names)} parameters '
-                             f'({", ".join(self.names)}), which have no covariance then; measure another branch, or fix '
+                             f'({", ".join(self.names)}), so these have no covariance; measure another branch, or fix '
                              'a parameter')
         return self.scatter**2 * np.linalg.inv(self.information)
 

@@ -18,8 +18,8 @@ from .transfer_fits import WIDEST, ParametricLattice, responses, with_wide_peaks
 
 STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # of all frequencies, by a lattice that is stiffer or softer than known
 CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0
-"""No mistake is named within so much of the response of the lattice; else where undoing it leaves such a part of the distance,
-and less than so much of the response."""
+"""A mistake is named only if the data are farther than CLOSE from the response of the lattice, as a fraction of it, and if
+undoing the mistake leaves less than the part BETTER of that distance, and less than NEAR."""
 SCALES = {f'numbers {factor:g} times too {word}': factor**sign for factor, unit in ((1e3, 'mm'), (1e6, 'um'))
           for sign, word in ((-1, f'large, {unit} under a header in m'), (1, f'small, m under a header in {unit}'))}
 WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity that is called a displacement, or an acceleration '

@@ -53,14 +53,14 @@ STEP = 1e-3  # of squared frequencies, relative, over which that derivative is t
 
 
 class Rest:
-    """A structure at rest; what several objectives need is solved once."""
+    """A structure at rest, which keeps every solution that several objectives need, so that each is computed once."""
 
     def __init__(self, system: LinearSystem) -> None:
         self.system = system.moving()
         self._known: dict[Any, Any] = {}
 
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
-        """What `compute` returned when the key was first asked for."""
+        """The stored result for `key`; `compute` runs only the first time."""
         if key not in self._known:
             self._known[key] = compute()
         return self._known[key]
@@ -77,7 +77,7 @@ class Rest:
 
     @cached_property
     def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Squared frequencies, and modes x of x.M x = 1 in columns, shape (free, modes)."""
+        """Squared frequencies, and the modes x in columns, shape (free, modes), normalised to x.M x = 1."""
         root = np.sqrt(self.masses)
         squares, v = np.linalg.eigh(np.asarray(self.system.stiffness.todense()) / np.outer(root, root))
         return squares, v / root[:, None]
@@ -102,7 +102,7 @@ class Rest:
         return self.once((place.particle, *place.direction, omega, damping), displacements)
 
     def waves(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-        """Squared frequencies of Bloch waves, shape (wavevectors, branches), and modes x of x.M x = 1 in columns."""
+        """Squared frequencies of Bloch waves, shape (wavevectors, branches), and the modes x in columns, with x.M x = 1."""
         if not self.system.atoms.pbc.any():
             raise ValueError('bands are those of a periodic cell, and this structure is finite; give atoms.pbc, or choose an '
                              'objective of a finite structure, such as Level')
@@ -115,7 +115,7 @@ class Rest:
 
 
 class Objective:
-    """Base: `value_and_slope(rest)` gives a number, to be made large, and its `Slope`."""
+    """Base class of what a design maximises: `value_and_slope(rest)` returns the value and its `Slope`."""
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
         """The value, and its slope."""
@@ -126,7 +126,7 @@ class Objective:
         return float(self.value_and_slope(rest if isinstance(rest, Rest) else Rest(rest))[0])
 
     def tuned(self, factor: float) -> Objective:
-        """The objective at frequencies that are larger by a factor, for sources that are off their frequency."""
+        """The same objective with all source frequencies multiplied by `factor`, for sources that are off their frequency."""
         return self
 
     @property
@@ -258,8 +258,8 @@ class Level(Objective):
     damping : float
         Force per momentum in 1/ms.
     floor : float
-        Amplitude in mm/N below which quieter is not better. It keeps a design from a zero so deep that no real lattice would have
-        it.
+        Amplitude in mm/N below which a lower amplitude brings no further gain. It keeps a design from a zero so deep that no
+        real lattice would have it.
     """
 
     source: Dof
@@ -395,7 +395,7 @@ class GroupVelocity(Objective):
     branch : int
         Counted from 0 by frequency.
     direction : ndarray, shape (dim,)
-        Of any length.
+        A vector of any length.
     """
 
     q: np.ndarray

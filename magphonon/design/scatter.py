@@ -112,14 +112,14 @@ class Slope:
     Attributes
     ----------
     bonds : ndarray, shape (bonds, dim, dim)
-        By the stiffness of each bond.
+        Derivatives by the stiffness of each bond.
     springs : ndarray, shape (particles, dim)
-        By the springs of each site.
+        Derivatives by the springs of each site.
     masses : ndarray, shape (particles,)
     strengths : float or ndarray, shape (bonds,)
         By the logarithm of the strength of each bond, beyond what its stiffness says: of large motion.
     vectors : float or ndarray, shape (bonds, dim)
-        By the vector of each bond at rest, likewise.
+        Derivatives by the vector of each bond at rest, likewise.
     lengths : float
         By the logarithm of all lengths, likewise: a group velocity is a length per time.
     statics : float or ndarray, shape (bonds, dim, dim)

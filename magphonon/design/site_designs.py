@@ -152,7 +152,7 @@ class Variables:
         return np.clip(-self.middle / self.half, -1, 1)
 
     def slice_of(self, name: str) -> slice:
-        """Where the parameters of a kind stand."""
+        """Slice of the vector x that holds the parameters of one kind."""
         return self._parts[name]
 
     def values(self, x: NDArray[np.float64]) -> dict[str, Any]:
@@ -270,7 +270,7 @@ class SiteDesign:
     Attributes
     ----------
     atoms : ase.Atoms
-        At rest, with its calculator.
+        The structure at rest, with its calculator.
     objective : Objective
     variables : Variables
         What varied.
@@ -292,7 +292,7 @@ class SiteDesign:
     buckled : int
         Number of evaluations that found no stable equilibrium.
     conventional : SiteDesign or None
-        The same designed with D0 alone.
+        The design for the same objective made with D0 alone.
     given : float
         The true value: that in the complete model, whatever the model of the design.
     """
@@ -363,7 +363,7 @@ class SiteDesign:
             found.append(f'{len(self.starts)} starts reached {min(self.starts):.4g} to {max(self.starts):.4g}: these are local '
                          'optima, and another start may reach more.')
         if self.buckled:
-            found.append(f'{self.buckled} trial designs buckled and were given up.')
+            found.append(f'{self.buckled} trial designs buckled and were discarded.')
         if self.conventional is not None:
             found.append(f'Designed with D0 alone it would promise {self.conventional.value:.4g} and give '
                          f'{self.conventional.given:.4g}.')
@@ -396,7 +396,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     steps, starts : int
         Number of iterations of each start, and number of starts. Each starts from the given structure with a small random change.
     seed : int
-        Of the starts.
+        Seed of the random changes of the starts.
     start : array_like, shape (parameters,), optional
         The first start, as `SiteDesign.x`.
     constraints : sequence of (Objective, float)
@@ -684,7 +684,7 @@ def write_build_list(path: str | PathLike[str], design: SiteDesign, tolerances: 
     and tolerance.
 
     Strengths are relative to those of the calculator's law, stiffnesses are along x.  Parts are numbered from 1 in the order of
-    `parts`, as given to `of_parts`; 0 is none of them.  A tolerance is that of `SiteDesign.tolerances`, relative.
+    `parts`, as given to `of_parts`; 0 is none of them.  Tolerances are those of `SiteDesign.tolerances`, as fractions.
     """
     calc: Any = design.atoms.calc
     x, y, _ = ((calc.anchors - design.variables.calc.anchors.mean(axis=0)) / units.m).round(12).T + 0.0  # no zeros of round-off

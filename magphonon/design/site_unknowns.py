@@ -45,12 +45,12 @@ from .transfer_fits import (
 )
 
 FIRST = np.array([0.02, 0.04, 0.012])
-"""Scatter of strengths and springs, relative, and of anchors, in shortest bonds, before anything is known: the stiffness of a
-pillar goes with the fourth power of its radius and the third of its height."""
+"""Prior scatter of strengths and springs, relative, and of anchors, in shortest bonds. Springs scatter most, because the
+stiffness of a pillar depends on the fourth power of its radius and the third of its height."""
 FAINT = 0.01  # stiffness of a bond, in the stiffest, below which it shows nothing of a held particle
 SURE = 0.7  # standard deviation of the logarithm of each of these
 START, LOWER = 1.5, 2.5
-"""The noise is taken larger at first, so that peaks overlap: residuals are so many times as large; then by this factor lower."""
+"""At first the noise is taken so large that residuals are START times as large, so that peaks overlap; then it falls by LOWER."""
 FEW, MOST = 4, 40  # steps of a stage, and of the last one
 ROUGH, FINE = 1e-3, 1e-4  # share of the sum of squares below which a gain ends a stage, and the last one
 SETTLED, ROUNDS = 0.05, 8  # relative change of the scatter that ends its search, and most rounds
@@ -352,7 +352,7 @@ def eliminated(whole: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                        functions: Sequence[TransferFunction],
                        priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
-    """The fit with unknowns of each site, if the residuals exceed the noise or the noise is not stated.
+    """Repeat the fit with unknowns for each site, if the residuals exceed the noise or the noise is not stated.
 
     Parameters
     ----------

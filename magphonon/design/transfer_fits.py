@@ -84,7 +84,7 @@ class TransferFit(ParameterFit):
     where : site_unknowns.Sites, optional
         Which unknowns these are.
     batch : Batch, optional
-        The parameters of the lattice of which this patch is a sample; those of the patch, where no sites scatter.
+        The parameters of the lattice of which this patch is a sample; equal to those of the patch if its sites do not scatter.
     """
 
     noise: float
@@ -114,7 +114,7 @@ class TransferFit(ParameterFit):
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of chi2; each unknown of a site comes with its prior."""
+        """Degrees of freedom of chi2. The unknowns of the sites do not change their number, because each has a prior."""
         return super().freedom - len(self.sites)
 
 

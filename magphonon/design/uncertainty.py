@@ -93,7 +93,7 @@ class Spread(Saved, kind='uncertainties', units={
 
     @property
     def contributions(self) -> dict[str, NDArray[np.float64]]:
-        """Standard deviation that each parameter causes alone, correlated ones together: dict of name, such as 'b, a', to (...).
+        """Standard deviations that each parameter alone causes, by its name; correlated parameters count as one, such as 'b, a'.
 
         Their squares add up to that of `std`.
         """

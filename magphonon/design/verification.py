@@ -38,7 +38,7 @@ class Verification:
     Attributes
     ----------
     before : float
-        Of the structure as it was given.
+        Value of the structure as it was given.
     promised_by_D0, given_by_D0 : tuple of float
         Value that each start of the design with D0 alone promised, and its value in the complete model; empty if the design was
         made without `compare=True`.

@@ -53,7 +53,7 @@ BITS = 8  # binary logarithm of the number of pieces per octave; all of a law to
 SHIFT = 52 - BITS  # bits of w that do not number its piece
 DEGREE = 4
 PIECE_TOLERANCE = 5e-13
-"""Largest error of a piece, as a fraction of |Q| there and at rest; the quotient itself has a smaller round-off."""
+"""Largest error of a polynomial piece, as a fraction of |Q| on it and at rest; the round-off of the quotient is smaller."""
 NARROWEST = 1e-9  # relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved
 MOST = 20_000  # largest number of pieces for one kind of bond; a law that needs more is noise
 SMALL = 1 / 16

@@ -46,7 +46,7 @@ MANY_LOADED = 1 / 8
 whose particles are displaced at random; below it, for these particles only."""
 MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bonds have their own
 INERT = 1e-30
-"""Mobility of a wall in 1/g: no force between particles moves it, and the one that leads it is no number that overflows."""
+"""Mobility of a wall in 1/g: no force between particles moves a wall, and the force that leads it does not overflow."""
 ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
 FAST = 2.0  # speed in thermal ones at which a particle in a bath is expected at any time
 PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
@@ -78,7 +78,7 @@ def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitt
 
 @takes('modulation', *LINEAR)
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
-    """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
+    """Highest angular frequency about rest that the constraints allow, in rad/ms; zero if nothing vibrates.
 
     If the forces balance nowhere, the frequency is taken about the reference or the present positions, whichever is closer to
     balance. Gyration is ignored, because the limit of the time step does not depend on it; if only gyration holds the structure,

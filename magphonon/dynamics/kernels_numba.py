@@ -51,9 +51,10 @@ TOGETHER = 3
 SAME_SHAPE = 1e-14
 """Relative difference of coefficients up to which laws differ by a factor only."""
 PART = 512
-"""Number of slots of a run whose bonds take one law together, where some need the pieces."""
+"""Number of slots of a run whose bonds share one law, where some bonds need the polynomial pieces."""
 FEW = np.uint64(16)
-"""Number of bonds that try a law before the others of their part do: in a hot patch they show that it does not reach."""
+"""Number of bonds that test a law before the others of their part use it: in a hot patch they show that its range is too short.
+"""
 NEARER = 1 / 16, 1 / 2
 """Largest increments |e| of a part whose bonds take a polynomial although others need the pieces: for bonds that repel as magnets
 do of 12 coefficients, or of 32, which take half as long as the five that are looked up in the pieces."""
@@ -61,10 +62,10 @@ COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
 """No counts of references to arrays, which take longer than a short run of slots; an option of numba's own."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
 FORGET, MOBILITY, DECAY, CARRY, PUSH = range(5)
-"""Rows of what is known of each slot: `v <- keep carry v + kick push F`, with two numbers for each stage of a step; for
+"""Rows of coefficients for each slot: `v <- keep carry v + kick push F`, with two numbers for each stage of a step; for
 accelerations `v <- mobility F`."""
 MAGNITUDE, MAGNITUDE_SINGLE = 2**63 - 1, 2**31 - 1
-"""Bits of a number without its sign.  As integers they have the order of |x|, nan last, and a maximum that vector units know."""
+"""Bits of a number without its sign.  As integers they sort like |x|, nan last, and vector units can compute their maximum."""
 
 WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'forceinline': False, **COUNTED}
 """Who calls them may be inlined, they may not."""
@@ -94,7 +95,7 @@ class Spare:
         except Exception as error:  # a damaged file may raise anything, a full disk OSError
             if not Spare.told:
                 Spare.told = True
-                warn(f"numba's cache in {self._cache.cache_path} does not serve ({error!r}): compiled steps are compiled again "
+                warn(f"numba's cache in {self._cache.cache_path} cannot be used ({error!r}): compiled steps are compiled again "
                      'in each process, which takes seconds; empty this folder, or set NUMBA_CACHE_DIR to another', stacklevel=2)
             return None
 
@@ -275,7 +276,7 @@ def _beyond(law, kind, i, x):
 
 
 class Bonds(NamedTuple):
-    """What is known of kinds of bonds or of each bond, see `at`; on a grid bond i of group n is number `n x slots + i`.
+    """Coefficients of the kinds of bonds, or of each bond, see `at`; on a grid bond i of group n is number `n x slots + i`.
 
     `model` is (q, t); `unit` is 1/r0^2 where the argument of a law is e; `strength` is 0 where a grid has no bond.
     """

@@ -172,7 +172,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
         raise ValueError('records and restarts with LAMMPS are possible only for motion in the plane; use interval= to write '
                          'all particles, or atoms.calc = atoms.calc.in_plane()')
     if (named := len(drives) + sum(particles is not None for particles, _ in records)) > GROUPS - 3:
-        raise ValueError(f'LAMMPS has groups for {GROUPS - 3} drives and records of some particles, not for {named}')
+        raise ValueError(f'LAMMPS has groups for at most {GROUPS - 3} drives and records of some particles, not for {named}')
     axes = 'xyz'[: calc.dim]
     decay = np.exp(-damping * timestep)
     sites = {'rmass': atoms.get_masses() * 2 / (1 + decay)}
@@ -252,7 +252,7 @@ def _offset(calc, sites, axes):
 def _burst(n, drive, sites, count):
     """A tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
     if not isinstance(drive, ToneBurst) or drive.start < 0:
-        raise ValueError(f'LAMMPS is given tone bursts that start at t >= 0 only, not {drive!r}')
+        raise ValueError(f'LAMMPS can be given only tone bursts that start at t >= 0, not {drive!r}')
     sites[f'd_drive{n}'] = np.zeros(count)
     sites[f'd_drive{n}'][drive.particles] = drive.amplitude
     ids = ' '.join(str(i + 1) for i in drive.particles)

@@ -37,7 +37,7 @@ OFF_PLACE = 0.3
 """Largest difference, in shortest bonds, between a rest vector and a sum of two others times whole numbers, on a grid."""
 SKEWS = tuple(np.array(skew).reshape(2, 2) for skew in
               ((1, 0, 0, 1), (1, 1, 0, 1), (1, -1, 0, 1), (1, 0, 1, 1), (1, 0, -1, 1), (0, 1, 1, 1), (0, 1, 1, -1)))
-"""Other base vectors of a lattice: in some of them a patch fills its parallelogram better."""
+"""Other choices of base vectors of a lattice: with some of them a patch fills its parallelogram better."""
 MANY = 1000  # values that are sorted first
 LINE = 16  # slots to which rows are padded: a cache line of single, two of double precision
 SAME_VECTOR = 1e-10

@@ -25,7 +25,7 @@ class Motion(Saved, kind='motions', units=MOTION_UNITS):
     particles : ndarray of int, shape (particles,)
         Indices of the particles; for a row, in its order.
     displacements : ndarray, shape (times, particles, dim)
-        From rest, in mm.
+        Displacements from rest, in mm.
     velocities : ndarray, shape (times, particles, dim), optional
         In mm/ms.
 

@@ -449,7 +449,7 @@ class DrivenVerlet(VelocityVerlet):
             self._cages.look(calc.displacements(self.atoms) if np.isfinite(u).all() else u[:, : calc.dim], time)
 
     def run(self, steps: int = 50) -> bool:
-        """Run for `steps` more steps; True at the end, as ASE's.  Raises Diverged if particles collide or leave."""
+        """Run for `steps` more steps, and return True at the end as ASE does.  Raises Diverged if particles collide or leave."""
         target = self.nsteps + whole('steps', steps, 0)
         with tqdm(total=target, initial=self.nsteps, unit='step', delay=2, disable=None) as progress:
             for _ in self.irun(steps):

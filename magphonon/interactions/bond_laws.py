@@ -24,11 +24,11 @@ from ..errors import finite, one_of, shown, whole
 from .pair_laws import Composed, PairInteraction, PairLaw
 
 Law = PairLaw | PairInteraction
-"""A law of the distance, or an interaction that answers for vectors."""
+"""A law of the distance, or an interaction that depends on the vector."""
 Laws = Law | Mapping[tuple[int, int], Law]
 """One law, or one for each pair of kinds of particles."""
 NEEDED = {'central': ('forces', 'stiffness', 'central'), 'phi': ('phi', 'dphi', 'd2phi')}
-"""The methods of an interaction, which is known by its `central`, and those of a law of the distance."""
+"""The methods of an interaction, which is recognised by its `central`, and those of a law of the distance."""
 
 
 def laws_of(laws: Laws) -> tuple[Law, ...]:

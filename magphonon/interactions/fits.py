@@ -43,26 +43,26 @@ COVERED, NORMAL = 0.95, 1.959964
 BENDS = np.arange(2, 7)
 BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])  # powers of ln(r/r0) by which a law may bend, and how much
 ANY_SIZE, EXPONENT, EXPONENT_SPREAD = 3.0, 4.0, 3.0
-"""Priors of the free curve: ln f0 wherever the table has it, an exponent of 4 +- 3."""
+"""Priors of the free curve: ln f0 is known to 3 about what the table has, and the exponent is 4 +- 3."""
 SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
-"""How well a named magnet has its shape, and the weight of its law before the data speak: a near miss, such as dipoles for a
-screened law, cannot be seen over 8 to 16 mm, and with a weight of one half it would take the interval along."""
+"""How well a named magnet has its shape, and the prior weight of its law. A law that is nearly right, such as that of dipoles
+for a screened law, cannot be recognised over 8 to 16 mm; with a weight of one half it would shift the interval."""
 NOISES = None, 0.5, 0.0
 """Kinds of noise: the same everywhere, or proportional to the force above the middle one, or above the smallest one."""
 NEAREST = 0.3  # least distance at which a law is asked, in the nearest of the table, whatever the zero of the distances
 ROUNDS = 4  # times that noise and force are computed from each other: they settle to parts in a thousand
 LEAST_ROWS, MOST_ROWS = 6, 2000
-"""Least number of rows that tell their noise too, and the largest number that is fitted, every n-th of a longer table: what its
-rows share is no better known from more of them."""
+"""Least number of rows that also determine their noise, and largest number that is fitted, every n-th row of a longer table:
+more rows do not improve what all rows share."""
 FINEST = 1e-4
-"""Least standard deviation of a row, as a share of its force: a law of five bends follows no other law any better."""
+"""Least standard deviation of a row, as a share of its force: a curve of five bends cannot follow other laws more closely."""
 UNLIKELY = 0.01
 """Probability of the scatter of the rows below which their given uncertainty is widened by it."""
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
 WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached
 MORE_ROWS, FARTHER = 10, 1.5
-"""Number of rows proposed at one distance, and this distance as a multiple of the largest in the table; the other proposal is the
-smallest."""
+"""Number of rows proposed at one distance. One proposal is this multiple of the largest distance in the table, the other the
+smallest distance."""
 CURVE = slice(0, 2 + len(BENDS))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
 ZEROS = slice(FORCE_ZERO, BACKLASH + 1)  # and the z of each pair after them
@@ -82,19 +82,19 @@ class SharedErrors:
     Attributes
     ----------
     distance : float
-        Of the zero of the distances in mm: contact, glue and tolerances of the magnets contribute 0.1 mm each. It dominates the
-        width of the intervals: 9.5 % of the slope for each 0.1 mm at 10 mm.
+        Error of the zero of the distances in mm: contact, glue and tolerances of the magnets contribute 0.1 mm each. It
+        dominates the width of the intervals: 9.5 % of the slope for each 0.1 mm at 10 mm.
     zero : float, optional
-        Of the zero of the force in N; by default a tenth of the largest force.
+        Error of the zero of the force in N; by default a tenth of the largest force.
     hysteresis : float, optional
-        Of half the difference between return and approach in N; by default a hundredth of the largest force.
+        Error of half the difference between return and approach in N; by default a hundredth of the largest force.
     backlash : float
-        Of the drive in mm.
+        Backlash of the drive in mm.
     gain : float
-        Of the gain of the load cell, as a fraction of every force; a table contains no information about it.
+        Error of the gain of the load cell, as a fraction of every force; a table contains no information about it.
     pair : float, optional
-        Of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By default it is
-        learned from several pairs, and nothing is added for one.
+        Deviation of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By
+        default it is estimated where several pairs were measured; for a single pair nothing is added.
     """
 
     distance: float = 0.2
@@ -132,7 +132,7 @@ class Fit:
     force, exponent : float
         f(r0) in N, and a(r0) = -d ln f/d ln r.
     covariance : ndarray, shape (2, 2)
-        Of ln f and a, the gain of the load cell included.
+        Covariance of ln f and a, including the gain of the load cell.
     wide : float
         Half width of a 95 % interval in standard deviations, by Student's distribution if the noise is learned from the table.
     shares : dict of str to float
@@ -142,7 +142,7 @@ class Fit:
     zeros : ndarray, shape (4,)
         F0 in N, d in mm, h in N and b in mm as the table has them.
     weight : float
-        Of the named shape against the free curve; 0 where none is named.
+        Weight of the named shape against the free curve; 0 where none is named.
     conflicts : ndarray, shape (4,)
         Distances of `zeros` from their priors, in the standard deviations expected in such tables; beyond CONFLICT the error is
         larger than was stated.
@@ -180,12 +180,12 @@ class Fit:
 
     @property
     def half_widths(self) -> NDArray[np.float64]:
-        """Half widths of the intervals of 95 % of ln f, ln(-f') and a."""
+        """Half widths of the 95 % intervals of ln f, ln(-f') and a."""
         return _half_widths(self.covariance, self.exponent, self.wide)
 
     @property
     def intervals(self) -> NDArray[np.float64]:
-        """Ends of the intervals of 95 %, shape (3, 2): of f in N, of -df/dr in N/mm and of a."""
+        """Ends of the 95 % intervals, shape (3, 2): of f in N, of -df/dr in N/mm and of a."""
         f, slope, a = self.half_widths[:, None] * (-1, 1)
         return np.array([self.force * np.exp(f), -self.slope * np.exp(slope), self.exponent + a])
 
@@ -269,7 +269,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     told = np.maximum(best.model.prior[ZEROS] ** 2 - variances, 1e-6 * variances)  # of the estimates, from table to table
     if forces.r.min() + d <= 0:
         raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
-                         'check its unit, or take the point out')
+                         'check its unit, or remove the point')
     r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
     curve, falls = np.einsum('i,ikr->kr', weights, [part.model.curve(part.p, r)[::2] for part in found])
     falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise far out is no law of neighbours

@@ -155,7 +155,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     if any(faults):
         raise ValueError(f'{path}: {"; also: ".join(filter(None, faults))}')
     if not np.sum(table['f'] / table['r']) > 0:  # the near ones count most
-        raise ValueError(f'{path}: the forces are negative, and repulsion is positive: turn their sign')
+        raise ValueError(f'{path}: the forces are negative, but repulsion counts as positive: change their sign')
     return Forces(table['r'], table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in told]),
                   np.asarray(table.get('pair', ''), str))
 

@@ -59,7 +59,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class Cable(Composed, Spring):
-    """A cable: a spring where it is longer than `L0`, slack, without force or stiffness, where it is shorter.
+    """A cable: a spring while it is longer than `L0`; when shorter it is slack, with neither force nor stiffness.
 
     Examples
     --------

@@ -32,8 +32,8 @@ ASTRAY = 1.5
 """Factor by which a table may leave the inverse power through two neighbouring readings.  A law whose exponent changes from 1 to
 4 over an octave leaves it by 1.3; of 200 evenly spaced tables with 10 % of noise none did, with one far reading and 2 % most."""
 NARROW, STEEPER = 0.03, 1.0
-"""An interval is narrow if it has less than this share of a neighbour's width; its exponent is noise where it is outside of those
-of both neighbours by more than the second number.  Where readings are dense and right, neighbours agree."""
+"""An interval is narrow if it has less than the first share of a neighbour's width; its exponent counts as noise if it differs
+from those of both neighbours by more than the second number.  Where readings are dense and right, neighbours agree."""
 CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
 RADIUS, STEEPEST = 1e-2, 20.0
 """Radius of the circle in the complex plane on which the law is sampled for its higher derivatives, to about 1e-11, as a fraction
@@ -525,7 +525,8 @@ def _warn_of_readings(r, f, spline):
     k, at = np.unravel_index(abs(off).argmax(), off.shape)
     if abs(off[k, at]) > np.log(ASTRAY):
         where, power, table = np.exp((x[k] + part[at] * h[k], line[k, at], line[k, at] + off[k, at]))
-        warnings.warn(f'between the readings at {r[k]:.4g} and {r[k + 1]:.4g} mm nothing holds the table: at {where:.4g} mm its '
+        warnings.warn(f'between the readings at {r[k]:.4g} and {r[k + 1]:.4g} mm nothing constrains the table: at {where:.4g} '
+                      'mm its '
                       f'spline has {table:.3g} N, the inverse power through these two {power:.3g} N; measure there, leave the '
                       'far reading out, or fit a law (magphonon.interactions.fit_forces)', stacklevel=4)
 

@@ -259,7 +259,7 @@ class Bonds:
     shift : ndarray of int, shape (bonds, 3)
         The periodic cell that holds j; read-only, and of no size in memory, where it is zero throughout.
     vectors : ndarray, shape (bonds, 3)
-        From i to j at rest, in mm.
+        Bond vectors from i to j at rest, in mm.
     particles : int
         Number of particles in the structure.
     cutoff : float or None
@@ -344,7 +344,7 @@ class Bonds:
         return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sums `C^T pull` of what pulls at the far ends of the bonds, shape (bonds, dim), and pushes at the near ones."""
+        """Sums `C^T pull` over the bonds: `pull`, shape (bonds, dim), acts on the far ends, and its negative on the near ones."""
         far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T], float) for end in (self.j, self.i))
         return (far - near).T
 
@@ -417,7 +417,8 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     cutoff = positive('cutoff', cutoff, 'mm')
     distances = distances_within(atoms, cutoff * (1 + 2 * ON_SHELL))
     if not len(distances):
-        raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it, or check units of the places')
+        raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it, or check the unit of the '
+                         'positions')
     near = distances[np.argmin(abs(distances - cutoff))]
     if abs(near - cutoff) <= ON_SHELL * cutoff:
         raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '

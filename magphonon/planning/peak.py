@@ -33,8 +33,8 @@ MOST_DIRECTIONS = 1000
 """Largest number of degrees of freedom of a structure that is diagonalised, which takes about 0.3 s; the time grows with the
 third power."""
 ONE_PATTERN = 10.0
-"""Relative uncertainty of the shift of a large structure by its amplitude: its pattern at the peak is that of one mode with a
-share of others, so only the order of magnitude is known."""
+"""Relative uncertainty of the shift by the amplitude in a large structure: at the peak other modes take part in its motion, so
+only the order of magnitude is known."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDAr
     w = peak.omega
     frozen = _without_dstar(system, w, source, answer, omega, damping)
     where = f'the peak is at {units.hertz(w):.6g} Hz'
-    evidence = [f'{where}; without D* there is none in the range' if frozen == np.inf else
+    evidence = [f'{where}; without D* no peak lies in the range' if frozen == np.inf else
                 f'{where}; D* shifts it by {percent(frozen)}']
     shift = 0.0
     if force:
@@ -133,7 +133,7 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDAr
         evidence.append(f'a force of {force:g} N gives an amplitude of {percent(reach)} of the spacing, {moves}')
 
     points, free = len(omega), system.free.shape[1]
-    algorithm = 'a Chebyshev series' if free > SMALL else f'a sum over {free} modes' if free > 1 else 'its closed form'
+    algorithm = 'a Chebyshev series' if free > SMALL else f'a sum over {free} modes' if free > 1 else 'a closed form'
     doubt = shift * (ONE_PATTERN if free > MOST_DIRECTIONS else 0.0)  # of the shift alone
     methods = [Method(f'{model} linear', algorithm, error, doubt / error if 0 < error < np.inf else 0.0, model)
                for model, error in zip(reversed(MODELS), (frozen + shift, shift), strict=True)]

@@ -20,7 +20,7 @@ LONGEST_STEP = 0.5
 """Largest time step of a run, as a fraction of the limit 2/omega_max of Verlet.  The frequency error of a vibration at omega_max
 is then 13 % larger than in proportion to the square of the step, and with longer steps the difference grows fast."""
 STEP_ERROR_FRACTION = 0.6
-"""Fraction of the tolerance allotted to the time-step error: what is left is its own uncertainty, half of it in bursts."""
+"""Fraction of the tolerance allotted to the error of time steps; the rest is for its uncertainty, in bursts half of the rest."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Method:
     dt : float, optional
         Time step in ms; None where no time steps are made.
     order : int
-        Of the time steps.
+        Order of the time steps.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Plan:
         What its error is relative to.
     tolerance : float
     methods : tuple of Method
-        From the simplest to the most complete.
+        Methods, from the simplest to the most complete.
     evidence : tuple of str
         Sentences that say where the errors come from.
     """
@@ -97,8 +97,8 @@ class Plan:
     @property
     def first(self) -> str:
         """The choice in a line."""
-        return (f'{self.quantity}: the {self.choice.name} model, at most {percent(self.choice.at_most)} off, by '
-                f'{self.choice.algorithm}.')
+        return (f'{self.quantity}: the {self.choice.name} model is enough ({self.choice.algorithm}), with an error of at most '
+                f'{percent(self.choice.at_most)}.')
 
     def report(self) -> str:
         """The methods as a table, the choice and its reasons, as text for the terminal."""

@@ -69,7 +69,7 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
             _load(Path(sheet))
         if rcParams['text.usetex'] and which('latex') is None:
             asking = sheets[-1] if sheets else 'matplotlibrc'
-            raise ValueError(f'{asking} asks for LaTeX (text.usetex), which is not installed; take this line out of it')
+            raise ValueError(f'{asking} asks for LaTeX (text.usetex), which is not installed; remove this line from it')
         IN_FORCE.append('print')
         try:
             yield
@@ -202,7 +202,7 @@ def panels(rows: int, columns: int, width: float | None = None,
     ----------
     rows, columns : int
     width : float, optional
-        Of the figure, in inches.
+        Width of the figure, in inches.
     height : float, optional
         Of a row of panels, in inches; by default three quarters of the width of a panel.
 

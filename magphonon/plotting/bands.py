@@ -93,7 +93,7 @@ def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | No
     Parameters
     ----------
     bands : Bands
-        Of a strip, with modes (`vectors=True`).
+        Bands of a strip, with modes (`vectors=True`).
     weights : ndarray, shape (wavevectors, modes, 2)
         `magphonon.bands.edge_weights(strip, bands)`; waves with more than half of their motion at an edge are marked.
     ax : matplotlib.axes.Axes, optional
@@ -191,7 +191,7 @@ def name_branches(ax: Axes, bands: Bands) -> None:
     ax : matplotlib.axes.Axes
         On which `plot_bands` has drawn these bands, and all others.
     bands : Bands
-        With modes (`vectors=True`).
+        Bands with modes (`vectors=True`).
     """
     names, x = mode_names(bands), bands.path.get_linear_kpoint_axis()[0]
     if names.shape[1] > MOST_NAMED:

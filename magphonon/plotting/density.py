@@ -79,7 +79,7 @@ def plot_spectral_function(spectral: SpectralFunction, path: BandPath, *, ax: Ax
     Parameters
     ----------
     spectral : SpectralFunction
-        At the wavevectors of the path.
+        Spectral function at the wavevectors of the path.
     path : ase.dft.kpoints.BandPath
     ax : matplotlib.axes.Axes, optional
     """

@@ -40,7 +40,7 @@ def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str,
     places : mapping of str to Dof, optional
     ax : matplotlib.axes.Axes, optional
     **look
-        Of matplotlib's collections, such as `cmap` or `norm`.
+        Properties of matplotlib's collections, such as `cmap` or `norm`.
 
     Examples
     --------

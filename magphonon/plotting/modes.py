@@ -40,7 +40,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     atoms : ase.Atoms
         One cell of a planar lattice with its PairCalculator.
     bands : Bands
-        Of these atoms, with modes (`vectors=True`).
+        Bands of these atoms, with modes (`vectors=True`).
     q : str or int
         Name of a special point on the path, or index of a wavevector of the path.
     mode : int
@@ -182,7 +182,7 @@ def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = Non
 def _wavevector(path, q):
     if isinstance(q, str):
         if q not in path.special_points:
-            raise ValueError(f'the path has no special point {q!r}; it knows {", ".join(path.special_points)}')
+            raise ValueError(f'the path has no special point {q!r}; it has {", ".join(path.special_points)}')
         distance = abs(path.kpts - path.special_points[q]).max(axis=1)
         if distance.min() > 1e-6:
             raise ValueError(f'the path {path.path} does not pass through {q}; choose a path that does')

@@ -87,7 +87,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     table : sequence of sequence of Wave
         One row of panels each; None gives an empty panel with its name and a note that the wave is too weak.
     names : sequence of str, optional
-        Of the panels, row by row.
+        Names of the panels, row by row.
     carriers_Hz : sequence of float, optional
         Carrier of the burst in each row, drawn as a dotted line.
 

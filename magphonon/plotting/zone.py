@@ -74,7 +74,7 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axe
     complete, conventional : ZoneMap
         Maps of both models, for the same lattice on the same mesh.
     branch : int
-        By ascending frequency, from 0; it is printed from 1.
+        Number by ascending frequency, from 0; it is printed from 1.
     ax : matplotlib.axes.Axes, optional
 
     Returns

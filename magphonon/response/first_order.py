@@ -24,7 +24,7 @@ from .chebyshev import BLOCK, Interval, coefficients
 NODES = 16  # number of Gauss points on a panel; they integrate polynomials of degree 31 exactly
 POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(NODES) + np.array([[1.0], [0.0]])) / 2
 FADED = 5.0
-"""Largest exponent to which losses grow within a part, e^5 times round-off."""
+"""Largest exponent by which losses make round-off grow within a part: by e^5."""
 LARGEST = 2**23  # about the largest number of coefficients at a time
 SLENDER = 10.0  # least ratio of R to losses and growth; some 36 terms follow those of a motion, and grow by e^3.6
 EPS = np.finfo(float).eps

@@ -41,7 +41,7 @@ class Comparison:
     Attributes
     ----------
     names : tuple of str
-        Of the measured shapes.
+        Names of the measured shapes.
     omega : ndarray, shape (measured,)
         Their angular frequencies in rad/ms; NaN where not known.
     mac : ndarray, shape (measured, modes)

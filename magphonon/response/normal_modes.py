@@ -41,9 +41,9 @@ class Modes(InHertz, Saved, kind='modes', units={
         Ascending, in rad/ms; for an unstable mode, minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
         Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, if the
-        particles are gyroscopes.  Positive at the first particle and axis that moves by more than a third of the largest motion.
-        Among modes of equal frequency the first moves most there and the others not at all, and so on: they are the same on
-        every machine, if the whole group is computed.
+        particles are gyroscopes.  The sign is positive at the first particle and axis that moves by more than a third of the
+        largest motion. Among modes of equal frequency the first moves most there and the others not at all, and so on: they are
+        the same on every machine, if the whole group is computed.
     """
 
     omega: np.ndarray
@@ -162,7 +162,7 @@ def refuse_growing(lowest: float, highest: float) -> None:
     """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response."""
     if lowest < -ROUND_OFF * highest:
         raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
-                         f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or more space would hold it, and '
+                         f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or a larger spacing would hold it; '
                          '"magphonon check" or magphonon.verdict says how much')
 
 

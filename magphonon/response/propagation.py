@@ -79,7 +79,7 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     Parameters
     ----------
     force : function
-        From times, shape (times,), to forces, shape (times, components).
+        Maps times, shape (times,), to forces, shape (times, components).
     edges : ndarray
         Increasing times in ms at which panels must end.
     rate : float
@@ -113,7 +113,7 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
         pending = np.stack([np.append(a[rough], middle), np.append(middle, pending[1][rough])])
         if sum(len(k[0]) for k in kept) + pending.shape[1] > PANELS:
             raise ValueError(f'the drive cannot be resolved near {middle[0]:.9g} ms; it must be a function of the time that is '
-                             'smooth but for a few kinks and steps')
+                             'smooth except for a few kinks and steps')
     a, b, values = (np.concatenate(parts) for parts in zip(*kept, strict=True))
     order = np.argsort(a)
     return np.append(a[order], b[order[-1]]), values[order]

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 MOST_GROUPS = 9  # three shells of the triangular lattice; each number of groups is compiled by itself, ever longer
 ALIKE = 1e-14
-"""Relative difference of stiffness below which the bonds of a group are one, for each bond that the structure is long, and ten.
-Round-off of positions makes 2e-15 of it, in patches of up to a million particles."""
+"""Bonds of a group count as equal if their stiffness differs by less than this fraction times the length of the structure in
+bonds plus ten. Round-off of positions gives 2e-15 per bond, in patches of up to a million particles."""
 RUN = 512  # slots processed at a time
 CACHE = 2**20  # bytes of the vectors and coefficients that the products which go over the slots together have in hand
 

@@ -81,7 +81,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     Returns
     -------
     ase.Atoms
-        With the positions, momenta and rest positions of all of them.
+        One structure with the positions, momenta and rest positions of all of them.
 
     Examples
     --------
@@ -96,8 +96,8 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
         repulsion_of(atoms).displacements(atoms)  # refuses atoms that are not those of their calculator
         freedom(atoms)
         for what in _differing(structures[0], atoms):
-            raise ValueError(f'structure {which} has another {what} than structure 0: all replicas share one law, model '
-                             'and cell; run those that differ apart')
+            raise ValueError(f'structure {which} differs from structure 0 in its {what}: all replicas must share one law, model '
+                             'and cell; run this one separately')
     calcs, first = [atoms.calc for atoms in structures], np.cumsum([0, *(len(atoms) for atoms in structures)])
     rest = Atoms(numbers=np.concatenate([calc.reference.numbers for calc in calcs]), pbc=structures[0].pbc,
                  positions=np.concatenate([calc.reference.positions for calc in calcs]),
@@ -121,9 +121,9 @@ def _differing(one, other):
         a, b = one.calc, other.calc
         known = all(map(saved_by_name, laws_of(a.laws)))  # of others only == can tell
         if a.laws is not b.laws and (encode(laws_to_dict(a.laws)) != encode(laws_to_dict(b.laws)) if known else a.laws != b.laws):
-            yield f'law, {b.laws!r} instead of {a.laws!r},'
+            yield f'law ({b.laws!r} instead of {a.laws!r})'
         if a.model != b.model:
-            yield f'model, {b.model} instead of {a.model},'
+            yield f'model ({b.model} instead of {a.model})'
     periodic = one.pbc.any() or other.pbc.any()
     if periodic and not (np.array_equal(one.pbc, other.pbc) and np.array_equal(one.cell.array, other.cell.array)):
         yield 'cell or periodicity'

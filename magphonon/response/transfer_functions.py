@@ -52,7 +52,7 @@ class TransferFunction:
     Attributes
     ----------
     name : str
-        Of the file and the point.
+        Name of the file and the point.
     omega : ndarray, shape (frequencies,)
         In rad/ms.
     response : ndarray of complex, shape (frequencies,)

@@ -164,12 +164,12 @@ class BandFits:
         return found
 
     def along(self, model: Model = 'complete') -> dict[str, NDArray[np.float64]]:
-        """The parameters and the stiffness of a bond as products of powers of all that is fitted."""
+        """The parameters and the stiffness of a bond as products of powers of the fitted quantities."""
         fit = self.fits[model]
         return along(with_factors(self.scene, fit.by_name), fit.names)
 
     def built(self, model: Model = 'complete') -> tuple[Atoms, dict[str, StiffnessDerivative]]:
-        """One cell of the fitted lattice, and what each of all that is fitted changes there."""
+        """One cell of the fitted lattice, and what each fitted quantity changes in it."""
         return _built(self.scene, self.scene.perfect_cell(), self.fits[model].by_name)
 
     def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -201,8 +201,8 @@ class BandFits:
 def parameters_of(scene: Scene) -> tuple[str, ...]:
     """The parameters of a scene that bands depend on and a fit may vary; mass and spacing are known."""
     if isinstance(scene.lattice, FileLattice) or scene.single:
-        raise ValueError(f'lattice.kind = {scene.lattice.kind!r}: a fit takes a lattice that the scene describes by kind '
-                         'and spacing')
+        raise ValueError(f'lattice.kind = {scene.lattice.kind!r}: a fit needs a lattice that the scene describes by its kind and '
+                         'spacing')
     return parameters_in(scene)
 
 
@@ -210,12 +210,12 @@ def parameters_in(scene: Scene) -> tuple[str, ...]:
     """Parameters of any scene that a fit may vary, also of a finite structure or the oscillator."""
     shape = FITTED[one_of('law.kind', scene.law.kind, tuple(FITTED))].shape
     if scene.laws_of_kinds:
-        raise ValueError('laws_of_kinds: a fit varies one law for all pairs; take a lattice of one kind')
+        raise ValueError('laws_of_kinds: a fit varies one law for all pairs; use particles of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
-        raise ValueError('foundation.out_of_plane: a fit takes waves in the plane; leave this table out')
+        raise ValueError('foundation.out_of_plane: a fit uses waves in the plane; remove this table')
     if scene.foundation and scene.foundation.leans:
         raise ValueError('foundation.pillar.lean: a fit assumes upright magnets, and the foundation that it finds includes the '
-                         'softening by leaning; leave lean out')
+                         'softening by leaning; remove lean')
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
     names = ('foundation',) if len(springs) == 1 else ('foundation_x', 'foundation_y')[: len(springs)]
     return ('force', *([shape] if shape else []), *names)
@@ -226,10 +226,10 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     """Force, exponent and foundation of a lattice from measured points of its bands, with D* and without.
 
     Mass and spacing are taken from the scene; its other parameters are the start of the fit.  The uncertainties show which
-    parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  The shape
-    of a law of magnets or of a table of forces stays, and its strength is fitted; intervals allow for an `exponent` in
-    [uncertainty].  An inverse power that more than nearest neighbours feel stands for any smooth law of the same exponent at the
-    spacing, and the intervals hold for all of them; with a fixed exponent it is exact.
+    parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  A law
+    of magnets or a table of forces keeps its shape, and only its strength is fitted; the intervals include the tolerance
+    `exponent` of [uncertainty].  An inverse power that acts beyond nearest neighbours stands for any smooth law with the same
+    exponent at the spacing, and the intervals hold for all of these; if the exponent is fixed, the inverse power counts as exact.
 
     Parameters
     ----------
@@ -319,10 +319,10 @@ def _bent(scene, factors):
 def _divided(points, without):
     """The points to fit and those of the ridges that are left out, of each those that share no noise."""
     for name in without:
-        one_of('the ridge that is left out', name, points.names)
+        one_of('the ridge to be omitted', name, points.names)
     out = np.isin(np.array(points.names)[points.ridge], list(without))
     if out.all():
-        raise ValueError('all ridges are left out; keep some of them')
+        raise ValueError('all ridges are omitted; keep some of them')
     return points[~out].independent, points[out].independent
 
 
@@ -344,7 +344,7 @@ def relative_prior(name: str, present: float, value: float, sigma: float, fixed:
         raise ValueError(f'{name} is fixed and has a prior; keep one of them')
     if not 0 < sigma <= LARGEST_TOLERANCE * value:
         raise ValueError(f'the prior of {name}, {value:g} +- {sigma:g}, must be positive and known to '
-                         f'{100 * LARGEST_TOLERANCE:.0f} % or better; what is known less well needs no prior')
+                         f'{100 * LARGEST_TOLERANCE:.0f} % or better; omit a prior that is known less well')
     return value / present, sigma / value
 
 

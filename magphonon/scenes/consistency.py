@@ -106,7 +106,7 @@ def _modulation(scene: Scene) -> None:
         raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
                          'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python support it)')
     if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
-        raise ValueError('foundation.modulation: it belongs to a chain or a planar lattice with a number of shells; take it out')
+        raise ValueError('foundation.modulation: only a chain or a planar lattice with a number of shells supports it; remove it')
 
 
 def _title(scene: Scene) -> None:
@@ -137,7 +137,7 @@ def _mass_kg(scene: Scene) -> float:
 
 def _burst(scene: Scene) -> None:
     if isinstance(scene.patch, Supercell):
-        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has none; take another patch.kind')
+        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has none; choose another patch.kind')
 
 
 def _vibrometer(scene: Scene) -> None:
@@ -153,7 +153,7 @@ def _vibrometer(scene: Scene) -> None:
 def _pillar(scene: Scene) -> None:
     if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
         raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
-                         'take it out, and add 33/140 of the mass of a pillar to lattice.mass_kg')
+                         'remove it, and add 33/140 of the mass of a pillar to lattice.mass_kg')
 
 
 def _lean(scene: Scene) -> None:
@@ -161,31 +161,33 @@ def _lean(scene: Scene) -> None:
     beside = [f'[{name}]' for name in tables if getattr(scene, name)]
     beside += ['[foundation.out_of_plane]'] if scene.foundation.out_of_plane is not None else []
     if beside:
-        raise ValueError(f'foundation.pillar.lean: leaning magnets are supported in the plane of a perfect lattice only; take '
-                         f'{", ".join(beside)} or lean out')
+        raise ValueError(f'foundation.pillar.lean: leaning magnets are supported only in the plane of a perfect lattice; remove '
+                         f'{", ".join(beside)} or lean')
     if scene.single or isinstance(scene.lattice, FileLattice) or scene.lattice.cell().pbc.all():
-        raise ValueError(f'foundation.pillar.lean: kind = "{scene.lattice.kind}" is no perfect lattice of magnets on a plane; '
-                         'take lean out')
+        raise ValueError(f'foundation.pillar.lean: kind = "{scene.lattice.kind}" is not a perfect lattice of magnets on a plane; '
+                         'remove lean')
 
 
 def _two_springs(scene: Scene) -> None:
     if scene.foundation.stiffness_y_N_per_m is None:
         return
     if scene.design is not None:
-        raise ValueError('foundation.stiffness_y_N_per_m: [design] gives one stiffness along x and y; take it out')
+        raise ValueError('foundation.stiffness_y_N_per_m: [design] gives one stiffness for x and y; remove it')
     if scene.single or scene.lattice.cell().pbc.all():
-        raise ValueError(f'foundation.stiffness_y_N_per_m: {scene.lattice.kind} has no plane; take it out')
+        raise ValueError(f'foundation.stiffness_y_N_per_m: {scene.lattice.kind} has no plane; remove it')
 
 
 def _out_of_plane(scene: Scene) -> None:
     if scene.foundation.out_of_plane is None:
         return
     if scene.single or scene.lattice.cell().pbc.all():
-        raise ValueError(f'foundation.out_of_plane: the {scene.lattice.kind} lattice has no plane to leave; take the table out')
+        raise ValueError(f'foundation.out_of_plane: the {scene.lattice.kind} lattice has no plane that its particles could '
+                         'leave; remove the table')
     flat = [name for name in IN_PLANE if getattr(scene, name) is not None]
     if flat:
         raise ValueError(f'foundation.out_of_plane: [{"], [".join(flat)}] cannot be computed out of the plane; '
-                         'take it out for these, or keep [bands], [patch], [defects] and [disorder] alone')
+                         'remove it, or remove [foundation.out_of_plane], which only [bands], [patch], [defects] and [disorder] '
+                         'support')
 
 
 def _refuse(scene: Scene, tables: tuple[str, ...], why: str) -> None:
@@ -198,7 +200,7 @@ def _refuse(scene: Scene, tables: tuple[str, ...], why: str) -> None:
 def _oscillator(scene: Scene) -> None:
     if scene.law.shells != 1:
         raise ValueError(f'law.shells of the oscillator must be 1, not {scene.law.shells}: its bonds all have one length')
-    _refuse(scene, ('bands',), 'the oscillator is one particle and has no bands; take the table [bands] out')
+    _refuse(scene, ('bands',), 'the oscillator is one particle and has no bands; remove the table [bands]')
 
 
 def _file(scene: Scene) -> None:
@@ -207,13 +209,13 @@ def _file(scene: Scene) -> None:
         does = 'takes the law from the file of the particles' if saved else 'joins the numbered nodes of a file'
         raise ValueError(f'law.kind = "{scene.law.kind}" {does}; it belongs to lattice.kind = "file"')
     if scene.members and lattice.cutoff_m is not None:
-        raise ValueError('lattice.cutoff_m: members are listed, and no distance finds them; take it out')
+        raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove it')
     of_sites = scene.design is not None and bool(scene.design.targets)
     _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, which '
-            'particles from a file do not have; take the table [{0}] out')
+            'particles from a file do not have; remove the table [{0}]')
     if lattice.finite:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
-                'periods, and [{0}] needs a lattice; take the table out, or give the file a cell')
+                'periods, and [{0}] needs a lattice; remove the table, or give the file a cell')
     if scene.patch is not None and (lattice.cell().constraints or np.ptp(lattice.cell().get_tags())):
         raise ValueError(f'patch: the cell in {lattice.file} holds particles or has several kinds of them, but a patch uses '
                          f'constraints and tags for its rim; cut the patch in Python, and save it with magphonon.write_scene')
@@ -221,29 +223,28 @@ def _file(scene: Scene) -> None:
                         ('lattice.cutoff_m', lattice.cutoff_m is not None), ('patch', scene.patch is not None)) if saved else ():
         if given:
             raise ValueError(f'{name} and law.kind = "saved" exclude each other: law, bonds, masses and foundation are in '
-                             f'{lattice.file}; take {name} out')
+                             f'{lattice.file}; remove {name}')
     if lattice.cell().has('stiffness') and scene.foundation is not None:
-        raise ValueError(f'foundation: {lattice.file} gives the stiffness of each particle; take one of them out')
+        raise ValueError(f'foundation: {lattice.file} gives the stiffness of each particle; remove [foundation] or this column')
     if lattice.cell().has('relative_damping'):
         _refuse(scene, ('burst', 'plan', 'uncertainty'), f'it supports only one damping for all particles, but {lattice.file} '
-                'has the column relative_damping; take one of them out')
+                'has the column relative_damping; remove one of the two')
     if lattice.relaxed and lattice.positions == 'rest':
-        raise ValueError('lattice.relaxed moves the particles, and positions = "rest" says that they stand at rest; take relaxed '
-                         'out')
+        raise ValueError('lattice.relaxed moves the particles, but positions = "rest" says that they are at rest; remove relaxed')
     key = 'relaxed' if lattice.relaxed else 'positions' if lattice.positions else None
     if key and scene.law.shells == ALL:
-        raise ValueError(f"lattice.{key} and law.shells = '{ALL}': structures come to rest with a number of shells only; take "
-                         'one of them out')
+        raise ValueError(f"lattice.{key} and law.shells = '{ALL}': a structure can come to rest only with a number of shells; "
+                         'remove one of the two')
 
 
 def _imperfect(scene: Scene) -> None:
     name = 'defects' if scene.defects is not None else 'disorder'
     if scene.single or (scene.patch is None and not scene.finite):
-        raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
+        raise ValueError(f'{name}: there is no structure to put them in; add a table [patch], such as kind = "supercell" with '
                          'cells_1 and cells_2')
     if scene.uncertainty is not None and (scene.disorder is not None or scene.uncertainty.tolerances(scene).changes):
         raise ValueError(f'{name} and uncertainty: tolerances that all particles share are for the perfect lattice; keep only '
-                         'those of each site (each_strength_percent and so on) beside [defects], or take one of the tables out')
+                         'those of each site (each_strength_percent and so on) beside [defects], or remove one of the tables')
 
 
 def _kinds(scene: Scene) -> None:
@@ -262,11 +263,11 @@ def _kinds(scene: Scene) -> None:
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    _refuse(scene, (*OF_LATTICES, 'uncertainty'), f'it supports only one law for all particles; take [{0}] or [[laws_of_kinds]] '
-                                                  'out')
+    _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
+                                                  '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
-        raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; take patch.kind = "supercell", or cut it in '
-                         'Python and save it with magphonon.write_scene')
+        raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; choose patch.kind = "supercell", or cut the '
+                         'patch in Python and save it with magphonon.write_scene')
 
 
 def _bands(scene: Scene) -> None:
@@ -274,14 +275,14 @@ def _bands(scene: Scene) -> None:
     if wanted is not None and len(wanted) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
     if scene.bands.beyond:
-        _refuse(scene, ('uncertainty', 'design'), 'it supports only bands without damping or temperature; take [{0}] or '
-                + scene.bands.beyond + ' out')
+        _refuse(scene, ('uncertainty', 'design'), 'it supports only bands without damping or temperature; remove [{0}] or '
+                + scene.bands.beyond)
     if scene.bands.temperature_J is not None:
         cell = scene.perfect_cell()
         leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
         if scene.law.shells == ALL or leaves or scene.turns:
             raise ValueError('bands.temperature_J needs time steps, for planar lattices with a number of shells, without '
-                             'gyration or motion out of the plane; take it out, or what contradicts it')
+                             'gyration or motion out of the plane; remove it, or what contradicts it')
     if scene.bands.path is None:
         return
     known = scene.special_points
@@ -289,11 +290,11 @@ def _bands(scene: Scene) -> None:
         raise ValueError(f'bands.path must join at most {MOST_LEGS} points, not {len(scene.bands.path)}')
     legs = parse_path_string(scene.bands.path)
     if not all(len(leg) > 1 and set(leg) <= set(known) for leg in legs):
-        raise ValueError(f'bands.path of the {kind} lattice must join points out of {", ".join(known)}, '
+        raise ValueError(f'bands.path of the {kind} lattice must join some of the points {", ".join(known)}, '
                          f'not {scene.bands.path!r}')
     for a, b in chain.from_iterable(map(pairwise, legs)):
         if a == b:
-            raise ValueError(f'bands.path goes from {a} to {a} in {scene.bands.path!r}; name each point once in a row')
+            raise ValueError(f'bands.path goes from {a} to {a} in {scene.bands.path!r}; do not name a point twice in a row')
 
 
 def _frf(scene: Scene) -> None:
@@ -303,11 +304,11 @@ def _frf(scene: Scene) -> None:
         raise ValueError(f'frf has both {" and ".join(driven)}; shake the bench, move a wall or push a particle')
     if scene.frf.wall is not None and (scene.single or isinstance(scene.patch, Supercell)):
         raise ValueError('frf.wall: a wall is a side of the held rim of a patch or finite structure, and the scene has none; '
-                         'take [frf.wall] out')
+                         'remove [frf.wall]')
     for name in ('response',) if driven and driven != ['[frf.force]'] else ('force', 'response'):
         given = getattr(scene.frf, name) is not None
         if given and scene.single:
-            raise ValueError(f'frf.{name}: the oscillator is driven and measured along its guide; take [frf.{name}] out')
+            raise ValueError(f'frf.{name}: the oscillator is driven and measured along its guide; remove [frf.{name}]')
         if not given and not scene.single:
             raise ValueError(f'frf lacks the table {name!r}; add [frf.{name}] with at_m and direction_deg')
     if not (scene.single or scene.finite) and scene.patch is None:
@@ -326,7 +327,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
         mend = '' if scene.law.kind != 'hertz' else (
             f' than law.diameter_m = {scene.law.diameter_m!r}; spheres repel where they touch')
         raise ValueError(f'{scene.lattice.spacing_given} is so large, or the law of so short a range ({_numbers(scene)}), that '
-                         f'no force acts; take a smaller spacing{mend}')
+                         f'no force acts; give a smaller spacing{mend}')
     pillar = scene.foundation and scene.foundation.pillar
     if pillar and 2 * pillar.radius_m > scene.lattice.spacing_m:
         raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '

@@ -148,8 +148,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     """
     have, priors = (*band_fits.parameters_in(scene), 'damping'), dict(priors or {})
     if scene.cell().has('relative_damping'):
-        raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions has one damping for '
-                         'all particles; take the column out')
+        raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions has one damping for all '
+                         'particles; remove the column')
     scene = band_fits.of_remanence(scene.counted())
     for name in fixed:
         one_of('the fixed parameter', name, have)
@@ -191,7 +191,7 @@ def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | 
     Parameters
     ----------
     scene : Scene
-        With [frf], known to about ten percent.
+        A scene with [frf], known to about ten percent.
     functions : sequence of TransferFunction
         As `with_dofs` returns them.
 
@@ -242,8 +242,8 @@ def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[Trans
                                 ('a force', 'frf.base_deg', '[frf.force]'))
             raise ValueError(f'{one.name} is a response to {what}, and the scene has {have}; give {give} instead')
         if one.shaken and one.drive is not None and abs(np.exp(1j * one.drive[2]) - complex(*source[:2])) > SAME_DIRECTION:  # pyright: ignore[reportIndexIssue]
-            raise ValueError(f'{one.name} is of a bench shaken along {one.drive[2] / u.deg:.4g} degrees, and frf.base_deg is '  # pyright: ignore[reportIndexIssue]
-                             f'{scene.frf.base_deg:g}; set it to that')
+            raise ValueError(f'{one.name} is of a bench shaken along {one.drive[2] / u.deg:.4g} degrees, but frf.base_deg is '  # pyright: ignore[reportIndexIssue]
+                             f'{scene.frf.base_deg:g}; make them equal')
         if scene.single:
             given['answer'] = answer
         found.append(replace(one, answer=given['answer'] or answer, drive=source if given['drive'] is None else given['drive']))

@@ -168,11 +168,11 @@ class JointFits:
     specimen : Specimen
         The start of the fit, and the family of laws.
     joints : dict of Joint
-        By model.
+        The joint fits by model.
     ridges : dict of DispersionFit
-        By model; empty without ridges.
+        Fits of the ridges by model; empty without ridges.
     responses : dict of TransferFit
-        By model; empty without transfer functions.
+        Fits of the transfer functions by model; empty without transfer functions.
     """
 
     specimen: Specimen
@@ -191,7 +191,7 @@ class JointFits:
         return dict(zip(joint.names, np.exp(joint.x).tolist(), strict=True))
 
     def fitted(self, model: Model = 'complete') -> Scene:
-        """The scene with the law, a table, and the springs of the fit."""
+        """The scene with the fitted law, as a table, and the fitted springs."""
         return self.specimen.with_factors(self.factors(model))
 
     def along(self) -> dict[str, NDArray[np.float64]]:
@@ -292,7 +292,8 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     ----------
     scene : Scene
         Spacing and mass are taken from it; its force, exponent and springs are the start of the fit.  The law is any smooth one,
-        or, if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] counts.
+        or, if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] is
+        included.
     forces : dict of Forces, optional
         Tables of forces by name; each has its own shared errors.
     ridges : RidgePoints, optional
@@ -305,7 +306,8 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     priors : dict, optional
         Prior knowledge about 'force', 'a', the springs or 'mass': value in SI and standard uncertainty.
     functions : sequence of TransferFunction
-        Transfer functions of a patch of these magnets. Its sites scatter, so its mean differs from the lattice by this scatter.
+        Transfer functions of a patch of these magnets. Its sites scatter, so the mean of the patch differs from that of the
+        lattice.
     gain_sigma : float
         Relative standard uncertainty of the calibration of the transfer functions.
 

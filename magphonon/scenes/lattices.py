@@ -192,7 +192,7 @@ class Foundation(Table):
     def _one(self):
         if (self.stiffness_N_per_m is None) == (self.pillar is None):
             has = 'neither' if self.pillar is None else 'both'
-            raise ValueError(f' has {has} of stiffness_N_per_m and [foundation.pillar]; give one, or leave [foundation] out')
+            raise ValueError(f' has {has} of stiffness_N_per_m and [foundation.pillar]; give one, or remove [foundation]')
         if self.stiffness_y_N_per_m is not None and not self.stiffness_N_per_m:
             raise ValueError('.stiffness_y_N_per_m, along y, needs a positive stiffness_N_per_m, along x; give both')
         return self
@@ -262,7 +262,7 @@ class Trap(Table):
         """Foundation, anchors and gyration, as arguments of the calculator."""
         if np.ptp(atoms.positions[:, 2]):
             raise ValueError('trap: it acts in a plane, and the particles of the file stand at different heights; give them one '
-                             'z_m, or take PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
+                             'z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
         k = np.array([[self.stiffness_N_per_m, self.stiffness_y_N_per_m or self.stiffness_N_per_m]]) * u.N / u.m
         return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (len(atoms), 1)),
                 'gyration': self.gyration_rad_per_s / u.s}
@@ -359,9 +359,9 @@ class Supercell(PatchTable):
 
     def shape(self, cell: Atoms) -> Atoms:
         if cell.pbc[2]:
-            raise ValueError('a supercell is one of a planar lattice or a chain; take another patch')
+            raise ValueError('only a planar lattice or a chain can have a supercell; choose another patch')
         if self.cells_2 > 1 and not cell.pbc[1]:
-            raise ValueError('the lattice is not periodic along its second vector; leave patch.cells_2 out')
+            raise ValueError('the lattice is not periodic along its second vector; remove patch.cells_2')
         return cell.repeat((self.cells_1, self.cells_2, 1))
 
 

@@ -227,7 +227,7 @@ class InversePowerLaw(ClosedForm):
 def _poisson_ratio(value):
     ratio = positive('', value)
     if ratio > 0.5:
-        raise ValueError(f' must not exceed 0.5, not be {value!r}')
+        raise ValueError(f' must be at most 0.5, not {value!r}')
     return ratio
 
 

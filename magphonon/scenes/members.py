@@ -64,7 +64,7 @@ class Members(Table):
         if len(own) == 3:
             raise ValueError(' has both rest_length_m and tension_N; keep one of them')
         if isinstance(self.law, SavedLaw) or 'shells' in getattr(self.law, 'model_fields_set', ()):
-            raise ValueError('.law belongs to the listed members, so it may be neither saved nor have shells; give it without')
+            raise ValueError('.law is the law of one member: its kind cannot be "saved", and it has no shells; remove these')
         return self
 
     def law_at(self, r: float, tension: float) -> Any:
@@ -75,7 +75,7 @@ class Members(Table):
         L0 = r - tension / k if self.rest_length_m is None else self.rest_length_m * u.m
         if L0 < 0:
             raise ValueError(f'members: a tension of {tension:.3g} N stretches a member of stiffness_N_per_m = '
-                             f'{self.stiffness_N_per_m!r} by more than its length of {r / u.m:.3g} m; take a smaller tension_N')
+                             f'{self.stiffness_N_per_m!r} by more than its length of {r / u.m:.3g} m; give a smaller tension_N')
         return (Cable if self.slack else Spring)(k, L0)
 
     def known(self, r: float) -> float | None:

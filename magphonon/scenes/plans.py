@@ -84,8 +84,9 @@ class BandPlan(Damped):
     damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s; with it the bands of the '
                                                          'complete model are computed once more, with the decay of each mode',
                                        examples=[4.0])
-    temperature_J: Energy | None = Field(None, description='kT in J; time steps of the supercell in a bath of this temperature '
-                                                           'show the stiffness of waves in thermal motion', examples=[2.4e-5])
+    temperature_J: Energy | None = Field(None, description='kT in J; with it the motion of the supercell in a bath of this '
+                                                           'temperature is computed, which gives the stiffness of waves in '
+                                                           'thermal motion', examples=[2.4e-5])
 
     @property
     def beyond(self) -> str:
@@ -404,7 +405,7 @@ class DesignPlan(Table):
     def check(self, scene: Scene) -> None:
         """Raise ValueError for a point or a branch that the scene's lattice does not have."""
         if scene.single:
-            raise ValueError('design is for lattices, not for the oscillator; take [design] out')
+            raise ValueError('design is for lattices, not for the oscillator; remove [design]')
         if self.targets:
             if scene.patch is None and not scene.finite:
                 raise ValueError('design.targets are responses of a finite structure; add [patch]')
@@ -413,7 +414,7 @@ class DesignPlan(Table):
             return
         if self.cut_off_Hz is not None and np.ptp(scene.lattice.cell().get_masses()):
             raise ValueError('design.cut_off_Hz is the frequency of uniform motion, which does not exist for particles of '
-                             'different masses; take it out, and give the foundation')
+                             'different masses; remove it, and give the foundation')
         if self.spacing_from is not None:
             self.spacing_from.target(scene)
 

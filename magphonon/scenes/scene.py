@@ -53,11 +53,11 @@ from .tolerances import Uncertainty
 from .written_atoms import checked_atoms, tables_of
 
 PAIRS = 3e-4
-"""Largest relative change of a frequency by the neighbours that are left out where shells = 'all' has to be a number."""
+"""Where shells = 'all' has to become a number: largest relative change of a frequency by the omitted neighbours."""
 LONG_RANGE = 0.01
-"""Largest relative error of a frequency by neighbours left out where a number of shells is wanted of a law of long range."""
+"""Where a law of long range needs a number of shells: largest relative error of a frequency by the omitted neighbours."""
 MOST_IN_A_CELL = 30
-"""Largest number of particles in the cell of a file whose bands tell how many neighbours it needs."""
+"""Largest number of particles in the cell of a file whose bands are computed to find how many neighbours it needs."""
 
 
 @contextmanager
@@ -173,10 +173,9 @@ class Scene(Table):
             return self
         enough = self.converged_shells(PAIRS)
         if enough.error > LONG_RANGE:
-            raise ValueError(f"law.shells = '{self.law.asked}': the force reaches so far that even with {enough.shells} shells "
-                             "of "
-                             f'neighbours frequencies are {enough.error:.1%} off, and here each bond must be known; '
-                             '"magphonon bands" takes the sum over all')
+            raise ValueError(f"law.shells = '{self.law.asked}': the force reaches so far that with {enough.shells} shells of "
+                             f"neighbours frequencies are still {enough.error:.1%} off, and this computation needs a list of "
+                             'bonds; "magphonon bands" sums over all neighbours')
         law = self.law.with_shells(enough.shells, enough.cutoff / (self.lattice.spacing_m * u.m))
         return self.model_copy(update={'law': law})
 
@@ -205,7 +204,7 @@ class Scene(Table):
 
     @classmethod
     def from_atoms(cls, atoms: Atoms, title: str | None = None) -> Scene:
-        """A scene of atoms with their calculator, without a file; `magphonon.write_scene` writes one."""
+        """A scene of atoms with their calculator, held in memory; `magphonon.write_scene` writes one to a file."""
         return scene_of(tables_of(checked_atoms(atoms), title, file='particles.traj'), atoms)
 
     def cell(self) -> Atoms:
@@ -360,8 +359,9 @@ class Scene(Table):
     def shaken(self, model: Model = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Dof]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
-        These are the arguments of `magphonon.response.frf.receptance`. With `frf.base_deg` the direction of the bench replaces
-        the force, if the caller allows a `bench`, and with [frf.wall] the displacements of the wall do, if it allows a `wall`.
+        These are the arguments of `magphonon.response.frf.receptance`. If the caller allows a `bench` and `frf.base_deg` is
+        given, the direction of the bench replaces the force. If it allows a `wall` and [frf.wall] is given, the displacements
+        of the wall replace it.
         """
         plan = self.wanted('frf')
         if plan.base_deg is not None and not bench:
@@ -447,7 +447,7 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     try:
         text = source.text
     except UnicodeDecodeError as error:
-        raise ValueError(f'{source} is not TOML, which is text in UTF-8: byte {error.start + 1} is not; '
+        raise ValueError(f'{source} is not TOML: its byte {error.start + 1} is not text in UTF-8; '
                          '"magphonon scene prototype" prints a scene to start from') from None
     try:
         data = tomllib.loads(text)
@@ -478,7 +478,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     Parameters
     ----------
     atoms : ase.Atoms
-        With PairCalculator or AllNeighbours.
+        Atoms with PairCalculator or AllNeighbours.
     path : path-like
         Path of the scene file; its name ends in .toml.
     title : str, optional

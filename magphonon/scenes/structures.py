@@ -139,7 +139,7 @@ class FileLattice(Table):
             for name in ('cell_m', 'points_px', 'points_m'):
                 if getattr(self, name) is not None:
                     has = 'a cell' if name == 'cell_m' else 'lengths'
-                    raise ValueError(f'{path} has {has} of its own; take {name} out')
+                    raise ValueError(f'{path} has {has} of its own; remove {name}')
             atoms = _read_by_ase(path)
             for name, instead in OF_ASE.items():
                 if atoms.has(name):
@@ -147,7 +147,7 @@ class FileLattice(Table):
                                      f'{instead}')
             return self._in_mm(atoms)
         except OSError as error:
-            raise ValueError(f'.file: {path} cannot be read ({error.strerror}); it is sought beside the scene') from None
+            raise ValueError(f'.file: {path} cannot be read ({error.strerror}); it is looked for beside the scene') from None
         except ValueError as error:
             raise ValueError(f'.file: {error}') from None
 
@@ -156,7 +156,7 @@ class FileLattice(Table):
         points = [getattr(self, name) for name in ('points_px', 'points_m')]
         if not atoms.info.pop('pixels'):
             if points != [None, None]:
-                raise ValueError('points_px and points_m belong to a table with the columns x_px,y_px; take them out')
+                raise ValueError('points_px and points_m belong to a table with the columns x_px,y_px; remove them')
             return atoms
         if None in points or any(len(pair) != 2 or pair[0] == pair[1] for pair in points):
             raise ValueError('the columns x_px,y_px are pixels of a photo; give the pixels of two known points, points_px = '
@@ -170,8 +170,8 @@ class FileLattice(Table):
     def _with_cell(self, atoms: Atoms) -> Atoms:
         """A table's particles with the lattice vectors of the scene; the vectors that are no period make a cell in space."""
         if self.planar or self.length_unit_m != PACKAGE_UNIT_m:
-            raise ValueError('the columns of a table .csv name their units, and the table is planar; take length_unit_m and '
-                             'planar out')
+            raise ValueError('the columns of a table .csv name their units, and the table is planar; remove length_unit_m and '
+                             'planar')
         extent = float(np.linalg.norm(np.ptp(atoms.positions, axis=0))) or u.m
         vectors = np.array(self.cell_m or np.zeros((0, 2))) * u.m
         if len(vectors) > 2:
@@ -202,7 +202,7 @@ class FileLattice(Table):
         if not len(atoms):
             raise ValueError('.file holds no particles')
         if atoms.has('masses') == (self.mass_kg is not None):
-            raise ValueError('.mass_kg: the file has masses of its own; take it out' if self.mass_kg is not None else
+            raise ValueError('.mass_kg: the file has masses of its own; remove mass_kg' if self.mass_kg is not None else
                              '.mass_kg is missing, and the file has no masses either; give the mass of a particle in kg')
         if not np.isfinite(atoms.positions).all():
             raise ValueError('.file holds a position that is not finite')
@@ -349,7 +349,7 @@ class Defects(Table):
     def _something(self):
         if not (self.vacancies_m or self.substitutions or self.interstitials):
             raise ValueError(' names no defect; give vacancies_m, [[defects.substitutions]] or [[defects.interstitials]], or '
-                             'take the table out')
+                             'remove the table')
         return self
 
     def applied(self, atoms: Atoms) -> Atoms:
@@ -415,7 +415,7 @@ class Disorder(Table):
         """The structure with its sites scattered, not yet at rest."""
         shortest = atoms.calc.bonds.lengths.min()
         if self.position_m * u.m > shortest / 10:
-            raise ValueError(f'disorder.position_m = {self.position_m!r} is more than a tenth of the distance of nearest '
+            raise ValueError(f'disorder.position_m = {self.position_m!r} is more than a tenth of the distance between nearest '
                              f'particles, {shortest / u.m:.4g} m, beyond which neighbours change places; check its '
                              'unit, which is m')
         percent = (self.strength_percent, self.mass_percent, self.stiffness_percent)

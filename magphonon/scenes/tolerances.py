@@ -58,8 +58,8 @@ class _Uncertainty(Table):
     correlation_a_b: Correlation | None = Field(None, description='the correlation of a and b')
     exponent: Positive | None = Field(None, description='of -d ln f/d ln r at the spacing, for a table of forces')
     each_position_m: Positive | None = Field(
-        None, description='the standard deviation of each coordinate of a site by itself: of the foot of a pillar and of what is '
-        'held, or with lattice.positions = "rest" of a position measured in a photo', examples=[1e-4])
+        None, description='the standard deviation of each coordinate from site to site: of the feet of pillars and of held '
+        'particles, or, with lattice.positions = "rest", of positions measured in a photo', examples=[1e-4])
     scale_percent: Positive | None = Field(
         None, description='for particles from a file: the standard deviation of the scale of all lengths, in percent')
     correlation_forces_exponent: Correlation | None = Field(
@@ -153,7 +153,7 @@ class _Uncertainty(Table):
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all
 _KEYS = {key: Field(None, description='the standard deviation, in the unit of the parameter') for key in _ABSOLUTE} | {
     f'{name}_percent': Field(None, description='the standard deviation in percent', examples=[1.0]) for name in PLACES} | {
-    f'each_{name}_percent': Field(None, description='the standard deviation of each site by itself in percent', examples=[1.0])
+    f'each_{name}_percent': Field(None, description='the standard deviation from site to site in percent', examples=[1.0])
     for name in SITES}
 if TYPE_CHECKING:
     Uncertainty = _Uncertainty  # with more keys

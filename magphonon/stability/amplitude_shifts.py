@@ -147,7 +147,7 @@ class _Waves:
     zone: bool
 
     def stiffness(self, q):
-        """D(q) of the free directions, real where q and -q are the same; of a finite structure sparse."""
+        """D(q) of the free directions, real where q and -q are the same, and sparse for a finite structure."""
         if not self.zone:
             return self.system.stiffness
         P, D = self.system.free, self.system.calc.bloch_matrix(np.array([q]))[0]

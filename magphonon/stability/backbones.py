@@ -105,8 +105,8 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
     n, amplitude = system.directions, positive('amplitude', amplitude, 'mm')
     mode, points = whole('mode', mode, 0), whole('points', points)
     if n * (HARMONICS + 1) > MOST:
-        raise ValueError(f'{n} free directions are too many for nonlinear modes ({MOST // (HARMONICS + 1)} at most); take a '
-                         'smaller patch: local modes do not see its rim')
+        raise ValueError(f'{n} free directions are too many for nonlinear modes ({MOST // (HARMONICS + 1)} at most); use a '
+                         'smaller patch, whose rim does not affect local modes')
     squares, vectors = system.spectrum
     if not (mode < n and squares[mode] > 0):
         raise ValueError(f'mode must be the number of one that vibrates, from 0 to {n - 1}, not {mode}')

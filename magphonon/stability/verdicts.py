@@ -143,10 +143,11 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     A periodic cell is judged as an infinite lattice, by its whole zone; a cell of more than 200 degrees of freedom only by waves
     that fit into one or two cells along each vector; its notes say so.  A finite structure is judged as given.  Quantities
     that take too long are not judged, and are listed in `Verdict.unjudged`: the spacing above 2000 degrees of freedom, and for a
-    periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours none of these is judged.
+    periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours neither spacing, supports nor linear
+    amplitude are judged.
 
     The structure is judged at rest: about the reference of its calculator, or about its present positions if they are another
-    rest.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
+    equilibrium.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
 
     Parameters
     ----------
@@ -425,7 +426,7 @@ def buckling(case: Case) -> Finding:
         more = _times(found.spring / found.needed)
         words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} that it needs.{room}'
     elif uneven:
-        words = f'Stable{where}, even if all springs were softer by {spring}, the stiffness of the softest one.'
+        words = f'Stable{where}, and it would stay so if all springs were softer by {spring}, the stiffness of the softest one.'
     else:
         words = f'Stable{where}; no foundation needed.' + (f' It would buckle below a spacing of {at}.' if at else '')
     if case.large and case.atoms.pbc.any():
@@ -622,7 +623,7 @@ def gyration(case: Case) -> Finding:
         return Finding(0.0)
     largest = case.gyrating.turning
     return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s. Tools that see only forces, such as phonopy '
-                   'and LAMMPS, would miss it and are refused where possible.')
+                   'and LAMMPS, would miss the gyration and are refused where possible.')
 
 
 @remark
@@ -633,7 +634,7 @@ def density(case: Case) -> Finding:
     if found <= DENSEST:
         return Finding(found)
     return Finding(found, f'Check the units: a particle of {heaviest / u.kg:.3g} kg at a spacing of {case.spacing / u.m:.3g} m '
-                   f'make {1e3 * found:.2g} g/cm3, denser than any metal. In Python lengths are in mm, masses in g, forces in '
+                   f'gives {1e3 * found:.2g} g/cm3, denser than any metal. In Python lengths are in mm, masses in g, forces in '
                    'N.')
 
 

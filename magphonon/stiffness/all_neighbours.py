@@ -33,7 +33,7 @@ then change by less than 1e-6 (tests/bands/test_neighbours.py)."""
 STEEPEST_TAIL = 10.0
 """Exponent of the force beyond which a law has no tail: of the stiffness of a particle less than 1e-8 lies beyond `TAIL`."""
 STEP = 2e-3
-"""Step of the wavevector in rad per shortest bond for the derivative of a Bloch matrix, which is good to 1e-10 of the largest."""
+"""Step of the wavevector in rad per shortest bond for the derivative of a Bloch matrix, right to 1e-10 of the largest entry."""
 MOST_BONDS = 300_000  # largest number of bonds of one cell in a lattice sum
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 

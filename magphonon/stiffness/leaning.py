@@ -45,5 +45,5 @@ def _taken(calc, charges) -> NDArray[np.float64]:
     np.add.at(sites, j, T)
     if abs(sites - sites[0] * np.eye(2)).max() > EQUAL * abs(sites).max():
         raise ValueError('leaning gives the sites of this lattice different springs, or oblique ones, which foundations here do '
-                         'not support; take lean = true out')
+                         'not support; remove lean = true')
     return np.diagonal(sites[0])[None]

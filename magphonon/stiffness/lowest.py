@@ -112,8 +112,8 @@ def lowest_eigenpairs(D: sparse.csr_array, count: int,
             return found
         if size > LARGEST:
             raise ValueError(f'iterations do not separate the lowest {count} of {size} modes, as in a flat band, and {size} '
-                             f'are too many for a complete diagonalisation (at most {LARGEST}); ask for another number of them, '
-                             'or take a smaller structure')
+                             f'are too many for a complete diagonalisation (at most {LARGEST}); ask for another number of modes, '
+                             'or use a smaller structure')
     refuse_memory(f'the lowest {count} of {size} modes', MATRICES * 8 * size**2, 'ask for fewer')
     return eigh(D.toarray(), subset_by_index=(0, count - 1))
 

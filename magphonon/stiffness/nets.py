@@ -28,7 +28,7 @@ BALANCED = 1e-10  # of the largest singular value: below it the tensions of a se
 
 
 def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms:
-    """The same nodes joined by members, each with its law.
+    """A structure whose nodes are joined by members, each with its own law.
 
     Parameters
     ----------

@@ -51,14 +51,14 @@ class _Rescaled(Calculator):
         found = calc.answers(here, ('energy', 'forces'))
         if 'stress' in properties:
             if not calc.pairwise:
-                raise PropertyNotImplementedError(f'{type(calc).__name__} has no stress; take a number of shells')
+                raise PropertyNotImplementedError(f'{type(calc).__name__} has no stress; choose a number of shells')
             found['stress'] = stress_per_volume(calc, here)  # pyright: ignore[reportArgumentType]  what is pairwise has bonds
         self.results = {name: self.scale * value for name, value in found.items()}
 
 
 @takes('all neighbours', 'site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike',
-       constraints='the supercells of other tools do not keep constraints; use analytic_bands, finite_displacements or modes, '
-                   'or remove them with atoms.set_constraint()')
+       constraints='the supercells of other tools do not keep constraints; use analytic_bands, finite_displacements or modes, or '
+                   'remove the constraints with atoms.set_constraint()')
 def for_ase_tools(atoms: Atoms) -> Atoms:
     """The same atoms for tools that expect eV, Angstrom and amu: the numbers that they call Angstrom are in mm, and THz are Hz.
 

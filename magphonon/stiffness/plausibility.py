@@ -24,12 +24,13 @@ DENSITY = 50.0
 """Mass per cube of the shortest bond in g/mm^3 above which a unit is wrong.  No solid has more than 0.023, a lattice of unit
 masses and lengths has 1; kg and m read as g and mm give a million times what it should be."""
 STIFF = 100.0, 2e3
-"""Foundations, in stiffest bonds, that were probably typed in N/m: then they are 0.1 to 2 bonds, where waves are to be seen (the
-prototype's is 0.18).  Supports of benches have 1 N/m or more; a lattice of unit masses or lengths has no units."""
+"""Between these multiples of the stiffest bond a foundation was probably typed in N/m: it then is 0.1 to 2 bonds, where waves
+are to be seen (the prototype's is
+0.18).  Supports of benches have 1 N/m or more; a lattice of unit masses or lengths has no units."""
 UNEQUAL = 1e9  # ratio of masses from which frequencies lose digits (4e-8 at 1e9, 4e-5 at 1e12): D holds K/sqrt(m m')
 FAST = 30.0, 5.0
-"""Frequencies, in that of the stiffest bond and spring, that were probably typed in Hz: above the first, and below the second if
-they were.  The highest of a lattice is up to about four; a number of Hz is 159 times that of rad/ms."""
+"""A frequency above the first multiple of that of the stiffest bond and spring was probably typed in Hz, if it is below the
+second once converted.  The highest of a lattice is up to about four; a number of Hz is 159 times that of rad/ms."""
 AMU = 1.66053907e-24  # in g
 EPS = np.finfo(float).eps
 

@@ -81,7 +81,7 @@ class Relaxation:
     def __str__(self) -> str:
         far = f'moved by up to {self.shift:.4g} mm (rms {self.rms:.4g} mm) in {self.steps} steps'
         moved = far if self.needed else 'was at rest already'
-        off = f' (places of unstable equilibrium that it left on the way: {self.saddles})' if self.saddles else ''
+        off = f' (unstable equilibria passed on the way: {self.saddles})' if self.saddles else ''
         lowest = hertz(float(signed_root(np.array(self.lowest))))
         calc = self.atoms.calc
         nothing = RESIDUAL * abs(calc.law.dphi(calc.bonds.lengths)).max()

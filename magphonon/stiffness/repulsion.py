@@ -83,7 +83,7 @@ class Repulsion(Restartable):
 
     @cached_property
     def near(self) -> float:
-        """Distance in mm beyond which the nearest site may be that of another particle."""
+        """Displacement in mm beyond which the nearest site may belong to another particle."""
         return float(NEAR * self.bonds.lengths.min(initial=np.inf))
 
     @cached_property
@@ -223,7 +223,10 @@ class Repulsion(Restartable):
         raise NotImplementedError
 
     def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
-        """Its gradient over Cartesian wavevectors in N, shape (dim, wavevectors, particles * dim, particles * dim)."""
+        """Gradient of the Bloch matrix over Cartesian wavevectors in N.
+
+        Its shape is (dim, wavevectors, particles * dim, particles * dim).
+        """
         raise NotImplementedError
 
     def bloch_series(self, along: NDArray[np.float64],

@@ -128,7 +128,7 @@ class LinearSystem:
         push : ndarray, shape (particles, 3), optional
             Constant forces of drives, in N, that become part of the dead load.
         *also : str
-            As of `of`.
+            Traits that the caller accepts, as in `of`.
         """
         refuse(atoms, running(*also))
         if isinstance(atoms, LinearSystem):
@@ -346,7 +346,7 @@ class LinearSystem:
         return 0.0 if self.stable else float(growth(self.B(damping).toarray(), self.K.toarray()))
 
     def recorded(self, particles: ArrayLike | None) -> NDArray[np.int_]:
-        """The particles whose motion is wanted, all of them for None, as an array of indices."""
+        """Indices of the particles whose motion is wanted, as an array; None means all of them."""
         if particles is None:
             return np.arange(len(self))
         return indices('particles', particles, len(self))

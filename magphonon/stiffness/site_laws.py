@@ -191,7 +191,7 @@ class Travelling(Springs):
     >>> from magphonon import InversePower, MagneticRepulsion, Travelling, lattices
     >>> cell = lattices.chain(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=Travelling(5.0, 0.1, W=0.3, kap=(2.0, 0)))
-    >>> cell.calc.site_stiffness  # what does not know the time sees the mean
+    >>> cell.calc.site_stiffness  # tools without a time use the mean
     5.0
     """
 
@@ -230,7 +230,8 @@ class Travelling(Springs):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OnSite(Springs):
-    """Energy V(d) of each particle as a function of its displacement d from its anchor: several wells, a tensor, a magnet below.
+    """Energy V(d) of each particle as a function of its displacement d from its anchor: a potential with several wells, a
+    stiffness tensor or a magnet below.
 
     Linear tools use V'' at rest, time steps the whole law. With a function of the time g, as for electromagnets, the energy is
     `g(t) V(d)`.
@@ -247,7 +248,7 @@ class OnSite(Springs):
         uses g = 1; linear tools refuse such a law.
 
     K : array_like, optional
-        Of `OnSite.tensor`.
+        The matrix of `OnSite.tensor`.
     share : float or array_like, shape (particles,)
         Factor of V at each site.
 

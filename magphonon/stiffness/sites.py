@@ -92,7 +92,7 @@ def _joined(name, values, sizes):
     if np.ndim(first) == 0 and all(value is first for value in values):
         return _at(name, first, np.tile(np.arange(sizes[0]), len(sizes)))
     if name == 'foundation':
-        values = [tie_of(value).springs('a structure joined of several that differ') for value in values]
+        values = [tie_of(value).springs('a structure that joins several different ones') for value in values]
     width = max((np.shape(value)[1:] for value in values), key=len)
     each = [np.reshape(value, (-1, *(np.shape(value)[1:] or (1,) * len(width)))) for value in values]
     return np.concatenate([np.broadcast_to(value, (size, *width)) for value, size in zip(each, sizes, strict=True)])
@@ -184,7 +184,7 @@ def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
         return
     if dim == 2:
         raise ValueError(f'planar particles must share one z, but z ranges over {z:g} mm, periodic images included; give them '
-                         'one z, or let them move in space, in Python without dim=2')
+                         'one z, or omit dim=2 in Python, so that they move in space')
     if not central:
         raise ValueError('particles whose forces are not along the line between them, such as upright magnets, stand on a plane, '
                          f'but z ranges over {z:g} mm; give them one z')

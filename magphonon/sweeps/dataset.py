@@ -46,7 +46,8 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
           name: str | None = None, units: Mapping[str, str] | None = None) -> Dataset:
     """Evaluate questions about a scene, or any function, at every point of a grid.
 
-    The answers have the same bits wherever they are computed, on processors of one kind: linear algebra uses one thread.
+    On processors of one kind the answers are the same to the last bit wherever they are computed, because linear algebra uses
+    one thread.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     answers, about, told = _question(asked, axes, (ask,) if isinstance(ask, str) else tuple(ask))
     about = {'magphonon': __version__} | about | ({} if name is None else {'name': name})
     if journal is not None and callable(asked) and name is None:
-        raise ValueError('a journal cannot recognise a function; give it a name=, and a new name whenever the function changes '
+        raise ValueError('a journal cannot tell functions apart; give it a name=, and a new name whenever the function changes '
                          'its numbers')
     head = about | {'over': {key: values.tolist() for key, values in axes.items()}}
     points = [dict(zip(axes, values, strict=True)) for values in product(*(values.tolist() for values in axes.values()))]
@@ -135,7 +136,7 @@ def _checked(over):
             raise ValueError(f'{key} must be a list of different numbers, not {shown(values.tolist())}')
     points = np.prod([len(values) for values in axes.values()], dtype=float)
     if points > MOST_POINTS:
-        raise ValueError(f'over asks for {points:.3g} points, and at most {MOST_POINTS:g} are computed; take fewer values')
+        raise ValueError(f'over asks for {points:.3g} points, but at most {MOST_POINTS:g} are computed; give fewer values')
     return axes
 
 

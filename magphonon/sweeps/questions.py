@@ -30,11 +30,11 @@ BORDER = 1e-9
 """Fraction of the needed foundation within which a lattice is on the border of buckling, its softest frequency round-off."""
 
 REFUSALS = ValueError, ArithmeticError, MemoryError
-"""Errors that say that a point has no answer; any other is a mistake in a program, and ends the sweep."""
+"""Errors that mean that a point has no answer; any other error is a mistake in a program, and ends the sweep."""
 INSTEAD = {'force_N': 'b_N_m_a', 'b_N_m_a': 'force_N'}
 """Keys of a law that replace each other: an axis of one takes the place of the other in the scene."""
 FORCES_ALIKE = 1.01
-"""Ratio of two forces that a sweep over the exponent may leave."""
+"""Largest ratio of two forces in a sweep over the exponent."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Situation:
     def bands(self, q: ArrayLike) -> NDArray[np.float64]:
         """Frequencies of the perfect lattice at wavevectors in Hz, shape (wavevectors, branches)."""
         if beyond := self.scene.wanted('bands').beyond:
-            raise ValueError(f'{beyond}: sweeps compute bands without damping or temperature; take it out')
+            raise ValueError(f'{beyond}: sweeps compute bands without damping or temperature; remove it')
         self.refuse_buckling()
         return u.hertz(bloch_modes(self.atoms, q)[0])
 
@@ -193,7 +193,7 @@ QUESTIONS = {
     'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1], 'peak',
                                  lambda scene: scene.wanted('frf')),
 }
-"""Words in capitals stand for any word; what comes first in the list counts."""
+"""Words in capitals stand for any word; the first match in the list counts."""
 
 
 def observables() -> dict[str, str]:

@@ -50,8 +50,8 @@ MOST_APART = 50  # spacings between neighbouring points from which their unit is
 APART = 2.0  # distance of ridge points along the path in bins, at which the windows share no noise
 NEAR = 1.0  # distance in bins of the centre of gravity of a cell's power from which that power belongs to another wave
 BENT = 0.25
-"""Shift of a point by the curvature of its branch, in frequency bins, from which the record does not resolve it: near Gamma and
-where branches meet."""
+"""Shift of a point by the curvature of its branch, in frequency bins, above which the record does not resolve the point: near
+Gamma and where branches meet."""
 DOUBT = 0.5  # share of this shift that is uncertain: so well are the bands of the scene and the powers within the lobe known
 UNEVEN = 0.005
 """Share of a frequency by which a specimen is uneven: its rim lacks neighbours and widens the lattice by some 0.2 %, so that
@@ -79,7 +79,7 @@ class Field:
     dt : float
         In ms.
     frames : int
-        Of one segment.
+        Number of frames in one segment.
     member : ndarray of int, shape (points,)
         Which particle of its cell each point is.
     spacing : float
@@ -170,7 +170,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     Parameters
     ----------
     scan : Scan
-        With places, in the frame of the cell, from any origin.
+        A scan with places, in the frame of the cell, from any origin.
     cell : ase.Atoms
         With its PairCalculator.
 
@@ -229,7 +229,8 @@ def _sites(places, cell):
     k = int(off.argmax())
     if off[k] > ASTRAY * near:
         raise ValueError(f'the point at ({places[k, 0]:.4g}, {places[k, 1]:.4g}) mm is {off[k]:.3g} mm off the nearest site of '
-                         'the lattice; leave out what is no particle, and check spacing and frame of the scene (R1 lies along x)')
+                         'the lattice; omit points that are not particles, and check the spacing of the scene and the frame of '
+                         'the positions (R1 lies along x)')
     if len(np.unique(np.column_stack([n, member]), axis=0)) < len(n):
         raise ValueError('two points stand on one site of the lattice; keep one record of each particle')
     A = np.linalg.solve(vectors, own)  # places in rows
@@ -355,11 +356,11 @@ def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
 def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field', source: str | None = None) -> RidgePoints:
     """Points of the bands along a path: at wavevectors that share no noise, the strongest frequency of each branch.
 
-    A point is kept if its power is larger than that of the other branch at that frequency, above the background, within 20 dB of
-    the strongest point, and within a quarter of the bands of the scene in either model. Its centre of gravity must lie within a
-    bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of four parts: the scatter
-    between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half of the shift due to the
-    curvature of the branch, and half a percent for the unevenness of a specimen.
+    A point is kept if its power exceeds the background and that of the other branch at its frequency, and is at most 20 dB below
+    the strongest point, and if its frequency lies within a quarter of the bands of the scene in either model. Its centre of
+    gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of
+    four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half
+    of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
 
     Parameters
     ----------
@@ -368,7 +369,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
         With its PairCalculator; its bands give the curvature.
     path : ase.dft.kpoints.BandPath
     name : str
-        Of the record.
+        Name of the record.
     source : {'row', 'point', 'field'}, optional
         The source of the waves, 'field' for noise; by default 'field' if the motion lasts for the whole record, else 'point'.
     """
@@ -505,7 +506,7 @@ def field_at(field: Field, cell: Atoms,
     k : ndarray, shape (wavevectors,)
         Both components of the wavevectors, in rad/mm, over the first zone.
     power : ndarray, shape (wavevectors, wavevectors)
-        At (k_y, k_x), of both components of the motion, in mm^2.
+        Power at (k_y, k_x), of both components of the motion, in mm^2.
     shape : ndarray of complex, shape (points, 2)
         In mm: the coherent motion with the largest share of the power of all segments; its phase is zero where it is largest.
     """

@@ -134,7 +134,7 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
     ----------
     path : path
     records : dict
-        From the name of a record to its waves.
+        Waves of each record, by its name.
     """
     with whole_file(path) as file:
         print(*HEADER, sep=',', file=file)

@@ -20,7 +20,7 @@ TURNED = np.radians(2.0)
 """Angle up to which a row of points may be turned against the row of the lattice: directions of rows are 6 degrees apart."""
 STRETCHED = 0.03
 """If the measured step differs from that of the lattice by more than this fraction, the record is of another lattice. Frequencies
-of magnets at the spacing r go as r^-2.8, so they would be wrong by 8 %."""
+of magnets vary with the spacing as r^-2.8, so they would be wrong by 8 %."""
 MOST_APART = 50  # number of steps between neighbouring points above which their unit must be wrong
 
 
@@ -52,7 +52,7 @@ class Row:
             normal = self.vector - (self.vector @ R1) / (R1 @ R1) * R1
             if np.linalg.norm(normal) < NEAR * np.linalg.norm(self.vector):
                 raise ValueError("the measured row runs along R1, as do the fronts of waves from a row of sources ('row'): "
-                                 "all its points move alike; for waves that run along the row take the source 'point'")
+                                 "all its points move alike; for waves that run along the row choose the source 'point'")
         return cell.cell.array @ normal / (normal @ self.vector) * cell.pbc
 
 

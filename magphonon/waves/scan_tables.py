@@ -141,7 +141,7 @@ def _points(path, held) -> tuple[dict[str, Samples], bool]:
                          'displacements or velocities, with a direction or without')
     for part in parts:
         if np.isnan(table[part]).all():
-            raise ValueError(f'{path}: the column {table.header[part]} holds no number; take it out, or export it again')
+            raise ValueError(f'{path}: the column {table.header[part]} holds no number; remove it, or export it again')
     places = np.stack([table.get('x', 0.0), table.get('y', 0.0)], axis=1)
     if names is None:
         names = np.array([f'({x:g} mm, {y:g} mm)' for x, y in places])
@@ -199,7 +199,7 @@ def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
     kinds = {ORDINATES.get(one['ordinate_spec_data_type']) for one in over_time}
     if len(kinds) != 1 or None in kinds:
         types = sorted({one['func_type'] for one in records})
-        what = (f'its functions are of the types {types}, and records over time are 1' if records and not over_time else
+        what = (f'its functions have the types {types}, but a record over time has the type 1' if records and not over_time else
                 'its records are of several kinds, or of none of these' if over_time else 'it has no dataset 58')
         raise ValueError(f'{path} holds no displacements or velocities over time ({what}); export time records of one of the two')
     own = u.m / metre / (u.s if kinds == {'velocity'} else 1)

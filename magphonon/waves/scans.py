@@ -24,13 +24,13 @@ MOTIONS_m = 1e-24, 1e3  # range of possible displacements, with a wide margin; t
 LEAST_TIME = 0.9  # part of the longest record that a point must have, to be used
 STRONG = 1e-2  # power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)
 RESAMPLED, NOISY = 1e-2, 3.0
-"""Largest error of an interpolated sample: as a fraction of the motion, or where that is more, as a multiple of the noise of a
-measured sample; if one sample of fifty is so uncertain, the power of the noise grows by a fifth."""
+"""Largest error of an interpolated sample: a fraction of the motion or a multiple of the noise of a measured sample, whichever
+is larger. If one sample of fifty has this error, the power of the noise grows by a fifth."""
 FOLLOWED = 0.1
 """Largest error of the fastest wave by itself, however large the noise: motion up to the end of the band looks like noise."""
 HELD, ABRUPT = 3, 8.0
-"""Samples in a row at the largest value by which a clipped signal is known, and the last step to it in the least steps: a smooth
-peak that is as flat ends in one of five at most."""
+"""A clipped signal stays at its largest value for so many samples in a row, and reaches it by a step of at least so many of the
+least steps: of smooth peaks that are as flat, at most one in five does."""
 MAINS_Hz, MAINS_TIME, MAINS_PARTS, MAINS_STEADY = (50, 60, 100, 120), 0.1 * units.s, 4, 0.9
 """Frequencies of a hum, a time with whole periods of all, least number of such times, and least share of one phase in a line."""
 DEGREES = 3, 5, 7  # degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap
@@ -195,7 +195,7 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
     """The points that were recorded and moved; what is left out is noted."""
     recorded = {name: np.ptp(point.times) if len(point.times) else 0.0 for name, point in points.items()}
     if not (longest := max(recorded.values())):
-        raise ValueError(f'{path} holds no point with two samples that have a value in every component; a wave needs a record '
+        raise ValueError(f'{path} has no point that was sampled at two times or more in every component; a wave needs a record '
                          'over time')
     short = [name for name, length in recorded.items() if length < LEAST_TIME * longest]
     still = [name for name, point in points.items() if name not in short

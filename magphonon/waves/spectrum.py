@@ -37,7 +37,7 @@ PAD = 4
 """Factor of zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
 FIRST = 3  # lowest frequency line used, in periods per record: a Hann window spreads offset and drift over the two lines below it
 ROUND_OFF = 1e-13
-"""Fraction of the displacements below which a motion is what the subtraction of offset and drift leaves of a row at rest."""
+"""Motion below this fraction of the displacements is the remainder after offset and drift of a row at rest are subtracted."""
 LARGEST = 1e100  # largest displacement in mm; its square is near the end of the floating-point range, as is that of the inverse
 LEAST_POWER = 1e-2  # power of a ridge point, as a fraction of the strongest cell of the map (-20 dB), below which it is dropped
 LEAST_CONTRAST = 20
@@ -96,7 +96,7 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
 
     @property
     def peak(self) -> float:
-        """Power of the strongest cell, offset and drift apart."""
+        """Power of the strongest cell, without the cells of offset and drift."""
         return self.power[FIRST * PAD :].max()
 
     @property

@@ -38,7 +38,8 @@ from .fields import hull_window
 SEGMENTS = 20  # of a record: their scatter knows the error to 1/sqrt(2 SEGMENTS) of itself
 FITS = 1e-6  # periods by which a wave may miss the supercell
 STEPS, STEP, DAMPED, EVERY = 20_000, 0.3, 0.3, 8
-"""Of runs: steps of STEP/w_max, with damping of DAMPED w_max, by which slow and fast waves forget soon, and a frame every few."""
+"""Runs take steps of STEP/w_max with a damping of DAMPED w_max, by which slow and fast waves soon lose their memory, and record a
+frame every few steps."""
 COLD = 1e-8  # temperature, as a share, at which forces are harmonic
 SLACK = 1e-6  # share of the highest frequency below which one is zero
 FEWEST = 5  # frames of a segment
@@ -64,7 +65,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     bias : ndarray, shape (wavevectors, branches)
         The bias that was subtracted, due to few frames, window and time step together.
     linear : ndarray, shape (wavevectors, branches)
-        Of the linear lattice, for comparison.
+        Frequencies of the linear lattice, for comparison.
     """
 
     q: np.ndarray
@@ -84,7 +85,7 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     atoms : ase.Atoms or LinearSystem
         The supercell or the patch that moved, with its PairCalculator; its present positions do not matter.
     displacements : array_like, shape (frames, particles, dim)
-        From rest, in mm, in thermal equilibrium from the first frame.
+        Displacements from rest, in mm, in thermal equilibrium from the first frame.
     temperature_mJ : float
         kT.
     cell : ase.Atoms
@@ -208,7 +209,7 @@ def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: Array
     cell : ase.Atoms
         With its PairCalculator.
     repeats : array_like of int, shape (3,)
-        Of the cell.
+        Numbers of cells along the lattice vectors in the supercell.
     temperature_mJ : float
         kT.
     q : array_like, shape (wavevectors, 3)

@@ -253,7 +253,7 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     Parameters
     ----------
     scan : Scan
-        With places.
+        A scan with places.
     cell : ase.Atoms
         With its PairCalculator.
     source : {'row', 'point'}

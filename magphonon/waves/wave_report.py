@@ -34,7 +34,7 @@ def report(records: Mapping[str, Sequence[Wave]]) -> str:
     resolution = next(iter(records.values()))[0].spectrum.bin_xi
     row = round(2 * np.pi / resolution)
     return '\n'.join(['RMS distance of the measured ridge from each branch, in wavenumber bins',
-                      f'(1 bin = 2 pi/{row} = {resolution:.4g} rad per step; the row has {row} places).',
+                      f'(1 bin = 2 pi/{row} = {resolution:.4g} rad per step; the row has {row} sites).',
                       'Plain columns: D0 + D*; primed: D0 only; sigma: standard uncertainty of a ridge point.',
                       '', *in_columns(rows, left=2), *_verdicts(records), *_doubts(records)])
 
@@ -102,7 +102,7 @@ def field_report(points: RidgePoints, cell: Atoms) -> str:
     off = {model: units.hertz(points.omega - bloch_modes(cell, points.q, model)[0][np.arange(len(points)), branch[points.ridge]])
            for model in ('complete', 'conventional')}
     sigma = units.hertz(points.sigma_omega)
-    waves = {'row': 'a row', 'point': 'a point (if it was a row, say --source row, which makes a fit less uncertain)',
+    waves = {'row': 'a row', 'point': 'a point (if it was a row, give --source row, which makes a fit less uncertain)',
              FIELD: 'noise'}[points.sources[0]]
     rows: list[tuple[str, ...]] = [('ridge', 'points', 'D0 + D*', 'D0 only', 'sigma')]
     for k, name in enumerate(points.names):
@@ -111,5 +111,6 @@ def field_report(points: RidgePoints, cell: Atoms) -> str:
                      f'{np.median(sigma[own]):.2f}'))
     return '\n'.join([f'Waves of {waves}.',
                       'RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz.',
-                      'Longitudinal waves hardly feel D*: an error of a few percent in the law shifts their branch as much.', '',
+                      'Longitudinal waves hardly feel D*: an error of a few percent in the law shifts their branch as much as '
+                      'D* does.', '',
                       *in_columns(rows, left=1)])

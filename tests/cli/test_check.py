@@ -137,7 +137,7 @@ def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
     assert main(['check', str(tmp_path / 'my.toml')]) == FINE
     first, second = capsys.readouterr().out.splitlines()
     assert first == short.strip()
-    assert second.startswith('Nearest neighbours only (shells = 1): the others would shift X, branch 1 by -0.91 %')
+    assert second.startswith('Nearest neighbours only (shells = 1): the others would shift branch 1 at X by -0.91 %')
 
 
 def test_faults_are_told_without_being_asked_for(tmp_path, capsys):
@@ -153,7 +153,7 @@ def test_commands_that_do_not_take_a_structure_are_named(name, refused):
     """As these commands refuse it when they are run: the declarations of their tools are asked."""
     words = commands(Case(read_scene(name))) or ''
     assert set(re.findall(r'"magphonon (\w+)"', words)) == refused
-    assert words.count('Commands that do not take') == bool(refused)  # the reason is given once
+    assert words.count('Commands that do not support') == bool(refused)  # the reason is given once
 
 
 @pytest.mark.parametrize(('name', 'tells'), [('prototype', False), ('prototype.toml', True)])

@@ -132,8 +132,8 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch
     oscillator.write_text(ready_scene('oscillator').read_text())
     chain = tmp_path / 'chain.toml'
     chain.write_text(ready_scene('chain').read_text())
-    for arguments, words in ((['dos', str(oscillator)], '"magphonon frf" is for it'),
-                             (['modes', str(oscillator)], '"magphonon frf" is for it'),
+    for arguments, words in ((['dos', str(oscillator)], 'use "magphonon frf"'),
+                             (['modes', str(oscillator)], 'use "magphonon frf"'),
                              (['modes', str(chain), '--animate', '1'], 'has no patch, so there are no modes to use'),
                              (['modes', str(prototype), '--animate', '99999'], '--animate must be the number of a mode, 1 to ')):
         assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2

@@ -34,7 +34,7 @@ def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatc
 
 
 @pytest.mark.parametrize(('scene', 'words'), [
-    ('oscillator', 'one particle without bands'), ('fcc', 'is a lattice in space'), ('layer', '[foundation.out_of_plane]')])
+    ('oscillator', 'one particle and has no bands'), ('fcc', 'is a lattice in space'), ('layer', '[foundation.out_of_plane]')])
 def test_scenes_that_it_does_not_know_are_refused(scene, words, tmp_path, capsys):
     assert main(['explore', scene, '-o', str(tmp_path / 'page.html')]) == 2
     assert words in capsys.readouterr().err

@@ -150,10 +150,10 @@ def test_patch_is_what_its_forces_say(patch, scene_file, tmp_path):
 MISTAKES = {
     'no angle': ('oscillator', ('theta0_deg = 30.0', ''), "lattice lacks the key 'theta0_deg'; add the angle in degrees"),
     'shells': ('oscillator', ('shells = 1', 'shells = 2'), 'law.shells of the oscillator must be 1, not 2'),
-    'bands': ('oscillator', ('[frf]', '[bands]\npath = "GM"\npoints = 9\nsupercell = [3]\n[frf]'), 'has no bands; take'),
+    'bands': ('oscillator', ('[frf]', '[bands]\npath = "GM"\npoints = 9\nsupercell = [3]\n[frf]'), 'has no bands; remove'),
     'downwards': ('oscillator', ('to_Hz = 64.0', 'to_Hz = 8.0'), 'frf.to_Hz must lie above from_Hz = 16.0, not 8.0'),
     'force on the oscillator': ('oscillator', ('[frf]', '[frf.force]\nat_m = [0, 0]\ndirection_deg = 0\n[frf]'),
-                                'frf.force: the oscillator is driven and measured along its guide; take [frf.force] out'),
+                                'frf.force: the oscillator is driven and measured along its guide; remove [frf.force]'),
     'no patch': ('patch', (PATCH.partition('[frf]')[0], ''), 'frf: there is no patch to drive; add a table [patch]'),
     'no force': ('patch', (PATCH[PATCH.index('[frf.force]'):PATCH.index('[frf.resp')], ''), "frf lacks the table 'force'"),
     'on the rim': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [0.02, 0.0]'), 'frf.force.at_m = [0.02, 0.0] is on the held rim'),

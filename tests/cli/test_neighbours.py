@@ -12,7 +12,7 @@ from magphonon.cli.main import main
 from magphonon.cli.neighbours import neighbours, speeds
 from magphonon.scenes.scene import scene_of
 
-SHIFT = re.compile(r'(\w+), branch (\d) by ([+-][\d.]+) % to ([\d.]+) Hz')
+SHIFT = re.compile(r'branch (\d) at (\w+) by ([+-][\d.]+) % to ([\d.]+) Hz')
 
 
 def changed(name, **changes):
@@ -38,7 +38,7 @@ def test_shifts_per_branch_are_those_of_all_neighbours(name):
     points = scene.special_points
     shown = SHIFT.findall(line)
     assert shown
-    for point, branch, percent, to in shown:
+    for branch, point, percent, to in shown:
         few, many = (u.hertz(bloch_modes(atoms, [points[point]])[0][0, int(branch) - 1]) for atoms in (cell, every))
         assert float(percent) == pytest.approx(100 * (many / few - 1), abs=0.51 * 10 ** -('.' in percent))
         assert float(to) == pytest.approx(many, rel=1e-3)
@@ -64,7 +64,8 @@ def test_speeds_feel_neighbours_much_farther_away(shells):
     ('neighbours', {}, r'^All neighbours count \(shells = "all"\)\.$'),
     ('prototype', {'law__shells': None}, r'^\d+ shells of neighbours \(shells = "auto"\): the others would shift no frequency'),
     ('wigner', {'law__shells': None}, r'^All neighbours count \(shells = "auto"\)\.$'),
-    ('prototype', {'law__shells': 5}, r'^5 shells of neighbours \(shells = 5\): the others would shift M, .* Omit law.shells'),
+    ('prototype', {'law__shells': 5},
+     r'^5 shells of neighbours \(shells = 5\): the others would shift branch 1 at M .* Omit law.shells'),
     ('measured', {}, r'if the forces keep falling as at the end of their table\. Measure the force farther away'),
 ])
 def test_what_is_said_of_how_many_count(name, changes, words):
@@ -121,8 +122,8 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
         scene = lattice_text(tmp_path, shells, **tables)
         assert main(['uncertainty', '--verbose', scene, '-o', str(tmp_path / f'out_{shells}')]) == 0
         text = capsys.readouterr().out
-        assert ('M, branch 1 by more than the 95 % interval.' in text) == (shells == 1)
-        assert 'K, branch 1' not in text.partition('not enough here')[2].partition('\n')[0]  # moved by less than the interval
+        assert ('branch 1 at M by more than the 95 % interval.' in text) == (shells == 1)
+        assert 'branch 1 at K' not in text.partition('not enough here')[2].partition('\n')[0]  # moved by less than the interval
         origin = json.loads((tmp_path / f'out_{shells}' / 'provenance.json').read_text())['scene']
         assert (origin['shells'] == 1) == (shells == 1)
         if shells is None:
@@ -138,8 +139,9 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
 
 
 @pytest.mark.parametrize(('command', 'name', 'words'), [
-    ('check', 'prototype', 'M, branch 1 by +16 %'), ('modes', 'prototype', 'M, branch 1 by +16 %'),
-    ('explore', 'prototype', 'M, branch 1 by +16 %'), ('plan', 'vacancy', None), ('bands', 'chain', 'X, branch 1 by -0.91 %')])
+    ('check', 'prototype', 'branch 1 at M by +16 %'), ('modes', 'prototype', 'branch 1 at M by +16 %'),
+    ('explore', 'prototype', 'branch 1 at M by +16 %'), ('plan', 'vacancy', None),
+    ('bands', 'chain', 'branch 1 at X by -0.91 %')])
 def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path, capsys):
     where = {'check': [], 'plan': [], 'explore': ['-o', str(tmp_path / 'x.html')]}.get(command, ['-o', str(tmp_path / 'out')])
     file = tmp_path / 'my.toml'
@@ -149,21 +151,21 @@ def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path,
     assert 'Nearest neighbours only (shells = 1): the others would shift ' in text or words is None
     assert words is None or words in text
     assert ('Omit law.shells' in text) == (command == 'check')
-    assert text.count('the others would shift M') < 2
+    assert text.count('the others would shift branch 1 at M') < 2
 
 
 def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
     assert main(['fit', 'prototype_ridges', '--bands', 'prototype', '--verbose']) == 0
     text = capsys.readouterr().out
-    assert re.search(r'the ridges, branch 1 by up to \+\d+ %', text)
+    assert re.search(r'branch 1 at the ridges by up to \+\d+ %', text)
     for name, warned in (('prototype', False), ('own.toml', True)):  # a ready scene says itself that it omits others
         (tmp_path / 'own.toml').write_text(ready_scene('prototype').read_text())
         assert main(['fit', 'prototype_ridges', '--bands', name if name == 'prototype' else str(tmp_path / name)]) == 0
-        assert ('the others would shift the ridges' in capsys.readouterr().out) == warned
+        assert ('the others would shift branch 1 at the ridges' in capsys.readouterr().out) == warned
 
 
 def test_a_sweep_says_it_of_the_scene(tmp_path, capsys):
     assert main(['sweep', '--verbose', 'prototype', '--over', 'lattice.spacing_m=0.009,0.01', '--ask', 'bands.M.1',
                  '--executor', 'here', '-o', str(tmp_path)]) == 0
-    told = 'At the values of the scene itself: Nearest neighbours only (shells = 1): the others would shift M'
+    told = 'At the values of the scene itself: Nearest neighbours only (shells = 1): the others would shift branch 1 at M'
     assert told in capsys.readouterr().out

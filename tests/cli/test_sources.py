@@ -70,7 +70,7 @@ def test_a_scene_through_a_pipe_finds_its_files_in_the_present_folder(desk, monk
 
 
 @pytest.mark.parametrize(('content', 'words'), [
-    ('', 'stdin is empty'), (b'\xff\xfe', 'stdin is not TOML, which is text in UTF-8: byte 1'),
+    ('', 'stdin is empty'), (b'\xff\xfe', 'stdin is not TOML: its byte 1 is not text in UTF-8'),
     ('x = [', 'stdin is not TOML ('),
     ('x = 1', "stdin: the scene lacks the key 'title'"), (b'#' * (10 * 2**20 + 1), 'stdin holds more than the 10 MB')],
     ids=range(5))

@@ -257,5 +257,5 @@ def test_kinds_strengths_and_springs_of_their_own(lammps, patch, tmp_path):
 
 
 def test_more_records_than_lammps_has_groups_are_refused(patch, tmp_path):
-    with pytest.raises(ValueError, match='groups for 29 drives and records of some particles, not for 30'):
+    with pytest.raises(ValueError, match='groups for at most 29 drives and records of some particles, not for 30'):
         write_lammps_input(tmp_path, patch, TIMESTEP, 0, records=[([0], 1)] * 30)

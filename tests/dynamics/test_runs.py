@@ -228,4 +228,4 @@ def test_a_cache_that_does_not_serve_is_done_without(tmp_path, fault):
             index.mkdir()
     again = run()
     assert again.stdout == first.stdout
-    assert again.stderr.count('does not serve') == 1
+    assert again.stderr.count('cannot be used') == 1

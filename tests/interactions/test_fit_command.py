@@ -79,8 +79,8 @@ def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
     assert main(['fit', '--verbose', str(SYNTHETIC)]) == 0
     said = capsys.readouterr().out
     assert 'Assumed beforehand: the zero of the distances is known to 0.2 mm' in said
-    assert 'What makes the slope uncertain: zero of distance' in said
-    assert 'measure the zero of the distances to 0.02 mm, and the slope is known to' in said
+    assert 'Causes of the uncertainty of the slope, as shares of its variance: zero of distance' in said
+    assert 'measure the zero of the distances to 0.02 mm: the slope would then be known to' in said
     assert '8 to 15 mm do not decide between the laws' in said
     assert main(['fit', '--verbose', str(SYNTHETIC), '--magnet', 'disc']) == 0
     assert 'The shape of disc has the weight' in capsys.readouterr().out
@@ -112,7 +112,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, and is 0.005 m in line 2: the particles touch at 0.00635 m; '
                                     'give distances of the centres'),
     (['r_m,f_N', *(f'{0.01 * k},{0.01 * k}' for k in range(1, 9))], 'the forces need not fall with the distance'),
-    (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, and repulsion is positive'),
+    (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, but repulsion counts as positive'),
     (['r_m,f_N,direction', *(row + ',sideways' for row in GOOD)], "direction must be approach or return, not 'sideways'"),
 ])
 def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):

@@ -110,7 +110,7 @@ def test_energy_of_a_table_is_the_integral_of_its_force():
 
 
 GAPPED = np.array([2.5, 10.6, 11.4, 12.5, 14.0, 18.0, 24.0]), np.array([150, 0.19, 0.16, 0.085, 0.062, 0.017, 0.005])
-GAP = pytest.mark.filterwarnings('ignore:.*nothing holds the table:UserWarning')
+GAP = pytest.mark.filterwarnings('ignore:.*nothing constrains the table:UserWarning')
 
 
 @GAP
@@ -152,7 +152,7 @@ def test_readings_that_do_not_hold_a_table_are_told():
     noise = np.exp(0.05 * np.random.default_rng(1).normal(size=len(r)))
     Tabulated(r, f * noise)  # evenly spaced: no warning, which would be an error here
     Tabulated(np.sort(np.append(r, 10.005)), 8900 * np.sort(np.append(r, 10.005)) ** -4.58)  # close and right
-    with pytest.warns(UserWarning, match=r'readings at 2\.5 and 10\.6 mm nothing holds the table: .* measure there'):
+    with pytest.warns(UserWarning, match=r'readings at 2\.5 and 10\.6 mm nothing constrains the table: .* measure there'):
         Tabulated(*GAPPED)
     twice, forces = np.insert(r, 7, 10.49), np.insert(f, 7, 1.02 * f[7])
     with pytest.warns(UserWarning, match=r'readings at 10\.49 and 10\.5 mm are close together'):

@@ -181,7 +181,7 @@ def test_one_particle_needs_no_lattice(monkeypatch):
                  'magphonon.response.frf.chebyshev_blocks'):
         monkeypatch.setattr(name, lattice)
     (wanted,) = scene_plans(scene, 1e-3)
-    assert wanted.plan.choice.algorithm == 'its closed form'
+    assert wanted.plan.choice.algorithm == 'a closed form'
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -96,19 +96,19 @@ def patch(law=None, foundation=0.3, model='complete', pbc=False, stretched=1.0):
 
 
 @pytest.mark.parametrize(('other', 'words'), [
-    (patch(InversePower(b=9e3, a=4.6)), r'structure 1 has another law, InversePower\(b=9000.0.* instead of .*b=3000.0'),
-    (patch(Gaussian()), 'another law'),
-    (patch(model='conventional'), 'another model, conventional instead of complete'), (patch(pbc=(1, 0, 0)), 'another cell')])
+    (patch(InversePower(b=9e3, a=4.6)), r'differs from structure 0 in its law \(InversePower\(b=9000.0.* instead of .*b=3000.0'),
+    (patch(Gaussian()), 'in its law'),
+    (patch(model='conventional'), r'in its model \(conventional instead of complete\)'), (patch(pbc=(1, 0, 0)), 'in its cell')])
 def test_what_replicas_cannot_share_is_refused(other, words):
     with pytest.raises(ValueError, match=words):
         replicas([patch(), other])
-    with pytest.raises(ValueError, match='another'):
+    with pytest.raises(ValueError, match='differs'):
         replicas([other, patch()])
     replicas([other, other])
 
 
 def test_other_cells_constraints_and_calculators_are_refused():
-    with pytest.raises(ValueError, match='another cell or periodicity'):
+    with pytest.raises(ValueError, match='in its cell or periodicity'):
         replicas([patch(pbc=(1, 1, 0)), patch(pbc=(1, 1, 0), stretched=1.1)])
     replicas([patch(), patch(stretched=1.1)])  # nothing repeats
     held = patch()

@@ -231,7 +231,7 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
 
     for sources, biased in (((), True), (('point', 'point'), True), (('point', 'row'), True), (('row', 'row'), False)):
         told = said(replace(points, sources=sources))
-        assert ('Biased, with wide intervals: the waves come from a point source' in told) == biased
+        assert ('The values are biased and their intervals wide: the waves come from a point source' in told) == biased
         assert ('0.2 bins for the' in told) == biased
     assert 'no column motion' not in told
     assert 'The table has no column motion: which branch' in said(replace(points, motions=('', '')))
@@ -245,7 +245,7 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
     (['--prior', 'force=0.3+-0.1', '--prior', 'force_N=0.2+-0.1'], '--prior names a parameter twice'),
     (['--prior', 'forces=0.3+-0.1'], "the parameter of --prior must be one of 'force_N', 'a'"),
     (['--prior', 'force_N=0.3'], 'is not a parameter with its value and standard uncertainty, such as force_N=0.288+-0.01'),
-    (['--without', 'x'], 'the ridge that is left out must be one of'),
+    (['--without', 'x'], 'the ridge to be omitted must be one of'),
 ])
 def test_wrong_words_are_refused(words, message, experiment, capsys):
     _, folder = experiment
@@ -351,7 +351,7 @@ def test_ridges_that_are_left_out_widen_the_intervals(tmp_path):
     assert out.better.follows
     assert out.values()['force'][0] == pytest.approx(bare.values()['force'][0], rel=1e-9)
     assert out.values()['force'][1] > 5 * bare.values()['force'][1]
-    assert 'Left out of the fit: bad. With them the points scatter' in band_report(out, len(points), [])
+    assert 'Omitted from the fit: bad. With them the points scatter' in band_report(out, len(points), [])
     with pytest.raises(ValueError, match="'a', 'b', 'bad'"):
         fit_bands(scene, points, without=['nothing'])
 

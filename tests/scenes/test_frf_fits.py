@@ -364,7 +364,7 @@ def test_the_direction_of_a_bench_is_that_of_the_scene(tmp_path):
         if angle % 360 == 40:
             assert_allclose(with_dofs(scene, read_transfer(file))[0].drive, scene.shaken(bench=True)[1])
         else:
-            with pytest.raises(ValueError, match=f'shaken along {angle:g} degrees, and frf.base_deg is 40'):
+            with pytest.raises(ValueError, match=f'shaken along {angle:g} degrees, but frf.base_deg is 40'):
                 with_dofs(scene, read_transfer(file))
 
 

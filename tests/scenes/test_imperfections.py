@@ -117,7 +117,7 @@ def test_a_row_repeats_along_its_period_alone():
     row = {'disorder': {'seed': 1, 'mass_percent': 1.0}}
     seven = scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7}, **row)
     assert len(seven.atoms()) == 7 * len(seven.perfect_cell())
-    with pytest.raises(ValueError, match=r'not periodic along its second vector; leave patch\.cells_2 out'):
+    with pytest.raises(ValueError, match=r'not periodic along its second vector; remove patch\.cells_2'):
         scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7, 'cells_2': 2}, **row).atoms()
 
 
@@ -132,7 +132,7 @@ def test_a_row_repeats_along_its_period_alone():
     ({'disorder': {'seed': 1}}, 'disorder names nothing that scatters'),
     ({'disorder': {'seed': 1, 'mass_percent': 50.0}}, 'mass_percent must lie between 0 and 20'),
     ({'disorder': {'seed': 1, 'position_m': 0.02}}, r'disorder\.position_m = 0\.02 is more than a tenth'),
-    ({'patch': None, 'frf': None}, r'defects: there is no structure for them; add a table \[patch\]'),
+    ({'patch': None, 'frf': None}, r'defects: there is no structure to put them in; add a table \[patch\]'),
     ({'uncertainty': {'mass_percent': 1.0}},
      'defects and uncertainty: tolerances that all particles share are for the perfect'),
 ])

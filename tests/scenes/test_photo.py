@@ -210,7 +210,7 @@ def test_modes_and_frf_say_how_well_they_are_known(tmp_path, capsys):
     # two of one cause, but modes nearer than their scatter repel each other, in ascending order
     assert np.median(table['drawn_std_Hz'] / table['first_order_std_Hz']) == pytest.approx(1, abs=0.25)
     assert main(['frf', '--verbose', scene, '-o', str(tmp_path / 'frf')]) == 0
-    first = re.search(r'says, to first order: ([\d.]+) \+- ([\d.]+)', capsys.readouterr().out)
+    first = re.search(r'to first order: ([\d.]+) \+- ([\d.]+)', capsys.readouterr().out)
     assert float(first[1]) == pytest.approx(table['frequency_Hz'][table['frequency_Hz'] > 40][0], rel=1e-4)
     assert float(first[2]) == pytest.approx(table['first_order_std_Hz'][table['frequency_Hz'] > 40][0], rel=0.06)
 
@@ -241,9 +241,9 @@ def test_relaxing_what_stands_at_rest_warns(tmp_path):
     ('x_px,y_px', 'points_px = [[1, 1], [1, 1]]\npoints_m = [[0, 0], [1, 0]]', 'give the pixels of two known points'),
     ('x_px,y_px', 'points_px = [[1, 1]]\npoints_m = [[0, 0]]', 'give the pixels of two known points'),
     ('x_px,y_mm', '', 'has the columns x_px and y_mm; give both in pixels or none'),
-    ('x_mm,y_mm', 'points_px = [[0, 0], [9, 9]]', 'belong to a table with the columns x_px,y_px; take them out'),
+    ('x_mm,y_mm', 'points_px = [[0, 0], [9, 9]]', 'belong to a table with the columns x_px,y_px; remove them'),
     ('x_mm,y_mm', 'positions = "feet"', "lattice.positions must be one of 'anchors', 'rest'"),
-    ('x_mm,y_mm', 'positions = "rest"\nrelaxed = true', 'positions = "rest" says that they stand at rest; take relaxed out'),
+    ('x_mm,y_mm', 'positions = "rest"\nrelaxed = true', 'positions = "rest" says that they are at rest; remove relaxed'),
 ])
 def test_refusals(columns, keys, message, tmp_path):
     (tmp_path / 'photo.csv').write_text(f'{columns}\n0,0\n10,0\n')

@@ -233,7 +233,7 @@ def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
     ('x_m,y_m\n0,0\n0,0\n', {'mass_kg': 1e-3}, 'it puts the nearest particles 0 m apart'),
     ('x_m,y_m,z_m\n0,0,0\n0.01,0,0.001\n', {'mass_kg': 1e-3}, 'planar particles must share one z'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'cell_m': [[1, 0], [0, 1], [1, 1]]}, 'cell_m must hold one or two'),
-    ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'planar': True}, 'take length_unit_m and planar out'),
+    ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'planar': True}, 'remove length_unit_m and planar'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'planar': 1}, 'planar must be true or false, not 1'),
 ])
 def test_unsuitable_tables_are_refused(text, lattice, message, tmp_path):
@@ -258,7 +258,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     atoms = written(tmp_path, 1)
     with pytest.raises(ValueError, match=r'foundation and law\.kind = "saved" exclude each other'):
         scene({'file': 'mine.traj'}, {'kind': 'saved'}, foundation={'stiffness_N_per_m': 1.0})
-    with pytest.raises(ValueError, match=r'mine\.traj has a cell of its own; take cell_m out'):
+    with pytest.raises(ValueError, match=r'mine\.traj has a cell of its own; remove cell_m'):
         scene({'file': 'mine.traj', 'cell_m': [[1, 0]]})
     bare = lattices.ribbon(lattices.triangular(10.0, 0.7), 3)
     ase.io.write(tmp_path / 'bare.traj', bare)

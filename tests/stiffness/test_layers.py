@@ -91,7 +91,7 @@ def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_l
     assert gamma[0][own] == pytest.approx(expected[0], rel=1e-9)
     layer.calc = MagneticRepulsion(layer, UprightMagnets(law), shells=2, foundation=[[0.0, 0.0, 3.0]])
     for tool in (elastic_moduli, frequency_shifts):
-        with pytest.raises(ValueError, match='take the motion in the plane'):
+        with pytest.raises(ValueError, match='keep to motion in the plane'):
             tool(layer)
     layer.calc = layer.calc.in_plane()
     assert elastic_moduli(layer).constants == pytest.approx(constants, rel=1e-10, abs=1e-14)

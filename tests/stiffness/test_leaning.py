@@ -111,12 +111,12 @@ def test_a_patch_leans_as_its_lattice_does():
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'disorder': {'seed': 1, 'mass_percent': 1.0}}, r'a perfect lattice only; take \[disorder\] or lean out'),
-    ({'uncertainty': {'mass_percent': 1.0}}, r'take \[uncertainty\] or lean out'),
+    ({'disorder': {'seed': 1, 'mass_percent': 1.0}}, r'of a perfect lattice; remove \[disorder\] or lean'),
+    ({'uncertainty': {'mass_percent': 1.0}}, r'remove \[uncertainty\] or lean'),
     ({'lattice': {'kind': 'kagome'}, 'patch': None, 'frf': None, 'burst': None, 'vibrometer': None},
      'leaning gives the sites of this lattice different springs, or oblique ones'),
     ({'lattice': {'kind': 'fcc'}, 'patch': None, 'bands': None, 'frf': None, 'burst': None, 'vibrometer': None, 'plan': None},
-     'is no perfect lattice of magnets on a plane'),
+     'is not a perfect lattice of magnets on a plane'),
     ({'foundation': {'pillar': {'youngs_modulus_Pa': 71e9, 'radius_m': 1e-4, 'height_m': 0.15, 'lean': True}}},
      'lean so much that the magnets would tip over'),
 ])

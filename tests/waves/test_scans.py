@@ -204,9 +204,9 @@ def test_scattered_missing_samples_are_filled_in(step_ms, noise, tmp_path):
 
 
 @pytest.mark.parametrize(('rows', 'message'), [
-    ('{k},{p},nan,1e-6\n', 'the column u_x_m holds no number; take it out'),
-    ('{k},{p},,1e-6\n', 'the column u_x_m holds no number; take it out'),
-    ('{k},{p},1e-6,\n{k}.5,{p},,1e-6\n', 'holds no point with two samples that have a value in every component'),
+    ('{k},{p},nan,1e-6\n', 'the column u_x_m holds no number; remove it'),
+    ('{k},{p},,1e-6\n', 'the column u_x_m holds no number; remove it'),
+    ('{k},{p},1e-6,\n{k}.5,{p},,1e-6\n', 'has no point that was sampled at two times or more in every component'),
 ])
 def test_columns_without_numbers_are_refused_in_words(rows, message, tmp_path):
     text = ''.join(rows.format(k=k, p=p) for k in range(20) for p in range(9))
@@ -344,7 +344,7 @@ def test_a_universal_file_is_read_as_the_table_of_the_same_scan(nodes, label, le
 def test_other_universal_files_are_refused_in_words(tmp_path):
     pyuff = pytest.importorskip('pyuff')
     (tmp_path / 'no.uff').write_text('picture')
-    for kind, abscissa, message in ((4, 18, r'its functions are of the types \[4\], and records over time are 1'),
+    for kind, abscissa, message in ((4, 18, r'its functions have the types \[4\], but a record over time has the type 1'),
                                     (1, 17, 'records are of several kinds, or of none')):
         one = {'type': 58, 'binary': 0, 'func_type': kind, 'rsp_node': 1, 'rsp_dir': 2, 'ref_node': 1, 'ref_dir': 3,
                'data': np.arange(8.0), 'x': np.arange(8.0), 'abscissa_spec_data_type': abscissa, 'ordinate_spec_data_type': 12,

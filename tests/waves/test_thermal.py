@@ -255,7 +255,7 @@ def test_a_modulation_is_refused_before_the_run(monkeypatch):
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=Travelling(3.0, 0.1, 1.0, (0, 0)))
     monkeypatch.setattr(DrivenVerlet, 'run', lambda *_: pytest.fail('it ran'))
-    with pytest.raises(ValueError, match='thermal_run does not take a foundation that changes'):
+    with pytest.raises(ValueError, match='thermal_run does not support a foundation that changes'):
         thermal_run(cell, (2, 2, 1), 1e-3, [(0.5, 0, 0)])
 
 
@@ -278,8 +278,8 @@ def test_commands_without_heat_or_losses_refuse_them_or_say_so(tmp_path, capsys)
     text = ready_scene('thermal').read_text() + 'damping_per_s = 4.0\n'
     (tmp_path / 'hot.toml').write_text(text)
     said = lattice_and_patch(read_scene(tmp_path / 'hot.toml'))[2]  # of modes and dos
-    assert said[0].startswith('bands.damping_per_s and bands.temperature_J left out')
+    assert said[0].startswith('bands.damping_per_s and bands.temperature_J ignored here')
     assert lattice_and_patch(read_scene(ready_scene('prototype')))[2] == []
     (tmp_path / 'hot.toml').write_text(ready_scene('thermal').read_text() + '\n[design]\ncut_off_Hz = 30.0\n')
-    with pytest.raises(ValueError, match=r'take \[design\] or bands.temperature_J out'):
+    with pytest.raises(ValueError, match=r'remove \[design\] or bands.temperature_J'):
         read_scene(tmp_path / 'hot.toml')

@@ -240,7 +240,7 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     assert noise[0].misfits == {}
     wave = waves(travelling(1, 0, ideal), ideal, 'row')
     table = report({'quiet': noise, 'loud': wave}).splitlines()
-    assert '1 bin = 2 pi/40 = 0.1571 rad per step; the row has 40 places' in table[1]
+    assert '1 bin = 2 pi/40 = 0.1571 rad per step; the row has 40 sites' in table[1]
     assert {tuple(line.split()[4:]) for line in table[5:7]} == {('0', *5 * '-')}
     assert table[-1].startswith('No ridge found (0 points)')
     assert 'loud, transverse motion: agrees with complete shear (0.0' in table[-3]

@@ -158,7 +158,7 @@ class BurstView {
         pen.fillText(name, px + 1.4 * dot, py + dot);
       });
       canvas.dataset.time_ms = 1e3 * burst.t;
-      this.root.querySelector(`.${model} .told`).textContent = burst.grown ? 'it buckles: the motion grows without end'
+      this.root.querySelector(`.${model} .told`).textContent = burst.grown ? 'it buckles: the motion grows without bound'
         : `${(1e3 * burst.t).toFixed(0)}\u202fms${this.ports.length > 1 ? this.levels(model) : ''}`;
     }
   }
@@ -187,17 +187,17 @@ class BurstView {
     const back = place && [...this.gone].find(key => this.gonePlaces.get(key).every((c, k) => Math.abs(c - place[k]) < 0.5));
     const before = new Set(this.gone);
     if (back) this.gone.delete(back);
-    else if (this.patch.held[p]) return this.tell('The rim is held; take out a particle inside.');
+    else if (this.patch.held[p]) return this.tell('The rim is held; remove a particle inside.');
     else {
       this.gonePlaces ??= new Map();
       this.gonePlaces.set(this.patch.keys[p], [this.patch.x[p], this.patch.y[p]]);
       this.gone.add(this.patch.keys[p]);
     }
-    if (this.rebuild()) return this.tell(this.gone.size ? `${this.gone.size} taken out; the others have moved to their new rest.` : '');
+    if (this.rebuild()) return this.tell(this.gone.size ? `${this.gone.size} removed; the others have moved to their new rest.` : '');
     const enough = this.foundationWithout(this.gone);
     this.gone = before;
     this.rebuild();
-    return this.tell(`Without it the lattice buckles; ${enough ? `on a foundation of ${written(enough, 3)}\u202fN/m it would stand.`
+    return this.tell(`Without this particle the lattice buckles; ${enough ? `on a foundation of ${written(enough, 3)}\u202fN/m it would stand.`
       : 'give it a stiffer foundation first.'}`);
   }
 

@@ -87,7 +87,7 @@ function stabilityInWords(state, beside) {
   const both = `The lattice needs a foundation of ${written(needed)}\u202fN/m; it has ${written(has)}\u202fN/m.`;
   if (!buckles(data, state)) return `<strong>Stable.</strong> ${needed === 0 ? 'The lattice holds without a foundation.' : both}`;
   return `<strong>Buckles.</strong> ${both} `
-    + (beside ? 'The mode that grows lies beside this path.' : 'The conventional model does not show it.');
+    + (beside ? 'The growing mode lies off this path.' : 'The conventional model does not show it.');
 }
 
 /** What D* does to the lowest branch at one special point. */
@@ -172,7 +172,7 @@ function writeLink() {
 
 function showPlaying() {
   element('play').textContent = view.playing ? 'Pause' : 'Play';
-  element('tempo').textContent = `${inWords(view.slowed)}; displacements drawn large`;
+  element('tempo').textContent = `${inWords(view.slowed)}; displacements are drawn larger`;
 }
 
 function inWords(slowed) {
@@ -233,14 +233,14 @@ async function copied(text, words) {
   } catch {
     element('text').textContent = text;
     element('text').closest('details').open = true;
-    return 'This browser forbids copying: the text stands at the end of the page.';
+    return 'This browser does not allow copying: the text is at the end of the page.';
   }
 }
 
 function listenToTools() {
   onClick('link', () => {
     history.replaceState(null, '', linkOf(view.state, view.chosen));
-    return copied(location.href, 'The address of this state is copied.');
+    return copied(location.href, 'The link to this state is copied.');
   });
   onClick('copy', () => copied(sceneText(view.state), 'The scene is copied; paste it into a file of your own.'));
   onClick('save', async () => {
