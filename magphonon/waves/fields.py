@@ -32,6 +32,7 @@ from scipy.spatial import ConvexHull, cKDTree  # pyright: ignore[reportAttribute
 from scipy.special import stdtrit
 
 from .. import units
+from ..bands.bands import group_velocities
 from ..bands.bloch import bloch_modes, branch_names
 from ..bands.zone import first_zone
 from ..files import Saved
@@ -57,6 +58,9 @@ UNEVEN = 0.005
 """Share of a frequency by which a specimen is uneven: its rim lacks neighbours and widens the lattice by some 0.2 %, so that
 what a window sees is neither the middle nor the mean."""
 PURE = 0.98  # share of a branch in the one component that was measured, from which that component shows this branch alone
+UNCHECKED = 0.25
+"""Distance in bins by which power may shift the wavevector of a point if it leaks from moving waves to others at rest, and no
+neighbours on both sides of the point show it."""
 OTHER = 1.25  # factor between a frequency and the bands of both models of the scene beyond which it is another branch
 LASTS = 0.6  # share of the segments with power from which it is noise, not a burst
 FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
@@ -396,11 +400,14 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     peak = np.where(seen, power, 0).argmax(axis=-1)[..., None]
     height = np.where(seen, power, 0).max(axis=-1)
     bent = _bent(field, cell, q, omega[peak[..., 0]])
-    found = (height > LEAST_POWER * height.max(axis=0)) & (abs(bent) < BENT * field.bin_omega)
+    resolved = abs(bent) < BENT * field.bin_omega
+    found = (height > LEAST_POWER * height.max(axis=0)) & resolved
     branch, at = np.nonzero(found.T)
     if not len(branch):
         raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct the '
                          f'scene: crests are sought beside its bands{_half_seen(field)}')
+    three = np.arange(max(len(at) - 2, 0))[:, None] + np.arange(3)
+    three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[at][three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
     own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))
 
     def centred(sums):
@@ -419,7 +426,10 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     bent = bent[at, branch]
     freedom = np.maximum(whole[0] ** 2 / (own[:, 0] ** 2).sum(axis=0), 1)  # so many segments share the power
     variance = (len(own) - 1) * centred(whole - own)[2].var(axis=0) * (stdtrit(freedom, 0.975) / NORMAL) ** 2  # the jackknife
-    variance += _scatter(field, off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
+    variance += _scatter(field, off - bent, variance, three) + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
+    if resolved[~found].any() and len(alone := np.setdiff1d(np.arange(len(at)), three)):
+        velocity = np.nan_to_num(group_velocities(cell, q[alone], 'complete').velocity[np.arange(len(alone)), branch[alone]])
+        variance[alone] += (UNCHECKED * field.bin_k) ** 2 * (velocity**2).sum(axis=1)
     ridge = len(legs) * branch + leg[at]
     each = np.unique(ridge)
     motions = tuple(branch_names(len(cell))[k // len(legs)] for k in each)
@@ -472,13 +482,11 @@ def _half_seen(field):
             'on some lines of the path: measure the other component too, and give both as one record')
 
 
-def _scatter(field, off, variance, branch, leg, at):
+def _scatter(field, off, variance, three):
     """What points scatter about a smooth curve beyond their variances, by the second differences of each three neighbours.
 
     The same pattern in all segments, as uniform noise of the base makes, shows only here.
     """
-    three = np.arange(max(len(off) - 2, 0))[:, None] + np.arange(3)
-    three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
     if not len(three):
         raise ValueError('no three neighbouring points of a branch rise above the background; record longer, drive harder, '
                          f'or measure more particles{_half_seen(field)}')
