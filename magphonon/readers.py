@@ -95,14 +95,20 @@ def _arrays(path):
             return dict(found)
     if found.dtype.names is None:
         raise Refused(f'{path} holds an array without names; save columns by np.savez({shown(str(path))}, r_mm=..., f_N=...)')
-    return _named({'': found})
+    return _named(path, [('', found)])
 
 
-def _named(columns):
-    """The same columns, with the fields of records and of structures as columns of their own."""
-    fields = {name: np.asarray(values).dtype.names or () for name, values in columns.items()}
-    return {name: np.asarray(values) for name, values in columns.items() if not fields[name]} | {
-        field: np.asarray(columns[name][field].tolist()) for name, several in fields.items() for field in several}
+def _named(path, columns):
+    """Columns from pairs of name and values; the fields of records and of structures are columns of their own."""
+    found = {}
+    for name, values in columns:
+        whole = np.asarray(values)
+        for own, column in [(field, np.asarray(whole[field].tolist())) for field in whole.dtype.names or ()] or [(name, whole)]:
+            if column.size > 1 and own in found and not np.array_equal(found[own], column):
+                raise Refused(f'{path} holds {shown(own)} several times, with other numbers; put each group into a file of its '
+                              'own, or all groups into the same columns')
+            found[own] = column
+    return found
 
 
 def _matlab(path):
@@ -110,30 +116,30 @@ def _matlab(path):
         found = import_module('scipy.io').loadmat(path, squeeze_me=True)
     except NotImplementedError:  # version 7.3, which is HDF5
         return _hdf5(path)
-    return _named({name: np.asarray(values) for name, values in found.items() if not name.startswith('__')})
+    return _named(path, ((name, values) for name, values in found.items() if not name.startswith('__')))
 
 
 def _hdf5(path):
-    columns = {}
+    columns = []
 
     def visit(name, node):
         if hasattr(node, 'shape') and np.dtype(node.dtype).kind in 'iufSUOV':
             values = node.asstr()[()] if np.dtype(node.dtype).kind in 'SO' else node[()]
-            columns[_with_unit(name.rpartition('/')[2], node.attrs)] = values
+            columns.append((_with_unit(name.rpartition('/')[2], node.attrs), values))
 
     with _library(path, 'h5py').File(path, 'r') as file:
         file.visititems(visit)
-    return _named(columns)
+    return _named(path, columns)
 
 
 def _tdms(path):
-    columns = {}
+    columns = []
     for group in _library(path, 'nptdms').TdmsFile.read(path).groups():
         for channel in group.channels():
             if 'wf_increment' in channel.properties:
-                columns.setdefault('time_s', channel.time_track())
-            columns[_with_unit(channel.name, channel.properties)] = channel[:]
-    return columns
+                columns.append(('time_s', channel.time_track()))
+            columns.append((_with_unit(channel.name, channel.properties), channel[:]))
+    return _named(path, columns)
 
 
 def _workbook(path):

@@ -303,6 +303,30 @@ def test_arrays_of_frames_and_points_are_scans(tmp_path):
         read_scan(tmp_path / 'w.npz')
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_groups_that_name_their_columns_alike_are_refused_where_one_would_replace_another(seed, tmp_path):
+    h5py, nptdms = pytest.importorskip('h5py'), pytest.importorskip('nptdms')
+    rng = np.random.default_rng(seed)
+    r, f = np.linspace(8, 12, 9), rng.random((rng.integers(2, 5), 9))
+    for name, kept in (('same', f[[0] * len(f)]), ('other', f)):
+        groups = {f'pair{k}': columns(r, one) for k, one in enumerate(kept)}
+        savemat(tmp_path / f'{name}.mat', groups)
+        with h5py.File(tmp_path / f'{name}.h5', 'w') as file:
+            for group, held in groups.items():
+                for column, values in held.items():
+                    file[f'{group}/{column}'] = values
+                file[f'{group}/temperature'] = rng.random()
+        with nptdms.TdmsWriter(str(tmp_path / f'{name}.tdms')) as writer:
+            writer.write_segment([nptdms.ChannelObject(group, column, values) for group, held in groups.items()
+                                  for column, values in held.items()])
+        for suffix in ('mat', 'h5', 'tdms'):
+            if name == 'same':
+                assert_allclose(read_forces(tmp_path / f'same.{suffix}').f, f[0])
+            else:
+                with pytest.raises(ValueError, match="holds 'f_N' several times, with other numbers; put each"):
+                    read_forces(tmp_path / f'other.{suffix}')
+
+
 def test_a_tdms_file_of_channels_is_a_scan(tmp_path):
     nptdms = pytest.importorskip('nptdms')
     t, v = waves(2)

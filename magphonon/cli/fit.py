@@ -18,18 +18,21 @@ from __future__ import annotations
 
 import re
 from argparse import ArgumentParser, Namespace
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from hashlib import file_digest
-from pathlib import Path
+from itertools import combinations
+
+import numpy as np
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
 from .arguments import add_pictures, drawing, force, length, ready_table
-from .read import KINDS, held
+from .read import KINDS, columns_of, held
 
 HELP = 'the force between two particles, or the lattice, from everything that was measured'
 RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'
+SAME = 1e-9  # relative difference of numbers that were only written in other units
 OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
              *(f'{one}_sigma' for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')))
 
@@ -93,15 +96,16 @@ def run(options: Namespace) -> None:
 
 
 def _refuse_copies(names):
-    """Raise ValueError for two files of the same bytes."""
-    seen = {}
-    for k, name in enumerate(names if len(names) > 1 else ()):
-        if (path := Path(ready_table(name))).is_file():
-            with open(path, 'rb') as file:
-                first = seen.setdefault(file_digest(file, 'sha256').digest(), k)
-            if first != k:
-                raise ValueError(f'{names[first]} and {name} hold the same numbers, and their noise would count as independent; '
-                                 'give one of them')
+    """Raise ValueError for two files of the same numbers, in whatever format, units or order."""
+    known = []
+    for name in names if len(names) > 1 else ():
+        with suppress(ValueError, OSError):  # of which the fit will tell
+            columns = [np.ravel(column) for table in columns_of(*held(ready_table(name))) for column in table.values()]
+            known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
+    for (first, one), (name, other) in combinations(known, 2):
+        if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
+            raise ValueError(f'{first} and {name} hold the same numbers, and their noise would count as independent; give one of '
+                             'them')
 
 
 def _with_scene(options):

@@ -431,9 +431,11 @@ def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
 @RESPONSES.check
 def not_this_lattice(found):
     better = found.better
+    strengths = 100 * better.site_scatter[0]
+    why = (f'the data would need strengths that scatter by {strengths:.0f} % from site to site' if np.isfinite(strengths) else
+           f'the residual is {better.misfit:.3g} times the noise, whatever the sites are')
     return None if better.follows else (
-        'The lattice does not follow this model: the data would need strengths that scatter by '
-        f'{100 * better.site_scatter[0]:.0f} % from site to site, so no intervals are given. Check mass, '
+        f'The lattice does not follow this model: {why}, so no intervals are given. Check mass, '
         'spacing, shells, units, and the positions and directions of the points.')
 
 

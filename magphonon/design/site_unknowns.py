@@ -151,6 +151,8 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
     """The lattice with sites of their own, where they were found: what holds them there is not asked."""
     calc = built.system.calc
     strengths, springs, moves = sites.parts(z, scatter)
+    if max(abs(strengths).max(initial=0.0), abs(springs).max(initial=0.0)) > BOUND:
+        raise ValueError(f'no site is {MOST_FACTOR:g} times as strong or as stiff as another')
     strengths, springs, moved = np.exp(strengths), np.exp(springs), np.zeros((len(moves), 3))
     moved[:, : moves.shape[1]] = moves
     reference = calc.reference.copy()
@@ -281,10 +283,14 @@ class _Problem:
     def gain(self, x):
         return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
 
+    @property
+    def measured(self) -> NDArray[np.complex128]:
+        """All responses, in their uncertainties or their peaks."""
+        return weights(self.functions) * np.concatenate([one.response for one in self.functions])
+
     def off(self, h, x, noise):
         """Residuals over the noise of responses without gain."""
-        measured = np.concatenate([one.response for one in self.functions])
-        return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
+        return split(self.measured - weights(self.functions) * self.gain(x) * h) / noise
 
     def linear(self, place: Place, scatter: NDArray[np.float64], noise: float) -> Linear:
         x, built, (basis, own) = place.x, place.built, place.fields
@@ -370,6 +376,7 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         return fit
     built = build(fit.by_name)
     one = _Problem(build, fit.names, functions, Before.of(fit.names, priors), Sites.of(built.system), fit.noise)
+    half = np.sum(abs(one.measured) ** 2) / 2 if known else np.inf  # more of what was measured must follow the lattice
     scatter, noise = FIRST, fit.noise
     place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), scatter)
     wide = fit.misfit / START if known else START
@@ -380,7 +387,7 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         place, at = one.descended(place, scatter, noise, MOST, FINE)
         factors, determined, gained = scatter_factors(at, place.z, one.sites.kinds, np.log(FIRST / scatter))
         if gained < 0:
-            return fit
+            return fit.refused if fit.square > half else fit
         left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
         if abs(np.log([*factors, left])).max() < SETTLED:
             break
@@ -391,6 +398,8 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     x, z = place.x, place.z
     if scatter[0] > MOST_SCATTER:
         return replace(fit, information=0 * fit.information, site_scatter=scatter)
+    if at.r @ at.r * noise**2 > half:
+        return fit.refused
     M, before = one.sites.means(built, fit.names, scatter), one.before
     own, batch = (at.J.T @ Eliminated(A)(at.J) + before.information for A in (at.A - at.J @ M, at.A))
     return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z, where=one.sites,

@@ -229,11 +229,11 @@ def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[Trans
     Raises
     ------
     ValueError
-        If a place is outside the patch or on its rim, or if a function is driven by a force and the scene by the bench, or vice
-        versa.
+        If a place is outside the patch or on its rim, if two places have the same magnet, or if a function is driven by a force
+        and the scene by the bench, or vice versa.
     """
     atoms, source, answer = scene.shaken(bench=True)
-    found = []
+    found, places = [], {}
     for one in functions:
         given = {name: place if place is None or isinstance(place, Dof) else _place(atoms, place, f'{one.name}, {name}')
                  for name, place in (('answer', one.answer), ('drive', None if one.shaken else one.drive))}
@@ -246,6 +246,11 @@ def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[Trans
                              f'{scene.frf.base_deg:g}; make them equal')
         if scene.single:
             given['answer'] = answer
+        elif isinstance(one.answer, np.ndarray):
+            at, seen = tuple(one.answer[:2]), places.setdefault(given['answer'].particle, one)
+            if at != tuple(seen.answer[:2]):
+                raise ValueError(f'{one.name} and {seen.name} name different places next to the same magnet; correct their '
+                                 'unit, or give every measurement of one magnet the same place')
         found.append(replace(one, answer=given['answer'] or answer, drive=source if given['drive'] is None else given['drive']))
     return found
 

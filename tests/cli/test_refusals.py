@@ -177,12 +177,15 @@ def test_a_report_that_cannot_be_shown_has_a_status_of_its_own(tmp_path):
 
 
 @pytest.mark.parametrize('given', [['mine.toml'], ['--bands', 'prototype']])
-@pytest.mark.parametrize('again', ['ridges.csv', 'copy.csv'])
+@pytest.mark.parametrize('again', ['ridges.csv', 'copy.csv', 'noted.csv', 'turned.csv', 'kHz.csv'])
 def test_a_measurement_that_is_given_twice_is_refused(given, again, tmp_path, monkeypatch, capsys):
     """Its noise would count as independent, and intervals would come out too narrow by the root of two."""
     monkeypatch.chdir(tmp_path)
-    table = 'xi_rad,sigma_xi_rad,frequency_Hz,sigma_frequency_Hz,q1,q2\n1.0,0.01,40,0.1,0,0.159\n'
-    for name in ('ridges.csv', 'copy.csv'):
-        (tmp_path / name).write_text(table)
+    header = 'xi_rad,sigma_xi_rad,frequency_Hz,sigma_frequency_Hz,q1,q2'
+    rows = [(xi, 0.01, f, 0.1, 0.0, xi / 6) for xi, f in np.random.default_rng(0).uniform(1, 3, (5, 2)).tolist()]
+    kilo = [(*row[:2], row[2] / 1e3, row[3] / 1e3, *row[4:]) for row in rows]
+    for name, head, own in (('ridges', header, rows), ('copy', header, rows), ('noted', f'# again\n{header}', rows),
+                            ('turned', header, rows[::-1]), ('kHz', header.replace('Hz', 'kHz'), kilo)):
+        (tmp_path / f'{name}.csv').write_text('\n'.join([head, *(','.join(map(repr, row)) for row in own)]))
     assert main(['fit', *given, 'ridges.csv', again]) == 2
     assert f'ridges.csv and {again} hold the same numbers' in capsys.readouterr().err

@@ -50,6 +50,16 @@ def test_slopes_are_those_of_differences(built):
     assert abs(site_slopes(here, *solved(here, functions), still, SCATTER)[:, picked] - by_difference).max() > 1e-2 * size
 
 
+def test_no_site_is_out_of_all_proportion(built):
+    """Steps of a fit to data of another structure end there; once they ended in an overflow of the exponential."""
+    sites, rng = Sites.of(built.system), np.random.default_rng(3)
+    for kind in (0, 1):
+        z = np.zeros(sites.ends[2])
+        z[rng.choice(np.flatnonzero(sites.kinds == kind))] = 1e5 * rng.choice([-1, 1])
+        with pytest.raises(ValueError, match='no site is 10 times as strong'):
+            at_sites(built, sites, z, SCATTER)
+
+
 def test_the_rest_moves_as_that_of_relaxed_sites(built):
     """To first order in strengths, springs, and places of pillars and walls."""
     sites, rng, step = Sites.of(built.system), np.random.default_rng(2), 1e-4

@@ -429,3 +429,34 @@ def test_far_below_all_peaks_a_phase_tells_nothing():
     assert suspect_units(scene, with_dofs(scene, [TransferFunction('p', omega, 1.05 * h)])) is None
     assert suspect_units(scene, with_dofs(scene, [TransferFunction('p', omega, h.conj())])) is None
     assert suspect_units(scene, with_dofs(scene, [TransferFunction('p', omega, 1e3 * h)])).startswith('numbers 1000 times')
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_two_places_next_to_one_magnet_are_no_two_points(seed, tmp_path):
+    """As with metres under a header in mm, where all magnets are the one in the middle."""
+    rng, scene = np.random.default_rng(seed), scene_of(tmp_path)
+    at = {tuple(rng.integers(-2, 3, 2)) for _ in range(4)} | {(0, 0)}
+    places = 0.01 * np.array([(i + j / 2, j * np.sqrt(3) / 2) for i, j in at])
+    directions = rng.uniform(0, np.pi, len(places))
+    functions = [TransferFunction(f'{k}', np.arange(1.0, 5.0), rng.random(4), None, 0, np.array([*(u.m * place), angle]))
+                 for k, (place, angle) in enumerate(zip(places, directions, strict=True))]
+    again = [replace(one, answer=one.answer + np.array([0, 0, 1])) for one in functions]
+    assert len({one.answer.particle for one in with_dofs(scene, [*functions, *again])}) == len(places)
+    with pytest.raises(ValueError, match='1 and 0 name different places next to the same magnet; correct their unit'):
+        with_dofs(scene, [replace(one, answer=one.answer * [1e-3, 1e-3, 1]) for one in functions])
+
+
+@pytest.mark.slow
+def test_what_no_lattice_answers_has_no_verdict(tmp_path):
+    """A response and its opposite at one magnet, which differ by much more than their noise."""
+    rng, scene = np.random.default_rng(0), scene_of(tmp_path, ('side_m = 0.06', 'side_m = 0.04'))
+    omega = 2 * np.pi * np.linspace(20, 160, 40) * u.Hz
+    h = responses_of(scene, 'complete', with_dofs(scene, [TransferFunction('h', omega, 0j * omega)]))[0]
+    noise = SHARE * abs(h).max()
+    both = [TransferFunction(f'{sign}', omega, sign * h + noise * (rng.standard_normal(40) + 1j * rng.standard_normal(40)), noise)
+            for sign in (1, -1)]
+    fits = fit_frf(scene, both)
+    assert fits.verdict is None
+    assert not fits.better.follows
+    assert 'does not follow this model: the residual is' in frf_report(fits, [], verbose=False)
+    assert 'complete model, intervals of 95 %' in frf_report(fit_frf(scene, both[:1]), [], verbose=False)  # the control

@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from magphonon import read_scene
+from magphonon import read_scene, units as u
 from magphonon.cli.fitted import entries_of
 from magphonon.cli.main import main
 from magphonon.design.joint_fits import Joint, Record, told
 from magphonon.interactions import Forces, SharedErrors
+from magphonon.interactions.pair_laws import repulsion
 from magphonon.response import Dof, TransferFunction
 from magphonon.scenes import fit_records
 from magphonon.scenes.band_fits import value_of
+from magphonon.scenes.frf_fits import responses_of, with_dofs
 from magphonon.waves import RidgePoints
 from magphonon.waves.ridge_tables import write_points
 from workflows import bench_lattice as bench
@@ -142,6 +144,26 @@ def test_transfer_functions_join(tmp_path):
     softer = np.log(found.values()['foundation_x'][0] / found.values()['foundation_y'][0])
     same = replace(joint, x=joint.x + softer * np.array([name == 'foundation_y' for name in joint.names]))
     assert replace(found, joints={'complete': same}).one_spring > 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', range(2))
+def test_transfer_functions_know_no_less_than_nothing_beside_a_table_that_contradicts_them(seed, tmp_path):
+    scene, forces, _, _ = specimen(tmp_path, 'power', seed, shells='1')
+    rng, omega = np.random.default_rng([seed, 7]), 2 * np.pi * np.linspace(8, 160, 60) * u.Hz
+    places = [np.array([*place, angle]) for place in ((10.0, 0.0), (-15.0, 15 / np.sqrt(3))) for angle in (0.0, np.pi / 2)]
+    seen = with_dofs(scene, [TransferFunction(f'{k}', omega, 0j * omega, 1.0, 0, place) for k, place in enumerate(places)])
+    h = np.array(responses_of(scene, 'complete', seen))
+    sigma = 0.01 * abs(h).max()
+    h = h + sigma * (rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape))
+    functions = [replace(one, response=row, sigma=sigma) for one, row in zip(seen, h, strict=True)]
+    force = scene.law.potential()
+    table = replace(forces, f=1.3 * repulsion(force, forces.r) * (1 + 0.002 * rng.standard_normal(len(forces.r))))
+    found = fit_records(scene, {'table': table}, functions=functions).joints['complete']
+    for one in found.records:
+        known = np.linalg.eigvalsh(one.information / np.sqrt(np.outer(*2 * [np.diag(found.information)])))
+        assert known.min() > -1e-9  # round-off
+    assert found.pulls()[0].record == 'table'
 
 
 @pytest.mark.slow
