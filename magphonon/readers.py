@@ -15,6 +15,7 @@ A package adds a reader by an entry point of the group `magphonon.readers`, whos
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from importlib.metadata import entry_points
 from os import PathLike
@@ -84,7 +85,10 @@ def text(path: str | PathLike[str]) -> str:
 
 
 def _universal(path):
-    sets = _library(path, 'pyuff').UFF(str(path)).read_sets()
+    pyuff = _library(path, 'pyuff')
+    if len(re.findall(rb'(?m)^    -1 *\r?$', Path(path).read_bytes())) % 2:  # pyuff would leave the last dataset out
+        raise Refused(f'{path} ends within a dataset; copy or export it again')
+    sets = pyuff.UFF(str(path)).read_sets()
     return [sets] if isinstance(sets, dict) else list(sets)
 
 

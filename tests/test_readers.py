@@ -428,6 +428,11 @@ def test_universal_files_that_cannot_be_known_are_refused_with_the_mend(wrong, m
            'ordinate_spec_data_type': 8, 'orddenom_spec_data_type': 13}
     pyuff.UFF(str(tmp_path / 'f.uff')).write_sets([one], 'overwrite')
     read_transfer(tmp_path / 'f.uff')  # the control
+    whole = (tmp_path / 'f.uff').read_bytes()
+    for lost in (4, len(whole) // 2, len(whole) - 20):
+        (tmp_path / 'cut.uff').write_bytes((whole + whole)[:-lost])
+        with pytest.raises(ValueError, match='ends within a dataset'):
+            read_transfer(tmp_path / 'cut.uff')
     pyuff.UFF(str(tmp_path / 'f.uff')).write_sets([one, one | wrong] if 'rsp_node' in wrong else [one | wrong], 'overwrite')
     with pytest.raises(ValueError, match=mend):
         read_transfer(tmp_path / 'f.uff')

@@ -47,8 +47,18 @@ def force(text: str) -> float:
     return _quantity(text, FORCE)
 
 
+def share(text: str) -> float:
+    """A fraction from 0 up to 1, such as '0.03'."""
+    found = _quantity(text, {'': 1.0, '%': 0.01})
+    if 0 <= found < 1:
+        return found
+    from argparse import ArgumentTypeError
+
+    raise ArgumentTypeError(f'{text!r} is not from 0 up to 1; write 3 percent as 0.03 or 3%')
+
+
 def _quantity(text, units):
-    match = re.fullmatch(r'\s*([-+.\deE]*[\d.])\s*([A-Za-z]*)\s*', text)
+    match = re.fullmatch(r'\s*([-+.\deE]*[\d.])\s*([A-Za-z%]*)\s*', text)
     try:
         return float(match[1]) * units[match[2] or next(iter(units))]
     except (TypeError, ValueError, KeyError):

@@ -27,7 +27,7 @@ import numpy as np
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
-from .arguments import add_pictures, drawing, force, length, ready_table
+from .arguments import add_pictures, drawing, force, length, ready_table, share
 from .read import KINDS, columns_of, held
 
 HELP = 'the force between two particles, or the lattice, from everything that was measured'
@@ -66,9 +66,9 @@ def add_arguments(parser: ArgumentParser) -> None:
             ('hysteresis', force, 'F', 'half the difference between the forces on return and on approach (default: a hundredth '
                                        'of the largest force)'),
             ('backlash', length, 'R', 'standard uncertainty due to the backlash of the drive (default: 0.1mm)'),
-            ('gain', float, 'X', 'standard uncertainty of the gain of the load cell, as a fraction (default: 0.01)')):
+            ('gain', share, 'X', 'standard uncertainty of the gain of the load cell, as a fraction (default: 0.01)')):
         parser.add_argument(f'--{name}-sigma', metavar=metavar, type=reader, help=words)
-    parser.add_argument('--pair-sigma', metavar='X', type=float,
+    parser.add_argument('--pair-sigma', metavar='X', type=share,
                         help='standard deviation of the force from one pair to the next, as a fraction (default: the scatter of '
                              'several pairs in one table, else 0)')
     parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: the known shape '
@@ -153,7 +153,7 @@ def _fit_together(options, name, kinds):
     scene = read_scene(options.scene)
     found = fit_records(scene, kinds['forces'], read_ridges(*map(ready_table, kinds['ridges'])) if kinds['ridges'] else None,
                         _shared_errors(options),
-                        not_negative('--pair-sigma', options.pair_sigma or 0.0),
+                        options.pair_sigma or 0.0,
                         _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}),
                         [one for functions in kinds['transfer functions'].values() for one in functions],
                         GAIN if options.gain_sigma is None else options.gain_sigma)
