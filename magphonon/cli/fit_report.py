@@ -458,6 +458,14 @@ def residual(found):
 
 
 @RESPONSES.check
+def contradictions(found):
+    for name, sigmas in found.contradicted.items():
+        value, (known, sigma) = found.values(found.better.model)[name][0], found.priors[name]
+        yield (f'The data give {with_unit(name, UNITS)} = {value:.4g}, {sigmas:.1f} sigma from the {known:.4g} +- {sigma:.2g} '
+               'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
+
+
+@RESPONSES.check
 def which_model(found):
     worse = 'conventional' if found.ratio >= 1 else 'complete'
     return f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {

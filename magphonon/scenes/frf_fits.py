@@ -31,6 +31,7 @@ KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
 SAME_DIRECTION = 1e-3  # rad: within it two directions in which a bench is shaken are one
 GAIN = 0.01
 """Relative standard uncertainty of the calibration of an instrument, force and motion together, where nothing else is said."""
+CONTRADICTS = 3.5  # sigmas from which what was known does not agree with the data
 CLEARLY = 1.5
 """Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
 
@@ -50,7 +51,7 @@ class FrfFits:
     fits : dict of TransferFit
         By model, 'complete' and 'conventional'.
     priors : dict
-        What was known of parameters from elsewhere: value in SI and standard uncertainty.
+        What was known of parameters from elsewhere, and of the gain: value in SI and standard uncertainty.
     """
 
     scene: Scene
@@ -85,6 +86,16 @@ class FrfFits:
         if max(self.ratio, 1 / self.ratio) > CLEARLY or (sure and abs(conventional - complete) > EVIDENCE**2):
             return better.model
         return 'conventional' if self.endless and self.ratio < 1 else None
+
+    @property
+    def contradicted(self) -> dict[str, float]:
+        """By how many standard deviations what was known differs from what the data say of it, where more than CONTRADICTS."""
+        found, values = {}, self.values(self.better.model) if self.better.follows else {}
+        for name, (known, sigma) in self.priors.items():
+            value, own = values.get(name, (known, 0.0))
+            expected = max((sigma / known) ** 2 - own**2, 0.0)  # variance of the shift by which data that agree move a prior
+            found[name] = abs(np.log(value / known)) / np.sqrt(expected or np.inf)
+        return {name: sigmas for name, sigmas in found.items() if sigmas > CONTRADICTS}
 
     @cached_property
     def proposals(self) -> list[Proposal]:
@@ -159,6 +170,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     relative = {name: band_fits.relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
     if not_negative('gain_sigma', gain_sigma):
         names, relative = (*names, 'gain'), relative | {'gain': (1.0, gain_sigma)}
+        priors['gain'] = 1.0, gain_sigma
     own, seen = with_dofs(scene, functions), {}
     for one in own:
         first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)

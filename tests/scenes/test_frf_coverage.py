@@ -85,6 +85,7 @@ def test_coverage(tmp_path, capsys):
             scene, functions, truth = specimen(tmp_path, kind, seed)
             fits = fit_frf(scene, functions)
             values, fit = errors_of(fits.values(), truth), fits.fits['complete']
+            assert not fits.contradicted
             for name, one in values.items():
                 found.setdefault(name, []).append(one)
             with capsys.disabled():

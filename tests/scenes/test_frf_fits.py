@@ -139,6 +139,19 @@ def test_gain_mass_and_what_is_fixed(tmp_path, exact):
     assert_allclose([values['gain'][0], values['mass'][0]], [1.03, 7.14e-4], rtol=5e-3)
     value, sigma = fit_frf(scene, functions, gain_sigma=0.0).values()['force']  # the control: a gain that nobody allows for
     assert abs(np.log(value / TRUTH['force'])) > 20 * sigma
+    assert not fits.contradicted
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('scale', 'known', 'off'), [
+    (1.0, {}, set()), (1.1, {}, {'gain'}), (1.0, {'mass': (7.7e-4, 7e-6)}, {'gain', 'mass'})])
+def test_what_was_known_and_the_data_contradict_is_said(scale, known, off, tmp_path, exact):
+    """A calibration of a percent that is ten percent off, and a mass."""
+    functions = [replace(one, response=scale * one.response) for one in measured(exact, np.random.default_rng(2))]
+    fits = fit_frf(scene_of(tmp_path), functions, [], known, gain_sigma=0.01)
+    assert set(fits.contradicted) == off
+    assert frf_report(fits, []).count('sigma from the') == len(off)
+
 
 
 def test_slopes_where_a_parameter_moves_the_rest(tmp_path, monkeypatch):
