@@ -25,10 +25,10 @@ def main(out):
     """Ridges on the branches of their own model and off those of the other; the maps, and the wave in the lattice."""
     scene = read_scene(ready_scene('ideal'))
     cell, checks, maps, shear = scene.atoms(), [], [], {}
+    patches = {model: scene.patch_atoms(model) for model in SIDES}
     for k, (branch, motion) in enumerate(BURSTS.items()):
         maps.append([])
-        for model in SIDES:
-            patch = scene.patch_atoms(model)
+        for model, patch in patches.items():
             site, passage = scene.burst.send(k, cell, patch)
             wave = waves(passage.row, cell, scene.burst.source)[0]
             checks += compared(f'{motion} burst, {model} simulation', wave, motion, model, branch)

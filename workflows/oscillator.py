@@ -70,9 +70,10 @@ def draw(out, critical):
     drawing, ax = axes[0]
     draw_oscillator(drawing, oscillator(np.pi / 6))
     ax.axvspan(np.rad2deg(critical), 90, **UNSTABLE)
-    for axis, colour in ((1, COLOURS[0]), (0, COLOURS[1])):
-        for model, line in (('complete', '-'), ('conventional', '--')):
-            D = np.array([stiffness(t, model)[axis, axis] for t in theta])
+    for model, line in (('complete', '-'), ('conventional', '--')):
+        both = np.array([np.diag(stiffness(t, model)) for t in theta])
+        for axis, colour in ((1, COLOURS[0]), (0, COLOURS[1])):
+            D = both[:, axis]
             D[abs(D) < ROUND_OFF * abs(D).max()] = 0  # at the critical angle
             label = model if axis else None
             ax.plot(np.rad2deg(theta), np.where(D >= 0, signed_root(D), np.nan), line, color=colour, label=label)

@@ -56,12 +56,12 @@ def main(out):
 def maps(scene, out):
     """Transverse motion along the row, both models, as the vibrometer sees it."""
     cell, plan, checks = scene.atoms(), scene.burst, []
-    gamma_m, table = branch(cell, wavevector(cell, 'row'), 0), []
+    gamma_m, table, patches = branch(cell, wavevector(cell, 'row'), 0), [], {model: scene.patch_atoms(model) for model in SIDES}
     for k, carrier in enumerate(plan.carriers_Hz):
         table.append([])
         for model in SIDES:
             (other,) = set(MODELS) - {model}
-            _, passage = plan.send(k, cell, scene.patch_atoms(model))
+            _, passage = plan.send(k, cell, patches[model])
             found = waves(scene.vibrometer.measure(passage.row, seed=k), cell, plan.source)
             wave = next(wave for wave in found if wave.motion == 'transverse')
             record, misfits = f'vibrometer {carrier:g} Hz, {model} simulation', wave.misfits

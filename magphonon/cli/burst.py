@@ -49,9 +49,9 @@ def run(options: Namespace) -> None:
     refuse_costly(scene, 'burst')
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.perfect_cell()
     with answering(options, scene) as (folder, save, told):
-        records, largest = {}, {}
+        records, largest, patches = {}, {}, {model: scene.patch_atoms(model) for model in MODELS}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
-            passages = {model: _send(scene, k, cell, model, engine(name, model)) for model in MODELS}
+            passages = {model: _send(scene, k, cell, patch, engine(name, model)) for model, patch in patches.items()}
             found = {model: _seen(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
             _save(folder, name, passages, found, options.animation)
             _draw(save, name, plan.carriers_Hz[k], passages, found)
@@ -106,17 +106,16 @@ def _seen(row, cell, source):
     return [replace(wave, source='point') for wave in waves(row, cell, 'row')] if source == 'bench' else waves(row, cell, source)
 
 
-def _send(scene, k, cell, model, engine):
-    """Patch, site and passage of burst number k in one model; the row is measured by the vibrometer of the scene, if any."""
+def _send(scene, k, cell, patch, engine):
+    """Patch, site and passage of burst number k in one; the row is measured by the vibrometer of the scene, if any."""
     from dataclasses import replace
 
     from ..dynamics.cages import Diverged
 
-    patch = scene.patch_atoms(model)
     try:
         site, passage = scene.burst.send(k, cell, patch, **engine)
     except Diverged as error:
-        what = f'burst {scene.burst.names[k]}, {model} simulation'
+        what = f'burst {scene.burst.names[k]}, {patch.calc.parameters.model} simulation'
         if unstable := _unstable(cell):
             raise ValueError(f'{what}: at {error.time:g} ms particles leave their cells. ' + ' '.join(unstable[1:])) from error
         raise ValueError(f'{what}: it diverged at {error.time:g} ms (particle {error.particle}); lower burst.force_N') from error

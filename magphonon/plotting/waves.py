@@ -112,7 +112,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
                 ax.axhline(carrier, color='0.3', linestyle=':', linewidth=0.9, label='carrier')
     _label_outer(axes, shown)
     if image is not None:
-        figure.colorbar(image, ax=axes, label=POWER, pad=0.02, aspect=30)
+        figure.colorbar(image, ax=axes[:, -1], label=POWER, pad=0.02, aspect=30)  # each parent measures it again
     legend_of_set(figure, ncols=4)
     return figure, axes
 

@@ -97,9 +97,9 @@ def _fixed(squares, shapes, system):
     Such modes are rotated by the successive q of `w = q V` that move most at the first component which they move well, as in QR
     with pivots; without a rotation eigenvectors of equal eigenvalues differ from one processor to another.
     """
-    found = np.empty_like(shapes)
-    ends = np.flatnonzero(np.diff(squares) > EQUAL) + 1
-    for V, shape in zip(np.split(shapes.copy(), ends), np.split(found, ends), strict=True):
+    found = np.array(shapes, order='C')  # each mode in one piece
+    for shape in np.split(found, np.flatnonzero(np.diff(squares) > EQUAL) + 1):
+        V = shape.copy()
         for k in range(len(V)):
             moved = np.linalg.norm(V, axis=0)
             first = V[:, (moved > WELL * moved.max()).argmax()]
@@ -230,9 +230,10 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     reciprocal = np.linalg.inv(cell.array)  # once, for all modes
     for mode, weight in enumerate(share):
         at = rest.positions[weight.argmax()]
-        cells = (rest.positions - at) @ reciprocal
-        away = ((cells - cells.round() * rest.pbc) @ cell.array)[:, :dim]
-        middle = weight @ away
+        away = rest.positions - at
+        if rest.pbc.any():
+            away -= (away @ reciprocal).round() * rest.pbc @ cell.array
+        middle = weight @ (away := away[:, :dim])
         centre[mode] = at[:dim] + middle
         spread[mode] = weight @ ((away - middle) ** 2).sum(axis=1)
     d = max(1, np.linalg.matrix_rank(rest.positions - rest.positions[0], tol=1e-6 * np.ptp(rest.positions)))

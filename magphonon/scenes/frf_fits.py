@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -123,7 +123,8 @@ class FrfFits:
 
 
 def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence[str] = (),
-            priors: Mapping[str, tuple[float, float]] | None = None, gain_sigma: float = GAIN) -> FrfFits:
+            priors: Mapping[str, tuple[float, float]] | None = None, gain_sigma: float = GAIN,
+            stated: Collection[Model] = MODELS) -> FrfFits:
     """Force, exponent, foundation and damping of a patch or a finite structure from transfer functions, with D* and without.
 
     Parameters
@@ -140,6 +141,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         fitted only if it has a prior.
     gain_sigma : float
         Relative standard uncertainty of the calibration; with zero it counts as exact.
+    stated : collection of {'complete', 'conventional'}
+        Models whose intervals are wanted: sites that scatter count in these alone, which may take most of the time.
 
     Examples
     --------
@@ -185,7 +188,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     best = min(fit.square for fit in fits.values())
     for model, fit in fits.items():  # what is clearly worse needs no interval
         worse = fit.square > CLEARLY**2 * best
-        fits[model] = fit.refused if worse else with_site_unknowns(fit, build[model], own, relative)
+        if worse or model in stated:
+            fits[model] = fit.refused if worse else with_site_unknowns(fit, build[model], own, relative)
     return FrfFits(scene, own, fits, priors)
 
 

@@ -88,9 +88,9 @@ def write_scan(path: str | PathLike[str], motion: Motion) -> None:
     refuse_overflow(path, {'time_s': t, 'u_x_m and u_y_m': moved})
     with whole_file(path) as file:
         print(*HEADER, sep=',', file=file)
+        particles = motion.particles.tolist()
         for time, frame in zip(t.tolist(), moved.tolist(), strict=True):
-            for particle, (x, y) in zip(motion.particles.tolist(), frame, strict=True):
-                print(time, particle, x, y, sep=',', file=file)
+            file.writelines(f'{time},{particle},{x},{y}\n' for particle, (x, y) in zip(particles, frame, strict=True))
 
 
 def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
