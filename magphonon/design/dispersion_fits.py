@@ -38,6 +38,7 @@ have 1.4.  Of drawn scans whose ridges were those of other waves, those that spo
 PASSES, ROBUST = 5, 2
 """Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first two mind outliers
 less where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
+LAST = range(PASSES - 1, PASSES)  # what a first look at other branches takes
 STEPS = 15  # of one repetition; a fit takes 10, and a model that is far from all points would creep along the bounds
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
 """Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
@@ -166,7 +167,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]
         fit = min(fit, *others, key=lambda other: other.chi2)
     for _ in range(ROUNDS * (fit.chance < FITS)):  # one repetition of each try shows which is worth more
-        tries = [with_branches(other, np.log(fit.factors), [PASSES - 1]) for other in _neighbouring(fit, points, count, told)]
+        tries = [with_branches(other, np.log(fit.factors), LAST) for other in _neighbouring(fit, points, count, told)]
         if not tries:
             break
         best = min(tries, key=lambda other: other.chi2)

@@ -284,7 +284,7 @@ class _Problem:
         return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
 
     @property
-    def measured(self) -> NDArray[np.complex128]:
+    def measured(self) -> NDArray[Any]:
         """All responses, in their uncertainties or their peaks."""
         return weights(self.functions) * np.concatenate([one.response for one in self.functions])
 
