@@ -99,7 +99,7 @@ class Table:
         return self.columns.get(quantity, np.full(len(self), otherwise))
 
     def refuse(self, quantity: str, wrong: NDArray[np.bool_], must: str) -> None:
-        """Raise ValueError for the first row of this column, if the table has it, where `wrong`: it `must` be otherwise."""
+        """Raise ValueError for the first row of this column, if any, where `wrong` is true; `must` says what it should be."""
         for k in np.flatnonzero(wrong)[:1] if quantity in self else ():
             value = self[quantity][k]
             told = f'{value / self.units[quantity]:g}' if self.units[quantity] else shown(value)

@@ -152,7 +152,7 @@ def verlet(burst, share, engine, cost):
 
 
 def symplectic(burst, share, cost):
-    """Fourth order by four kicks a step (Omelyan, Mryglod, Folk 2002, PEFRL), with products as forces.
+    """Steps of fourth order with four kicks each (Omelyan, Mryglod, Folk 2002, PEFRL); a force is one product with the stiffness.
 
     A time step counts as long as the longest between two of its kicks.
     """

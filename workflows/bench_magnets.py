@@ -71,7 +71,7 @@ def decibels(feet, strengths, springs, held):
 
 
 def drawn(table, draws, seed, scatter=0.01):
-    """The weaker of the two decibels of lattices of which all strengths and springs scatter, shape (draws,)."""
+    """The smaller of the two contrasts in dB, of drawn lattices whose strengths and springs scatter, shape (draws,)."""
     feet, strengths, springs, held = table
     rng, found = np.random.default_rng(seed), []
     for _ in range(draws):

@@ -130,7 +130,7 @@ def _zigzag():
     yield Row(FISHMAN, 'longitudinal omega^2 at pi/2, k + 35 zeta(3)/8', along4, k + 35 / 8 * zeta(3),
               k + 35 / 8 * zeta(3))
     crystal = ions(np.array([[0, 0, -1.0], [0, 0, 0], [0, 0, 1.0]]), [3.3, 3.7, 1.0])
-    yield Row(FISHMAN, 'three ions: the zigzag lies 12/5 below the trap, k = 3.3', modes(crystal).omega[0] ** 2, 0.9, 3.3)
+    yield Row(FISHMAN, 'three ions, k = 3.3: omega^2 of the zigzag mode, k - 12/5', modes(crystal).omega[0] ** 2, 0.9, 3.3)
 
 
 def _wigner():

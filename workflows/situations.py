@@ -213,7 +213,7 @@ def situations(quick=False):
 
 
 def drawn(count, seed):
-    """As many of each sort but beams, at random, each with a tolerance: nothing in the planner was adjusted to these.
+    """`count` random situations of each kind but beams, each with a tolerance; the planner was not tuned on them.
 
     The oscillator stays below 0.03 L0: farther up, steep laws push it out between the upper two magnets.
     """

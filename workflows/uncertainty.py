@@ -69,7 +69,7 @@ def closed_form(scene, tolerances):
 
 
 def oscillator():
-    """Spread of the amplitude at 30 degrees, and the deviation of drawn oscillators, for which k = 4.5 f/L0."""
+    """Spread of the amplitude at 30 degrees (k = 4.5 f/L0) by the formula and over oscillators drawn at random."""
     scene = read_scene(ready_scene('oscillator'))
     tolerances = scene.uncertainty.tolerances(scene)
     atoms, source, answer = scene.shaken()

@@ -51,8 +51,9 @@ INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely ev
 def laurent_roots(A: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots mu of `sum_p A_p mu^p v = 0` that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
-    `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p (of A_0 too if g = 0; else
-    the pairs are mu and 1/mu*); what is not coupled must be exactly zero.  The vectors v, shape (roots, n), are of norm one.
+    `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p. If A_0 is Hermitian and not
+    symmetric, the pairs are mu and 1/mu*. Entries of what is not coupled must be exactly zero.  The vectors v, shape (roots, n),
+    are of norm one.
     """
     powers, n = len(A) - 1, A.shape[1]
     A = A / abs(A).max()

@@ -181,8 +181,8 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
     own, fits = found.points, found.fits
     ridges = Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist()))
     on = ', '.join(f'{count} on branch {branch + 1}{_called(found, branch)}' for branch, count in sorted(ridges.items()))
-    lines = [*_answer(found), '', found.scene.title, '', f'Fitting {len(own)} of the {points} ridge points (the others repeat '
-             f'the noise of these). Ridges: {on}.', *_known(found, fixed), '']
+    lines = [*_answer(found), '', found.scene.title, '', f'Fitting {len(own)} of the {points} ridge points (the others are so '
+             f'close to these in frequency that they share their noise). Ridges: {on}.', *_known(found, fixed), '']
     values = {model: found.values(model) for model in fits}
     rows = [(with_unit(name, UNITS), *(interval(*values[model][name]) for model in fits)) for name in values['complete']]
     rows += _predicted(found)
@@ -227,8 +227,8 @@ def allowed(found):
     """What the intervals contain of shifts that all ridges of a branch share."""
     sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
     kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
-    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
-    lines = [f'They allow for a shift that all ridges of a branch share: {told} (bins of wavenumber).']
+    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins ({count} points of waves from a {kind})' for kind, count in kinds)
+    lines = [f'The intervals allow for a shift in wavenumber that all ridges of a branch share, of {told}.']
     strayed = found.fits['complete'].strayed
     if strayed:
         lines.append(f'{strayed} of the points from a point source are closer to the other branch than to the branch of their '

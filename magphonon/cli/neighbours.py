@@ -121,10 +121,10 @@ def shifts(case: Case) -> str:
 @REPORT.check
 def not_enough(case: Case) -> Finding | None:
     """Shifts that exceed half the width of an interval that is given."""
-    exceeding = [place for x, place, _, which in case.shifts if abs(x) > (case.within or {}).get(which, np.inf)
+    exceeding = [place for x, place, _, which in case.shifts if abs(x) > max((case.within or {}).get(which, np.inf), TOLERANCE)
                  ] if case.matters else []
     few = 'Nearest neighbours' if case.scene.law.shells == 1 else 'So few neighbours'
-    return Finding(exceeding, f'{few} are not enough here: the others shift {"; ".join(exceeding)} by more than {case.limit}.',
+    return Finding(exceeding, f'{few} are not enough here: the others shift {" and ".join(exceeding)} by more than {case.limit}.',
                    fault=True) if exceeding else None
 
 

@@ -31,7 +31,7 @@ AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0)}
 
 def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
                  along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """One more burst along the row of most points, or one of the quantities `along` by other means.
+    """What to measure next: one more burst along the row with the most points, or one of the quantities `along` by other means.
 
     Parameters
     ----------

@@ -63,9 +63,9 @@ BOUND = np.log(MOST_FACTOR)
 class Sites:
     """The unknowns of the sites of a structure, in standard deviations of their scatter.
 
-    They are the strengths of the particles that act on those that move, then the springs of the latter, then the anchors of the
-    former.  Neighbours hold particles back: where they rest follows to first order, so that long waves of the places are larger
-    than short ones.
+    They are the strengths of the particles that act on those that move, then the springs of those that move, then the anchors of
+    all that act.  Neighbours hold particles back: where they rest follows to first order, so that long waves of the
+    places are larger than short ones.
 
     Attributes
     ----------

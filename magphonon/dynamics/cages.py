@@ -111,7 +111,7 @@ class Cages:
         return len(pairs_within(self.calc.reference, near)[0]) == (self.calc.bonds.lengths < near).sum()
 
     def steps_between_looks(self, speed: float, largest: float, dt: float, most: int) -> int:
-        """How many steps of `dt` (ms) the fastest particle may go at `speed` (mm/ms) from one look to the next.
+        """Number of time steps `dt` (ms) between two checks, if the fastest particle moves at `speed` (mm/ms).
 
         It may go farther where nobody is displaced by more than `largest` (mm), as far as is clear: to be out and back again
         unseen it would have to gain twice the speed.

@@ -276,7 +276,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     return Fit(
         Tabulated(r[falling], np.exp(curve[falling])), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
-        proposals(lambda plan: dict(zip(('the force', 'the slope', 'the exponent'),
+        proposals(lambda plan: dict(zip(('the force', 'the slope df/dr', 'the exponent'),
                                         _half_widths(averaged(plan), a, wide) / [1, 1, a], strict=True)), lambda part: part.C,
                   _plans(forces, best)), zeros, float(weights[own:].sum()),
         abs(zeros) / np.sqrt(told), shared.pair or 0.0,

@@ -92,7 +92,7 @@ class PairLaw(Protocol):
 
 
 class Composed:
-    """A law made of others: its phi, dphi and d2phi are what `_part` makes of theirs, by name."""
+    """A law made of other laws: `_part(name, r)` combines their function `name`: 'phi', 'dphi' or 'd2phi'."""
 
     def _part(self, name: str, r: Any) -> Any:
         raise NotImplementedError
@@ -555,8 +555,9 @@ class Attraction(Composed):
 
 
 def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
-    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula; to six
-    digits, by differences, of a law that takes no complex distances, such as a spline of SciPy.
+    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula.
+
+    For a law that accepts no complex distances, such as a spline of SciPy, they come from differences, to six digits.
     """
     if not continues(law, r):
         below, here, above = (law.d2phi(r * (1 + step)) for step in (-BESIDE, 0.0, BESIDE))

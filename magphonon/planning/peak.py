@@ -142,7 +142,7 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDAr
         steps = int(np.ceil(2 * np.log(HEADSTART / TRANSIENT_FRACTION) / damping / dt))
         methods.append(Method('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
                               float((w * dt) ** 2 / 24), dt=float(dt)))
-    return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(methods), tuple(evidence))
+    return Plan('Frequency of the highest peak', '', tolerance, tuple(methods), tuple(evidence))
 
 
 def _without_dstar(system, w, source, answer, omega, damping):

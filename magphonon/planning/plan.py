@@ -104,7 +104,7 @@ class Plan:
         """The methods as a table, the choice and its reasons, as text for the terminal."""
         choice = self.choice
         width = max(len(method.name) for method in self.methods)
-        return '\n'.join([f'{self.quantity}, to {percent(self.tolerance)} of {self.measure}',
+        return '\n'.join([f'{self.quantity}, to {percent(self.tolerance)}{self.measure and f" of {self.measure}"}',
                           f'  {"model":{width}}  {"error":>9}  {"at most":>9}',
                           *(f'  {method.name:{width}}  {percent(method.error):>9}  {percent(method.at_most):>9}'
                             + '  <- recommended' * (method is choice) for method in self.methods),
@@ -115,4 +115,6 @@ def percent(share: float) -> str:
     """A relative error as text, with two digits."""
     if share == float('inf'):
         return 'unbounded'
+    if share == 0:
+        return 'round-off'
     return f'{100 * share:.2g} %' if share < 1 else f'{100 * share:.0f} %'

@@ -71,7 +71,7 @@ def within(least: float, most: float, unit: str) -> AfterValidator:
 
 
 class Allowed(str):
-    """What the check beside it in an annotation lets pass, in words, for the list of keys; it checks nothing itself."""
+    """Words for the list of keys: which values the check next to it in an annotation accepts. It checks nothing itself."""
 
 
 listed = BeforeValidator(_list)

@@ -118,7 +118,7 @@ class Verdict:
         if self.unjudged:
             *others, last = self.unjudged
             named = f'{", ".join(others)} and {last}' if others else last
-            said.append(f'Not judged for so many particles: {named}. Judge a cell of the lattice, or a smaller patch of it.')
+            said.append(f'Not computed for so many particles: {named}. Judge a cell of the lattice, or a smaller patch of it.')
         return tuple(said)
 
     @property
@@ -399,7 +399,7 @@ def buckling(case: Case) -> Finding:
     search = case.balanced and case.listed and not case.touching
     searched = search and case.large <= (SPACED if case.finite else 0)
     scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
-    unjudged = 'other spacings' if search and case.large > (SPACED if case.finite else 0) else ''
+    unjudged = 'the spacing at which it buckles' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
@@ -590,8 +590,8 @@ def supports(case: Case) -> Finding:
         return Finding(found)
     if wave is None or alone is None or np.isclose(wave, found.central, rtol=SAME):  # or charges, whose energy obeys Laplace too
         return Finding(found, f'{need}{_stiffness(found.central)}.')
-    return Finding(found, f'{need}{_stiffness(wave)} (upright magnets, all moving), {_stiffness(alone)} (upright magnets, one '
-                   f'moving) or {_stiffness(found.central)} (central force).')
+    return Finding(found, f'{need}{_stiffness(wave)} for upright magnets ({_stiffness(alone)} if only one of them can move), '
+                   f'{_stiffness(found.central)} if forces are along the lines between the particles.')
 
 
 @remark

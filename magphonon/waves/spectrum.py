@@ -262,9 +262,9 @@ def ridge(spectrum: Spectrum) -> Ridge:
     If the motion is not a plane wave, the halves of the row disagree by D, and the whole is uncertain by D/2, less the
     contribution of noise to D.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
     background), so noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each point
-    gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger. The same
-    mean of the `_jumps` from line to line is added. If D is more than a bin, it is no uncertainty of one wave: one half has
-    found another wave, which the whole row would resolve.
+    gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger. The
+    variance of the points about a smooth branch is averaged in the same way, and added. If D is more than a bin, it is no
+    uncertainty of one wave: one half has found another wave, which the whole row would resolve.
 
     For a dispersive wave that runs one way this overestimates the uncertainty: in a long row it reaches the halves at different
     times, when different parts of its branch are strong.

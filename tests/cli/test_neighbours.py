@@ -123,6 +123,7 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
         assert main(['uncertainty', '--verbose', scene, '-o', str(tmp_path / f'out_{shells}')]) == 0
         text = capsys.readouterr().out
         assert ('branch 1 at M by more than the 95 % interval.' in text) == (shells == 1)
+        assert 'at G' not in text.partition('not enough here')[2].partition('\n')[0]  # where nothing moves it, and no interval is
         assert 'branch 1 at K' not in text.partition('not enough here')[2].partition('\n')[0]  # moved by less than the interval
         origin = json.loads((tmp_path / f'out_{shells}' / 'provenance.json').read_text())['scene']
         assert (origin['shells'] == 1) == (shells == 1)
