@@ -76,7 +76,7 @@ def page(name, module, place, folder):
 def usage(name, module):
     """What `--help` prints after the description."""
     def wide(prog):
-        return argparse.HelpFormatter(prog, width=110)
+        return argparse.HelpFormatter(prog, width=86)
 
     parser = argparse.ArgumentParser(prog=f'magphonon {name}', formatter_class=wide)
     module.add_arguments(parser)

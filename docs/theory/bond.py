@@ -46,7 +46,7 @@ tip = moved + 0.12 * n + 0.6 * n
 arrow(panels[2], moved + 0.12 * n, tip, FORCE, '$f\\,\\mathbf{n}^{\\prime}$', (0.12, 0.04))
 corner = np.array([tip[0], moved[1] + 0.12 * n[1]])
 panels[2].plot([corner[0], tip[0]], [corner[1], tip[1]], ':', color=FORCE)
-panels[2].text(tip[0] + 0.04, corner[1] + 0.06, '$\\frac{f}{r}\\,u$', color=FORCE, va='center')
+panels[2].text(tip[0] + 0.04, corner[1] + 0.06, '$f u/r$', color=FORCE, va='center')
 arrow(panels[2], moved_by(rest, -0.01, 0.1), moved_by(moved, 0.03, -0.1), INK, '$u$', (0.14, -0.1))
 panels[2].set_title('(c) turned: it pushes sideways', fontsize=10)
 

@@ -268,7 +268,7 @@ def buckling(case: Case) -> Finding | None:
     if on_the_verge(given, needed):
         return Finding(needed, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what it needs.')
     if given >= needed:
-        why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'
+        why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else ', even without a foundation'
         return Finding(needed, f'Stable{place}{why}.')
     where = ', '.join(f'{x:.3g}' for x in softest)
     return Finding(needed, f'\nUNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).\n'

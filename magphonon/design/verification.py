@@ -74,15 +74,15 @@ class Verification:
         >>> found = Verification(0.0, (20.0, 24.0), (-3.0, 1.0), (50.0, 58.0), 4.0, 58.0, 57.0, np.nan, np.array([40.0, 30.0]))
         >>> print(found.table('dB', goal=35.0))
         before                                            0 dB
-        a design with D0 alone promises                     20 to 24 dB
+        a design with D0 alone promises                   20 to 24 dB
           and gives                                       -3 to 1 dB
-        this design, by start                             50 to 58 dB
+        this design, from each start                      50 to 58 dB
           chosen                                          58 dB
           with nearest neighbours alone                   4 dB
           with all neighbours                             57 dB
           by time steps                                   not of this objective
           with scatter, median and worst tenth            35 and 31 dB
-          of 2 draws reach 35 dB                          1
+          of 2 copies reach 35 dB                         1
         """
         def told(*values):
             known = np.array(values, float) / per
@@ -95,7 +95,7 @@ class Verification:
         rows = [('before', told(self.before))]
         if self.promised_by_D0:
             rows += [('a design with D0 alone promises', told(*self.promised_by_D0)), ('  and gives', told(*self.given_by_D0))]
-        rows += [('this design, by start', told(*self.promised)), ('  chosen', told(self.value)),
+        rows += [('this design, from each start', told(*self.promised)), ('  chosen', told(self.value)),
                  ('  with nearest neighbours alone', told(self.nearest)), ('  with all neighbours', told(self.neighbours)),
                  ('  by time steps', told(self.time_steps))]
         if len(self.scattered):
@@ -103,7 +103,7 @@ class Verification:
             middle, low = np.quantile(drawn, [0.5, 0.1])
             rows.append(('  with scatter, median and worst tenth', f'{middle:.3g} and {low:.3g} {unit}'.strip()))
             if goal is not None:
-                rows.append((f'  of {len(drawn)} draws reach {goal:.4g} {unit}'.rstrip(), f'{(drawn >= goal).sum()}'))
+                rows.append((f'  of {len(drawn)} copies reach {goal:.4g} {unit}'.rstrip(), f'{(drawn >= goal).sum()}'))
         return '\n'.join(f'{name:49} {text}' for name, text in rows)
 
 

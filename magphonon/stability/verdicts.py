@@ -428,7 +428,7 @@ def buckling(case: Case) -> Finding:
     elif uneven:
         words = f'Stable{where}, and it would stay so if all springs were softer by {spring}, the stiffness of the softest one.'
     else:
-        words = f'Stable{where}; no foundation needed.' + (f' It would buckle below a spacing of {at}.' if at else '')
+        words = f'Stable{where}, even without a foundation.' + (f' It would buckle below a spacing of {at}.' if at else '')
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were judged; another wave may '
                   'be softer. Judge a smaller cell of the same lattice, or another number of repeats.')

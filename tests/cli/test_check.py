@@ -20,7 +20,7 @@ FINE, BAD = 0, 1
 # scene, changes of its text, exit status, what it must say.  The ideal law has f(L0)/L0 = 10 kN/m.
 SCENES = {
     'prototype': ('prototype', {}, FINE, [
-        'Lattice: OK\n', 'Patch: OK\n', 'Stable in the plane; no foundation needed.',
+        'Lattice: OK\n', 'Patch: OK\n', 'Stable in the plane, even without a foundation.',
         # 9 (a - 1) f/L0 at K, 6 (a - 1) f/L0 alone, 9 f/L0 for a central force, with a = 4.5824 and f/L0 = 23.6895 N/m
         'at least 763.8 N/m for upright magnets (509.2 N/m if only one of them can move), 213.2 N/m if forces are along the '
         'lines between the particles.',
@@ -36,7 +36,7 @@ SCENES = {
     'triangular, a = 2.9': ('ideal', {'a = 4.0': 'a = 2.9'}, BAD, [
         'needs a foundation of 2000 N/m and has 0 N/m']),  # 2 (3 - a) f/L0
     'triangular, a = 3.1': ('ideal', {'a = 4.0': 'a = 3.1'}, FINE, [
-        'Stable in the plane; no foundation needed', 'The linear theory holds for small motion']),
+        'Stable in the plane, even without a foundation', 'The linear theory holds for small motion']),
     'square on nothing': ('ideal', {'kind = "triangular"': 'kind = "square"', 'GMKG': 'GXM'}, BAD, [
         'needs a foundation of 4e+04 N/m and has 0 N/m']),
     'kagome just held': ('ideal', {'kind = "triangular"': 'kind = "kagome"',
@@ -53,7 +53,7 @@ SCENES = {
         'an out-of-plane stiffness of at least 426.8 pN/m.']),  # 9 f/L0 at K of a central force, f = 2 c/(e L0^2)
     'steel balls': ('steel', {}, FINE, [
         # 9 f/L0 at K, f = A (D - r)^1.5 = 55.45 N; no word of other spacings, at which balls are not in contact
-        'Stable in the plane; no foundation needed.\n', 'an out-of-plane stiffness of at least 2.496e+04 N/m.']),
+        'Stable in the plane, even without a foundation.\n', 'an out-of-plane stiffness of at least 2.496e+04 N/m.']),
 }
 
 

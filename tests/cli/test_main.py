@@ -53,7 +53,7 @@ def test_bands_of_the_prototype(scene_file, tmp_path):
     pressure, a = 3**0.5 * numbers['f_at_spacing'] / numbers['spacing'], numbers['a']  # closed forms of the triangular lattice
     assert f"removed: pressure {pressure:.6g} N/m, bulk modulus {(a + 1) / 2 * pressure:.6g} N/m, shear modulus" in done.stdout
     assert f"Poisson's ratio {(a + 5) / (3 * a - 1):.4g}" in done.stdout
-    assert 'Stable in the plane; no foundation needed.' in done.stdout
+    assert 'Stable in the plane, even without a foundation.' in done.stdout
     assert 'UNSTABLE' not in done.stdout
 
 

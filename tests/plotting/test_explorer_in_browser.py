@@ -403,12 +403,12 @@ def test_a_picture_is_saved_and_the_zone_shows_the_wavevector(opened, tmp_path):
     assert y < 0  # M stands above Gamma, as in zone.png
 
 
-def test_frames_of_the_first_page_are_as_high_as_their_pages_and_show_waves_that_stand_still(browser, tmp_path):
+def test_frames_of_the_first_page_have_the_height_of_their_pages_its_colours_and_waves_that_stand_still(browser, tmp_path):
     index = (Path(__file__).parents[2] / 'docs/index.md').read_text(encoding='utf-8')
     pieces = [*re.findall(r'<iframe.*?</iframe>', index, re.DOTALL), re.search(r'<script>.*?</script>', index, re.DOTALL)[0]]
     (tmp_path / 'index.html').write_text(f'<!DOCTYPE html><body>{"".join(pieces)}', encoding='utf-8')
     assert main(['explore', 'prototype', '-o', str(tmp_path / 'prototype-explore.html')]) == 0
-    page = browser.new_page(viewport={'width': 740, 'height': 800}, reduced_motion='reduce')
+    page = browser.new_page(viewport={'width': 740, 'height': 800}, reduced_motion='reduce', color_scheme='dark')
     page.goto((tmp_path / 'index.html').as_uri())
     parts = (('#burst canvas', '#bands'), ('#bands', '#burst'))
     for frame, (seen, hidden) in zip(page.query_selector_all('iframe'), parts, strict=True):
@@ -422,4 +422,9 @@ def test_frames_of_the_first_page_are_as_high_as_their_pages_and_show_waves_that
     burst = page.frames[1]
     burst.wait_for_function('document.querySelector("canvas").dataset.time_ms > 0')
     assert burst.inner_text('[name=run]') == 'Play'
+    dark, light = (f'rgb({colour})' for colour in ('20, 22, 26', '255, 255, 255'))
+    for theme, paper in (('light', light), ('dark', dark), ('light', light), ('auto', dark)):  # the system is dark
+        page.evaluate('theme => { document.body.dataset.theme = theme; }', theme)
+        for frame in page.frames[1:]:
+            frame.wait_for_function('paper => getComputedStyle(document.body).backgroundColor === paper', arg=paper)
     page.close()

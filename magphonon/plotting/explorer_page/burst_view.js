@@ -114,7 +114,7 @@ class BurstView {
   }
 
   draw() {
-    const {x, y, held, size, keys} = this.patch, dark = matchMedia('(prefers-color-scheme: dark)').matches;
+    const {x, y, held, size, keys} = this.patch, dark = document.documentElement.classList.contains('dark');
     const free = MODELS.filter(model => !this.bursts[model].grown).flatMap(model => this.along(this.bursts[model].u));
     const scale = BRIGHTEST * free.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
     for (const model of MODELS) {

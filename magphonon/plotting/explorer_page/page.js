@@ -15,6 +15,7 @@ const scene = stateAt(Object.fromEntries(NAMES.map(name => [name, data.sliders[n
 const sceneBands = bandsOf(data, scene, 'complete');
 const view = {state: scene, bands: null, chosen: {branch: 0, at: data.path.point.at}, ridges: [], slowed: 1,
   playing: !matchMedia('(prefers-reduced-motion: reduce)').matches};
+const system = matchMedia('(prefers-color-scheme: dark)');
 const MODELS = ['complete', 'conventional'];
 const address = new URLSearchParams(location.hash.slice(1));  // what it tells of the burst is kept
 const motions = Object.fromEntries(MODELS.map(model => [model, new Motion(element(`lattice-${model}`), data)]));
@@ -321,10 +322,23 @@ function start() {
   requestAnimationFrame(frame);
 }
 
+/** Dark or light as the page that frames this one says, otherwise as the system is. */
+function colour() {
+  document.documentElement.classList.toggle('dark', view.theme === 'dark' || (view.theme !== 'light' && system.matches));
+  view.burst?.draw();
+}
+
 /** A frame that holds this page is as high as the page. */
 function tellHeight() {
   if (parent !== window) parent.postMessage({magphononHeight: document.body.offsetHeight}, '*');
 }
 
+colour();
+system.addEventListener('change', colour);
+addEventListener('message', ({data, source}) => {
+  if (source !== parent || !data?.magphononTheme) return;
+  view.theme = data.magphononTheme;
+  colour();
+});
 start();
 new ResizeObserver(tellHeight).observe(document.body);

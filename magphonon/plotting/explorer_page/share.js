@@ -41,6 +41,7 @@ async function pictureOf(chart, title, values) {
   Object.entries({y: head, width, height}).forEach(([name, value]) => inner.setAttribute(name, value));
   const whole = document.createElementNS(chart.namespaceURI, 'svg');
   Object.entries({width, height: height + head}).forEach(([name, value]) => whole.setAttribute(name, value));
+  if (document.documentElement.classList.contains('dark')) whole.classList.add('dark');
   whole.innerHTML = `<rect width="100%" height="100%" fill="var(--paper)"/><text class="bold" x="12" y="22"></text>
     <text x="12" y="43"></text><path class="complete" d="M12 62h30"/><text x="48" y="67">with D*</text>
     <path class="conventional" d="M122 62h30"/><text x="158" y="67">without D*</text>`;
