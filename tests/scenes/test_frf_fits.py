@@ -472,4 +472,4 @@ def test_what_no_lattice_answers_has_no_verdict(tmp_path):
     assert fits.verdict is None
     assert not fits.better.follows
     assert 'does not follow this model: the residual is' in frf_report(fits, [], verbose=False)
-    assert 'complete model, 95 % intervals' in frf_report(fit_frf(scene, both[:1]), [], verbose=False)  # the control
+    assert 'with 95 % intervals in brackets' in frf_report(fit_frf(scene, both[:1]), [], verbose=False)  # the control
