@@ -285,10 +285,11 @@ def verdict(command, files, folder, output=True, between=()):
 
 
 @pytest.fixture(autouse=True)
-def cheap(monkeypatch):
+def cheap(monkeypatch, tmp_path):
     """Pictures are drawn all the same, with few pixels; fewer lattices are drawn at random, thermal motion is shorter, and fewer
     ridges are suspected: the limits of time are for commands that hang, on slow processors too.
     """
+    monkeypatch.chdir(tmp_path)  # where a design of sites writes what it found
     monkeypatch.setitem(mpl.rcParams, 'savefig.dpi', 20)
     monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
     monkeypatch.setattr(thermal, 'thermal_run', partial(thermal.thermal_run, steps=thermal.STEPS // 4))

@@ -56,8 +56,8 @@ print(found.table('dB', goal=30.0))
 # --------------------
 # ``optimise(..., robust=robust)`` maximises the objective of the worst of many specimens.  ``of_parts`` rounds a few magnets and
 # pillars at a time to parts that can be bought, and optimises the others again.  That takes some minutes, so here is a finished
-# design, with five strengths and four pillars.  Its build list is a table of particles, which every command reads as ``[lattice]
-# kind = "file"``.
+# design, of magnets of five strengths and pillars of four kinds.  Its build list is a table of particles, which every command
+# reads as ``[lattice] kind = "file"``.
 
 from magphonon import units as u
 from magphonon.design import Rest

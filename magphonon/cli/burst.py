@@ -166,8 +166,8 @@ def _conclusion(records):
             if here:
                 bins = [sorted(misfits[which, name].bins for misfits in here) for which in (model, other)]
                 near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
-                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges lie on its {name} branch, {near} bins off '
-                             f'it, and {far} bins off that of the {other} model')
+                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges agree with its {name} branch: they are '
+                             f'{near} bins off it, and {far} bins off that of the {other} model')
     lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
         lines.append(f'{astray} of the ridges lie on no branch of the row: --verbose lists possible reasons')

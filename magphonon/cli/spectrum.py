@@ -37,8 +37,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='places of the points, columns point, x_m, y_m, if the scan has none; without them its points are '
                              'particles, numbered as in the row.csv that "magphonon burst" writes')
     parser.add_argument('--source', choices=('row', 'point'),
-                        help='how the waves were driven: fronts along R1, or waves along the measured row (default: what [burst] '
-                             'says, otherwise point; in the plane, noise if the motion does not decay)')
+                        help='how the waves were driven: row, with fronts along R1, or point (default: the source of [burst], '
+                             'otherwise point; for points that cover the plane, noise if the motion does not decay)')
     parser.add_argument('--at', metavar='HZ', type=float,
                         help='for points that cover the plane: also draw the motion at this frequency, over the wavevectors '
                              '(with contours of the bands) and over the points')

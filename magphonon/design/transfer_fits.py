@@ -114,7 +114,7 @@ class TransferFit(ParameterFit):
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of chi2. The unknowns of the sites do not change their number, because each has a prior."""
+        """Degrees of freedom of chi2. The unknowns of the sites do not reduce it, because each has a prior."""
         return super().freedom - len(self.sites)
 
 

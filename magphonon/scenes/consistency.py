@@ -106,7 +106,8 @@ def _modulation(scene: Scene) -> None:
         raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
                          'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python support it)')
     if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
-        raise ValueError('foundation.modulation: only a chain or a planar lattice with a number of shells supports it; remove it')
+        raise ValueError('foundation.modulation: only chains and planar lattices support it, with a number of '
+                         'shells that is not "all"; remove it')
 
 
 def _title(scene: Scene) -> None:
@@ -266,8 +267,8 @@ def _kinds(scene: Scene) -> None:
     _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
                                                   '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
-        raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; choose patch.kind = "supercell", or cut the '
-                         'patch in Python and save it with magphonon.write_scene')
+        raise ValueError('laws_of_kinds: tags tell the kinds of particles apart, but this patch marks its rim by tags; choose '
+                         'patch.kind = "supercell", or cut the patch in Python and save it with magphonon.write_scene')
 
 
 def _bands(scene: Scene) -> None:

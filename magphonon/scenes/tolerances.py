@@ -56,7 +56,8 @@ class _Uncertainty(Table):
     """
 
     correlation_a_b: Correlation | None = Field(None, description='the correlation of a and b')
-    exponent: Positive | None = Field(None, description='of -d ln f/d ln r at the spacing, for a table of forces')
+    exponent: Positive | None = Field(
+        None, description='for a table of forces: the standard deviation of its exponent, -d ln f/d ln r at the spacing')
     each_position_m: Positive | None = Field(
         None, description='the standard deviation of each coordinate from site to site: of the feet of pillars and of held '
         'particles, or, with lattice.positions = "rest", of positions measured in a photo', examples=[1e-4])

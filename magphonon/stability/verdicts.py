@@ -118,7 +118,7 @@ class Verdict:
         if self.unjudged:
             *others, last = self.unjudged
             named = f'{", ".join(others)} and {last}' if others else last
-            said.append(f'Not computed for so many particles: {named}. Judge a cell of the lattice, or a smaller patch of it.')
+            said.append(f'Not computed for so many particles: {named}. Check the lattice without its patch, or a smaller patch.')
         return tuple(said)
 
     @property
@@ -399,7 +399,7 @@ def buckling(case: Case) -> Finding:
     search = case.balanced and case.listed and not case.touching
     searched = search and case.large <= (SPACED if case.finite else 0)
     scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
-    unjudged = 'the spacing at which it buckles' if search and case.large > (SPACED if case.finite else 0) else ''
+    unjudged = 'the spacing at which they buckle' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
@@ -431,7 +431,7 @@ def buckling(case: Case) -> Finding:
         words = f'Stable{where}, even without a foundation.' + (f' It would buckle below a spacing of {at}.' if at else '')
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were judged; another wave may '
-                  'be softer. Judge a smaller cell of the same lattice, or another number of repeats.')
+                  'be softer. Check a smaller cell of the same lattice, or another number of repeats.')
     return Finding(found, words, not found.stable, unjudged)
 
 

@@ -352,7 +352,7 @@ class LinearSystem:
         return indices('particles', particles, len(self))
 
     def rows(self, particles: NDArray[np.int_]) -> tuple[NDArray[np.int_], sparse.csr_array]:
-        """The free directions of some particles, and the part of `shapes` that belongs to both."""
+        """The free directions in which some particles move, and the block of `shapes` of these particles and directions."""
         own = self.shapes[(particles[:, None] * self.dim + np.arange(self.dim)).ravel()]
         wanted = np.zeros(self.free.shape[1], bool)  # np.unique takes a hundred times as long
         wanted[own.indices] = True

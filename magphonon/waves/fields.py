@@ -284,7 +284,7 @@ def _refuse_ghosts(field, cell):
         raise ValueError(f'{len(h)} points are so far apart that waves look the same when their wavevectors differ '
                          f'by ({at[0]:.2g}, '
                          f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the '
-                         f'amplitude, allowed {100 * GHOST:.0f} %); measure particles between them, most of all neighbours')
+                         f'amplitude, allowed {100 * GHOST:.0f} %); measure particles in between, above all neighbours')
 
 
 def _zone(steps):
