@@ -344,7 +344,7 @@ def test_another_kind_in_a_lattice():
     ({'laws_of_kinds': [WEAK | {'kinds': [0]}]}, r'must be two kinds of particles, as \[0, 1\], not \[0\]'),
     ({'laws_of_kinds': [WEAK | {'law': LAW | {'shells': 2}}]}, 'shells must be one number, the same in every law, not 2'),
     ({'laws_of_kinds': [WEAK], 'uncertainty': {'mass_percent': 1.0}}, 'it supports only one law for all particles'),
-    ({'laws_of_kinds': [WEAK], 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}}, 'this patch marks its rim by tags'),
+    ({'laws_of_kinds': [WEAK], 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}}, 'marks its rim by tags'),
     ({'laws_of_kinds': WEAK}, 'must be a list in brackets'),
 ])
 def test_unsuitable_laws_of_kinds_are_refused(changes, message):
