@@ -4,6 +4,7 @@ import gc
 from dataclasses import dataclass
 from importlib import import_module
 
+from magphonon.cli.main import CYCLES
 from magphonon.plotting.axes import print_style
 
 from .rows import Check, number
@@ -158,7 +159,7 @@ CLAIMS = (
 
 def run(name, out, quick):
     """Outcome of one workflow, its pictures in the style of print."""
-    gc.set_threshold(50_000, 5, 5)  # a twentieth of the time, as in `magphonon.cli.main`
+    gc.set_threshold(*CYCLES)
     workflow = import_module(f'.{name}', __package__)
     shorter = {'quick': quick} if name in SHORTENED else {}
     with print_style():

@@ -64,7 +64,7 @@ def _quantity(text, units):
     except (TypeError, ValueError, KeyError):
         from argparse import ArgumentTypeError
 
-        raise ArgumentTypeError(f'{text!r} is not a number with one of the units {", ".join(units)}') from None
+        raise ArgumentTypeError(f'{text!r} is not a number with one of the units {", ".join(filter(None, units))}') from None
 
 
 def ready_table(name: str) -> str:

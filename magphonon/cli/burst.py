@@ -107,7 +107,7 @@ def _seen(row, cell, source):
 
 
 def _send(scene, k, cell, patch, engine):
-    """Patch, site and passage of burst number k in one; the row is measured by the vibrometer of the scene, if any."""
+    """Patch, site and passage of burst number k in a patch; the row is measured by the vibrometer of the scene, if any."""
     from dataclasses import replace
 
     from ..dynamics.cages import Diverged

@@ -85,7 +85,11 @@ def run(options: Namespace) -> None:
     _refuse_copies(options.files)
     if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
         _with_scene(options)
-        return
+    else:
+        _of_one_kind(options)
+
+
+def _of_one_kind(options):
     options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
         _fit_frf(options)
@@ -133,7 +137,7 @@ def _with_scene(options):
     else:
         _fit_together(options, scene, kinds)
         return
-    run(options)
+    _of_one_kind(options)
 
 
 def _fit_together(options, name, kinds):

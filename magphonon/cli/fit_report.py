@@ -459,8 +459,9 @@ def residual(found):
 
 @RESPONSES.check
 def contradictions(found):
+    values = found.values(found.better.model)
     for name, sigmas in found.contradicted.items():
-        value, (known, sigma) = found.values(found.better.model)[name][0], found.priors[name]
+        (value, _), (known, sigma) = values[name], found.priors[name]
         yield (f'The data give {with_unit(name, UNITS)} = {value:.4g}, {sigmas:.1f} sigma from the {known:.4g} +- {sigma:.2g} '
                'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
 

@@ -35,12 +35,15 @@ folder of results, patterns of their names in RESULTS."""
 SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
+CYCLES = 50_000, 5, 5
+"""How seldom cycles of objects are looked for: at Python's own 700 a burst spends a tenth of its time on it, a workflow a
+twentieth."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command with `arguments` (by default those of the shell) and return its exit status."""
     _open_streams()
-    gc.set_threshold(50_000, 5, 5)  # at the usual 700 a burst spends a tenth of its time looking for cycles
+    gc.set_threshold(*CYCLES)
     os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever backend the shell sets for matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
     if not (date := os.environ.get('SOURCE_DATE_EPOCH', '0')).isdecimal():  # NumPy reads it, far away and with a poor message

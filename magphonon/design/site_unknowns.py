@@ -283,14 +283,10 @@ class _Problem:
     def gain(self, x):
         return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
 
-    @property
-    def measured(self) -> NDArray[Any]:
-        """All responses, in their uncertainties or their peaks."""
-        return weights(self.functions) * np.concatenate([one.response for one in self.functions])
-
     def off(self, h, x, noise):
         """Residuals over the noise of responses without gain."""
-        return split(self.measured - weights(self.functions) * self.gain(x) * h) / noise
+        measured = np.concatenate([one.response for one in self.functions])
+        return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
 
     def linear(self, place: Place, scatter: NDArray[np.float64], noise: float) -> Linear:
         x, built, (basis, own) = place.x, place.built, place.fields
@@ -376,7 +372,8 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         return fit
     built = build(fit.by_name)
     one = _Problem(build, fit.names, functions, Before.of(fit.names, priors), Sites.of(built.system), fit.noise)
-    half = np.sum(abs(one.measured) ** 2) / 2 if known else np.inf  # more of what was measured must follow the lattice
+    measured = one.off(0.0, np.log(fit.factors), 1.0)
+    half = measured @ measured / 2 if known else np.inf  # more of what was measured must follow the lattice
     scatter, noise = FIRST, fit.noise
     place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), scatter)
     wide = fit.misfit / START if known else START

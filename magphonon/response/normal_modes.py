@@ -233,9 +233,9 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
         away = rest.positions - at
         if rest.pbc.any():
             away -= (away @ reciprocal).round() * rest.pbc @ cell.array
-        middle = weight @ (away := away[:, :dim])
-        centre[mode] = at[:dim] + middle
-        spread[mode] = weight @ ((away - middle) ** 2).sum(axis=1)
+        middle = weight @ away
+        centre[mode] = (at + middle)[:dim]
+        spread[mode] = weight @ ((away - middle)[:, :dim] ** 2).sum(axis=1)
     d = max(1, np.linalg.matrix_rank(rest.positions - rest.positions[0], tol=1e-6 * np.ptp(rest.positions)))
     length = np.sqrt(4 * spread / (d * (d + 1)))  # of shares e^{-2r/l} the second moment is d (d + 1) l^2/4
     return Localisation(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))

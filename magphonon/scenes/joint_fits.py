@@ -358,7 +358,8 @@ def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
     record = Record(RESPONSES, x[:n], np.zeros(n), np.zeros((n, n)), {'the clock': specimen.late})
     if not fit.follows:
         return record, fit
-    g, F = (one / fit.scatter**2 for one in (before.information @ (before.centre - x), F - before.information))  # it is balanced
+    g, F = before.information @ (before.centre - x), F - before.information  # what was known before is balanced
+    g, F = g / fit.scatter**2, F / fit.scatter**2
     g[-1], F[-1, -1] = g[-1] + x[-1] / gain_sigma**2, F[-1, -1] + gain_sigma**-2  # the gain is its own
     away = F[:n, n:] @ np.linalg.inv(F[n:, n:])
     return replace(record, gradient=g[:n] - away @ g[n:], information=F[:n, :n] - away @ F[n:, :n]), fit
