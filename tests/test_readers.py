@@ -400,7 +400,7 @@ def test_the_labels_of_a_universal_file_are_its_units(seed, tmp_path):
     h = rng.standard_normal(8) + 1j * rng.standard_normal(8)  # m/N, m/s/N or m/s^2/N
     lengths = SI[0] | ({'g': 9.80665} if order == 2 else {})
     length, force, per = (str(rng.choice([*units])) for units in (lengths, *SI[1:]))
-    over = length + ('', '/s', rng.choice(['/s^2', '/s²']))[order] * (length != 'g')
+    over = length + ('', '/s', '/s^2')[order] * (length != 'g')
     in_one = bool(rng.integers(2))  # the label of the ordinate says all
     told = {'ordinate_axis_units_lab': f'({over})/{force}' if in_one else over, 'abscissa_axis_units_lab': per,
             'orddenom_axis_units_lab': 'NONE' if in_one else force}
@@ -409,8 +409,10 @@ def test_the_labels_of_a_universal_file_are_its_units(seed, tmp_path):
            'ordinate_spec_data_type': (8, 11, 12)[order], 'orddenom_spec_data_type': 13} | told
     other = {'type': 164, 'units_code': 1, 'units_description': 'x', 'temp_mode': 1, 'length': 7.0, 'force': 3.0, 'temp': 1.0,
              'temp_offset': 0.0}
-    pyuff.UFF(str(tmp_path / 'f.uff')).write_sets([other] * bool(rng.integers(2)) + [one], 'overwrite')
-    (found,) = read_transfer(tmp_path / 'f.uff')
+    pyuff.UFF(str(file := tmp_path / 'f.uff')).write_sets([other] * bool(rng.integers(2)) + [one], 'overwrite')
+    if rng.integers(2):  # which pyuff before 2.5.4 reads, but does not write
+        file.write_text(file.read_text('utf-8').replace('s^2', 's²'), 'utf-8')
+    (found,) = read_transfer(file)
     assert_allclose(found.omega, 2e-3 * np.pi * f, rtol=1e-5)  # pyuff writes five digits
     assert_allclose(found.response, 1e3 * h / (2j * np.pi * f) ** order, rtol=1e-4)
 
