@@ -129,10 +129,6 @@ class Joint:
         """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
         return float(np.sqrt(direction @ self.covariance(added) @ direction))
 
-    def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-        """Information that is added if such a product is measured by other means, to a relative standard uncertainty."""
-        return np.outer(direction, direction) / sigma**2
-
     def alone(self, name: str) -> Joint:
         """One record with what is known beforehand, at the parameters of all."""
         return Joint(self.names, self.x, tuple(one for one in self.records if one.name == name or one is self.records[-1]))

@@ -7,9 +7,9 @@ where they are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,10 +131,6 @@ class ParameterFit:
             return np.inf
         return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
 
-    def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-        """Information that is added if such a product is measured by other means, to a relative standard uncertainty."""
-        return (self.scatter / sigma) ** 2 * np.outer(direction, direction)
-
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance of the logarithms of the parameters, shape (parameters, parameters)."""
@@ -145,20 +141,22 @@ class ParameterFit:
         return self.scatter**2 * np.linalg.inv(self.information)
 
 
-def best(fit: Any, along: Mapping[str, NDArray[np.float64]],
+def best(sigma_along: Callable[..., float], scatter: float, along: Mapping[str, NDArray[np.float64]],
          plans: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
     """The best proposals: a plan that adds information, or one parameter measured by other means.
 
     Parameters
     ----------
-    fit : ParameterFit or Joint
-        With `sigma_along` and `knowing`.
+    sigma_along : callable
+        That of the fit: relative standard uncertainty along a direction, with added information.
+    scatter : float
+        By which the uncertainties of the fit are enlarged.
     along : dict
         Quantities to know better, as powers of the parameters whose product they are.
     plans : dict
         For each plan in words, the information that its record would add.
     """
-    known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': (fit.knowing(v, KNOWN), name)
+    known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': ((scatter / KNOWN) ** 2 * np.outer(v, v), name)
              for name, v in along.items()}
-    return proposals(lambda plan: {name: NORMAL * fit.sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
+    return proposals(lambda plan: {name: NORMAL * sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
                      (0.0, ''), {words: (added, '') for words, added in plans.items()} | known)

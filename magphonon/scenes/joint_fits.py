@@ -232,8 +232,8 @@ class JointFits:
     def proposals(self) -> list[Proposal]:
         """What to measure next: repeat one record with a new set-up, or measure one parameter by other means."""
         joint = self.joints['complete']
-        return best(joint, self.along(), {f'measure "{one.name}" again with a new set-up': one.information
-                                          for one in joint.records[:-1]})
+        return best(joint.sigma_along, 1.0, self.along(), {f'measure "{one.name}" again with a new set-up': one.information
+                                                           for one in joint.records[:-1]})
 
     @property
     def laws(self) -> dict[str, float]:
