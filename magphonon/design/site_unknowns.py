@@ -108,6 +108,13 @@ class Sites:
         """Of each unknown: 0 for a strength, 1 for a spring, 2 for an anchor."""
         return np.repeat([0, 1, 2], np.diff([0, *self.ends]))
 
+    @property
+    def split(self) -> NDArray[np.float64]:
+        """Direction of the unknowns in which all springs grow along x, and shrink along y, by half of ln(kx/ky) each."""
+        found = np.zeros(self.ends[2])
+        found[self.ends[0] : self.ends[1]] = 0.5 - np.nonzero(self.tied)[1]
+        return found if self.tied.any(axis=0).sum() == 2 else 0 * found
+
     def size(self, scatter: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviation of each unknown: relative, of anchors in mm."""
         return (scatter * [1.0, 1.0, self.spacing])[self.kinds]
@@ -400,4 +407,16 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     M, before = one.sites.means(built, fit.names, scatter), one.before
     own, batch = (at.J.T @ Eliminated(A)(at.J) + before.information for A in (at.A - at.J @ M, at.A))
     return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z, where=one.sites,
-                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch))
+                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch),
+                   unlike=_unlike(at, one.sites.split / scatter[1], z, batch))
+
+
+def _unlike(at, split, z, batch):
+    """`TransferFit.unlike` of sites z: one step of a fit that has ln(kx/ky), along `split`, as one parameter more."""
+    if not split.any():
+        return 0.0, np.inf
+    a = at.A @ split
+    solved = Eliminated(at.A)(a)
+    with_others = at.J.T @ solved
+    information = a @ solved - with_others @ np.linalg.solve(batch, with_others)
+    return float(split @ z / information), float(information**-0.5)

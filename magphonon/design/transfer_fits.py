@@ -85,6 +85,9 @@ class TransferFit(ParameterFit):
         Which unknowns these are.
     batch : Batch, optional
         The parameters of the lattice of which this patch is a sample; equal to those of the patch if its sites do not scatter.
+    unlike : (float, float)
+        Logarithm of the ratio of the springs along x and y that the sites show on top of the fitted one, and its standard
+        deviation; the latter is infinite if they show nothing.
     """
 
     noise: float
@@ -94,6 +97,7 @@ class TransferFit(ParameterFit):
     sites: np.ndarray = field(default_factory=lambda: np.zeros(0))
     where: Any = None
     batch: Batch | None = None
+    unlike: tuple[float, float] = (0.0, np.inf)
 
     @property
     def follows(self) -> bool:
