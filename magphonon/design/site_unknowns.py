@@ -186,18 +186,19 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
                 scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """Slopes of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
     calc, (n, dim) = built.system.calc, sites.tied.shape
-    bonds, R = calc.bonds, calc.bond_vectors
-    C = bonds.incidence
+    R, C, ends = calc.bond_vectors, calc.bonds.incidence, np.stack([calc.bonds.i, calc.bonds.j])
+    pairs, which = np.unique(np.sort(np.where(built.system.mobile[ends], ends, n), axis=0), axis=1, return_inverse=True)
+    alike = sparse.csr_array((np.ones(len(R)), (np.ravel(which), np.arange(len(R)))))  # held ends move alike: not at all
     changes = [_by_site(model_stiffness(R, calc.interaction, calc.model), abs(C))]
     changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
-    by_bonds = sparse.hstack(changes, format='csc')  # of each entry of each bond, by strengths, moves along x, along y
+    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # of entries, by strengths, moves along x, along y
     order = np.arange(n * dim).reshape(dim, n).T.ravel()
     springs = np.broadcast_to(_springs(calc), sites.tied.shape)[sites.tied]
     found = []
     for one in own:
         x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))
-        X, Y = (field[:, bonds.j] - field[:, bonds.i] for field in (x, y))
-        bent = (X[:, :, :, None] * Y[:, :, None, :]).reshape(len(X), -1) @ by_bonds
+        X, Y = (np.subtract(*np.insert(field, n, 0, axis=1)[:, pairs].swapaxes(0, 1)) for field in (x, y))
+        bent = (X[:, :, :, None] * Y[:, :, None, :]).reshape(len(X), -1) @ by_pairs
         slopes = -bent[:, n:][:, order] @ sites.rest
         slopes[:, : sites.ends[1]] -= np.hstack([bent[:, :n][:, sites.acting], (x * y)[:, sites.tied] * springs])
         found.append(slopes if isinstance(one.function.drive, Dof) else one.omega[:, None] ** 2 * slopes)
