@@ -191,7 +191,7 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
     alike = sparse.csr_array((np.ones(len(R)), (np.ravel(which), np.arange(len(R)))))  # held ends move alike: not at all
     changes = [_by_site(model_stiffness(R, calc.interaction, calc.model), abs(C))]
     changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
-    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # of entries, by strengths, moves along x, along y
+    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # by strengths, moves along x, along y
     order = np.arange(n * dim).reshape(dim, n).T.ravel()
     springs = np.broadcast_to(_springs(calc), sites.tied.shape)[sites.tied]
     found = []
