@@ -1,4 +1,4 @@
-"""Error against cost: what each method that answers a question costs for its accuracy, as a table and a chart.
+"""Error against cost: which error each method that answers a question reaches at which cost, as a table and a chart.
 
 A candidate is a method at one setting.  Its `run` takes a counter, does all that a user would wait for, and returns
 the answer; it adds its cost in operations, which do not depend on the machine, to the counter::
@@ -42,7 +42,7 @@ LOOKS = [(colour, marker, line) for marker, line, colour in
          zip('osD^vPX<>*dph', cycle(['-', '--', '-.', ':']), cycle(COLOURS), strict=False)]
 """Colour, marker and line of the methods: the marker alone tells them apart in grey."""
 FLOOR = 1e-17
-"""What an error of zero is drawn as; round-off leaves no other one so small."""
+"""An error of zero is drawn at this value; round-off leaves no other error so small."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ class Chart:
     title : str
     measurements : list of Measurement
     reading : str
-        Read off the measurements, never written before them.
+        The conclusion in words, computed from the measurements.
     checks : list of Check
-        Of what no machine changes: errors and counts.  Times vary; they belong in the reading.
+        Checks of errors and counts, which are the same on all machines.  Times vary; they belong in the reading.
     error : str
         What the error is.
     draw : function, optional
@@ -102,7 +102,7 @@ class Chart:
 
 
 def measure(candidates, error, repeats=5, patience=1.0):
-    """Run every candidate for its error and, apart from that, for its time.
+    """Run every candidate, once for its error and again for its time.
 
     The first run of each gives the error and the counts, and warms up what is cached or compiled; where another setting of its
     method has done so, and one is enough or it takes longer than `patience`, it is the timed run too.  Other timed runs are
@@ -116,7 +116,7 @@ def measure(candidates, error, repeats=5, patience=1.0):
     repeats : int
         Timed runs of each.
     patience : float
-        In s.  A candidate that has run for longer is not repeated any more; each has one timed run at least.
+        In s.  A candidate that has run for longer is not repeated; each has at least one timed run.
 
     Returns
     -------

@@ -1,5 +1,5 @@
-"""The band diagram: for a cell of one magnet by closed form, Bloch matrix and finite differences; for hundreds of magnets by
-their lowest branches.
+"""The band diagram of a cell of one magnet, by closed form, Bloch matrix and finite differences, and the lowest branches of cells
+of hundreds of magnets.
 """
 
 import tempfile
@@ -53,7 +53,7 @@ def read(one, many):
 
 
 def checks(one, many):
-    """Errors and orders that theory gives."""
+    """Checks of the errors and orders of the methods against those of theory."""
     def errors(method):
         return np.array([m.error for m in one if m.method == method])
 
@@ -96,7 +96,7 @@ def closed_form(cell, kpts, cost=None, real=float):
 
 
 def finite_differences(cell, kpts, supercell, distance, both_sides, cost):
-    """Frequencies by phonopy as it comes, without the guards of `magphonon.finite_displacements`; particles move in x and y."""
+    """Frequencies from phonopy alone, without the checks of `magphonon.finite_displacements`; particles move in x and y."""
     from phonopy import Phonopy
     from phonopy.structure.atoms import PhonopyAtoms
 
@@ -165,7 +165,7 @@ def one_magnet(cell, path, panel, quick):
 # --- hundreds of magnets in the cell ---------------------------------------------------------------------------------
 
 def folded(cell, kpts, side):
-    """The lowest branches of side x side cells taken for one: those of one cell at every wavevector that folds onto `kpts`."""
+    """Lowest branches of a supercell of side x side cells: those of one cell at all wavevectors that fold onto `kpts`."""
     shifts = np.array(list(product(range(side), range(side), (0,))))
     every = (kpts[:, None] + shifts) / side
     omega = closed_form(cell, every.reshape(-1, 3), real=np.longdouble).reshape(len(kpts), -1)

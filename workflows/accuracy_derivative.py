@@ -1,4 +1,4 @@
-"""How small may a displacement be: the V-curve of numerical derivatives, and the amplitude window of runs in time."""
+"""How small a displacement may be: the V-curve of numerical derivatives, and the range of amplitudes for runs in time."""
 
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -29,7 +29,7 @@ DERIVATIVE, WINDOW = 'finite displacements', f'{STEPS} time steps'
 
 
 def chart(quick):
-    """Error over the displacement, not over time: what a method costs hardly depends on it."""
+    """Errors over the displacement instead of over time, because the cost of a method hardly depends on the displacement."""
     amplitudes = np.append(AMPLITUDES[::2], AMPLITUDES[-1]) if quick else AMPLITUDES
     repeats = 1 if quick else 3
     table = displaced(repeats) + kicked(amplitudes, repeats, COMPILED if quick else np.inf)
@@ -73,7 +73,7 @@ class Kick:
 
     @cached_property
     def particle(self):
-        """The one that is kicked, in the middle."""
+        """The particle that receives the velocity, in the middle."""
         return len(self.atoms) // 2 + round(len(self.atoms) ** 0.5) // 2
 
     @cached_property
@@ -146,7 +146,7 @@ def slope(x, y, low, high):
 
 
 def checks(curves, amplitudes):
-    """The slopes on both sides that theory gives, and how many digits are left at the smallest amplitude."""
+    """Checks of the slopes on both sides against theory, and of the digits that are left at the smallest amplitude."""
     both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
     first_order = slope(DISTANCES, one, 1e-6, 1e-3)
     tests = [

@@ -80,7 +80,7 @@ def chart(quick):
 
 
 def whole(m):
-    """What an answer at every SAMPLE-th frequency costs at all of them: each is a run of its own."""
+    """The cost at all frequencies of methods that were run at every SAMPLE-th: each frequency is a run of its own."""
     return replace(m, setting=f'{m.setting}, {SAMPLE} x a sample', seconds=SAMPLE * m.seconds, median=SAMPLE * m.median,
                    cost={name: SAMPLE * count for name, count in m.cost.items()})
 
@@ -114,7 +114,7 @@ def patch(n):
 
 
 def candidates(shaken, panel, quick):
-    """Every method that can answer at this size."""
+    """Candidates: every method that can answer for a patch of this size."""
     large = len(shaken.atoms) > 2000
     runs = {(STEPPED, f'dt = {s:g} of the limit'): partial(stepped, shaken, s * shaken.limit)
             for s in ([0.1] if quick else [0.1, 0.03])}
@@ -129,7 +129,7 @@ def candidates(shaken, panel, quick):
 
 
 def series(shaken, tolerance, cost):
-    """What frequency_response chooses for patches."""
+    """The series that frequency_response chooses for patches."""
     scene = LinearSystem.of(shaken.atoms)
     s = scene.shapes.T @ shaken.push[:, :2].ravel()
     u, _, products = series_response(scene, s, shaken.omega, shaken.gamma, np.array([shaken.particle]), tolerance)
@@ -165,7 +165,7 @@ def stepped(shaken, dt, cost):
 
 
 def struck(shaken, dt, cost):
-    """The Fourier integral of what follows one impulse, until e^-9 of it is left."""
+    """The Fourier integral of the motion after one impulse, until e^-9 of it is left."""
     atoms = shaken.atoms.copy()
     atoms.calc = shaken.atoms.calc
     momenta = np.zeros((len(atoms), 3))

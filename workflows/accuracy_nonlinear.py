@@ -72,7 +72,7 @@ class Pluck:
 
     @cached_property
     def exact(self):
-        """Displacements of the free particles at END, to some 1e-11 of the largest: forces of positions carry no more digits."""
+        """Displacements of the free particles at END, to 1e-11 of the largest: forces from positions have no more digits."""
         return dop853(self, 1e-12, {})
 
     def error(self, u):
@@ -81,7 +81,7 @@ class Pluck:
 
 
 def chart(quick):
-    """Error against time at three amplitudes; beside them, what the linear answer is worth."""
+    """Error against time at three amplitudes, of the linear answer too."""
     patch, table = patch_of(12 if quick else 24), []
     for amplitude in AMPLITUDES:
         pluck = Pluck(patch, amplitude)
@@ -138,7 +138,7 @@ def dop853(pluck, rtol, cost):
 
 
 def linear_answer(pluck, cost):
-    """Exact in time, by modes of the stiffness at rest: right for an amplitude that vanishes."""
+    """The linear answer, exact in time, from modes of the stiffness at rest: right in the limit of small amplitude."""
     patch = pluck.patch
     H = patch.calc.get_hessian(patch).tocsr()
     free = np.flatnonzero(np.repeat(pluck.free, 3) & np.tile([True, True, False], len(patch)))
@@ -148,7 +148,7 @@ def linear_answer(pluck, cost):
 
 
 def checks(table, amplitudes, linear):
-    """Orders that theory gives, at the middle amplitude, from the two shortest steps; and how the linear answer fails."""
+    """Checks of orders against theory, from the two shortest steps at the middle amplitude, and of the linear answer."""
     def order(method):
         own = [m for m in table if m.method == method and m.panel == f'Amplitude {AMPLITUDES[1]:g} L0']
         e, n = (np.log([getter(m) for m in own[-2:]]) for getter in (lambda m: m.error, lambda m: m.cost['force evaluations']))

@@ -107,7 +107,7 @@ def lattice(n, periodic):
 
 
 def candidates(burst, panel, quick):
-    """Every method that can answer at this size in reasonable time."""
+    """Candidates: every method that can answer for a patch of this size in reasonable time."""
     count, periodic = len(burst.atoms), bool(burst.atoms.pbc.any())
     few = quick or count > 50_000 or periodic
     steps = [0.5, 0.2, 0.1] if count > 50_000 else [0.5, 0.2, 0.1, 0.03]  # of the limit
@@ -134,7 +134,7 @@ def candidates(burst, panel, quick):
 
 
 def series(burst, tolerance, cost):
-    """The package's own."""
+    """The Chebyshev series of the package, `propagate`."""
     found = propagate(burst.atoms, [END], [burst.drive], tolerance=tolerance)
     cost['products'] = found.products
     return found.displacements[0]
@@ -263,7 +263,7 @@ def fourier(burst, cost):
 
 
 def judged(panel, table):
-    """What no machine changes."""
+    """Checks of errors and counts, which are the same on all machines."""
     series = {m.setting: m for m in table if m.method == SERIES}
     checks = [Check(f'transient, {panel}: error of the series at tolerance 1e-09', series['tolerance = 1e-09'].error, 0.0, 1e-9,
                     consistency=True)]

@@ -1,7 +1,7 @@
 """A simulated laboratory that shares no code with the package: all pairs of magnets, pillars, scatter, a vibrometer with faults.
 
-It judges statements about measured lattices, so it imports nothing from magphonon: forces of any law from a table, all
-pairs within a reach, leapfrog steps, and the exact second derivatives of the same table for modes, responses and Bloch waves.
+It tests statements about measured lattices, so it imports nothing from magphonon.  It has forces of any law from a table, all
+pairs within a distance, leapfrog steps, and the exact second derivatives of the same table for modes, responses and Bloch waves.
 Everything is in SI: m, kg, s, N; angular frequencies in rad/s.
 
     law = tabulated(disc_force(2.5e-3, 5e-3, 1.32), 8e-3, 50e-3)
@@ -92,7 +92,7 @@ def triangular(spacing):
 
 
 def sites(vectors, width, height):
-    """Sites within a rectangle about the origin, which is one of them."""
+    """Sites of a lattice within a rectangle about the origin, which is one of the sites."""
     most = int(np.ceil(2 * np.hypot(width, height) / np.linalg.norm(vectors, axis=1).min()))
     n = np.stack(np.meshgrid(*2 * [np.arange(-most, most + 1)], indexing='ij'), axis=-1).reshape(-1, 2)
     x = n @ vectors
@@ -220,7 +220,7 @@ def motion(lab, drives, duration, points, rate=1000.0):
 
 
 def small_motion(lab, drives, duration, points, shapes, rate=1000.0, quiet=4.0):
-    """The same by the modes of the patch (`modes`), which is quick for many drives; their ring has died after `quiet` seconds."""
+    """The same motion from the modes of the patch (`modes`), quick for many drives; free motion has died after `quiet` s."""
     omega, phi = shapes
     t = np.arange(int(quiet * rate)) / rate
     w = 2 * np.pi * np.fft.rfftfreq(len(t), 1 / rate)
@@ -233,7 +233,7 @@ def small_motion(lab, drives, duration, points, shapes, rate=1000.0, quiet=4.0):
 
 
 def measured(u, rate, rng, *, noise=0.01, jitter=2e-4, drift=0.01, dead=0):
-    """The same as a vibrometer shows it, point by point: each shot late by its own jitter (s), and so many dead points.
+    """A motion as a vibrometer shows it, point by point: each shot is late by its own jitter (s), and `dead` points are dead.
 
     Noise and drift are fractions of the largest displacement.
     """

@@ -47,8 +47,8 @@ def main(out):
                      'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.'),
         draw_maps(out, maps, scene.burst.carriers_Hz),
         save_picture(plot_crossing(shear), out / 'burst_crossing.png',
-                     'The same shear burst in both models, at the time when the faster one is half way up the measured row: '
-                     'D* makes its waves shorter and slower.')])
+                     'The same shear burst in both models, when the faster burst is half way up the measured row: '
+                     'D* makes the waves shorter and slower.')])
 
 
 def spread(patch, cell, site, passage, motion):
@@ -69,8 +69,8 @@ def draw_maps(out, maps, carriers_Hz):
             ax.set_ylim(0, top)
         add_radians(row[1])
     return save_picture(figure, out / 'bursts.png',
-                        'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model: '
-                        'shear distinguishes the models, the longitudinal branch hardly moves.')
+                        'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model. '
+                        'The shear branches of the two models differ, the longitudinal ones hardly do.')
 
 
 def compared(record, wave, motion, model, branch):

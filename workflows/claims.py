@@ -1,4 +1,4 @@
-"""The paper's statements about D*: when it vanishes, that amplitude does not matter, what freezing the directions costs."""
+"""The paper's statements about D*: when it vanishes, that it acts at any amplitude, and the error of frozen bond directions."""
 
 from dataclasses import dataclass
 
@@ -59,7 +59,7 @@ class Spring:
 
 
 class OnlyMagnitude(MagneticRepulsion):
-    """The words of the paper, "only the magnitude is updated", as they stand: the force -phi'(|R + du|) n along the bond at rest.
+    """The paper's words "only the magnitude is updated", taken literally: the force -phi'(|R + du|) n along the bond at rest.
 
     It is no gradient of an energy.
     """
@@ -74,7 +74,7 @@ class OnlyMagnitude(MagneticRepulsion):
 
 
 def main(out):
-    """Each claim as numbers, with the model that fails it."""
+    """Each claim as numbers, each with a wrong model that must fail it."""
     paper = reference()['triangular']
     checks = [*without_static_force(), *never_hardens(), *at_every_amplitude(paper), *literal_update(paper), *loop_work()]
     beams, picture = elastic_rim(out)
@@ -143,7 +143,7 @@ def crossing(q, t):
 
 
 def at_every_amplitude(paper):
-    """However small the motion, D* halves the shear frequency at M: it is no matter of large displacements."""
+    """D* halves the shear frequency at M however small the motion: its effect does not need large displacements."""
     rows = []
     for A in AMPLITUDES:
         complete, conventional = (frequency_at_M(model, A) for model in ('complete', 'conventional'))
@@ -215,12 +215,12 @@ def elastic_rim(out):
         ax.set(xlabel='steps along the measured row', ylabel='amplitude (µm)', ylim=(3e-3, 2))
         ax.label_outer()
     legend_of_set(figure)
-    return [Reported('rim on beams: how far static repulsion bends them (mm), and the spacing', sag / units.mm, 10),
+    return [Reported('rim on beams: how far static repulsion bends the beams (mm), and the spacing', sag / units.mm, 10),
             *(Reported(f'rim on beams: change along the measured row at {carrier:g} Hz / largest amplitude', change)
               for carrier, change in zip(scene.burst.carriers_Hz, off, strict=True))], \
         save_picture(figure, out / 'elastic_rim.png', (
-            'The prototype with a rigidly held rim, as everywhere else here, and with a rim on elastic beams of 1/4 inch, '
-            f'{BEAM} times as stiff as a pillar, which static repulsion bends outwards by {sag / units.mm:.2g} mm.'))
+            'The prototype with a rigidly held rim, as everywhere else here, and with a rim on elastic beams of 1/4 inch. A beam '
+            f'is {BEAM} times as stiff as a pillar; static repulsion bends it outwards by {sag / units.mm:.2g} mm.'))
 
 
 def on_beams(patch, push, omega, damping):

@@ -25,7 +25,7 @@ SPARSE = 5               # unconstrained, every so many frequencies
 
 
 def main(out):
-    """Amplitudes and phases of the driven magnet, guided and free, and after one impulse, beside the linear theory."""
+    """Amplitudes and phases of the driven magnet (guided, free, and after one impulse) beside the linear theory."""
     paper = reference()['oscillator']
     angles = np.pi * np.array(paper['theta0_over_pi'])
     guided, free, impulse = respond(angles, OMEGA)

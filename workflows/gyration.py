@@ -35,7 +35,7 @@ MODELS = {'complete': 3 * (A - 1), 'conventional': 3 * A}
 
 
 def main(out):
-    """Closed forms, the Chern numbers, a strip, a burst and a hill, each with D0 or the other side of a threshold beside it."""
+    """Closed forms, Chern numbers, a strip, a burst and a hill; the controls are D0 alone, or the other side of a threshold."""
     gaps = {model: band_gaps(honeycomb(G), 60, model)[1] for model in MODELS}
     return Outcome([*closing(), *numbers(), *edges(gaps), *bursts(gaps), *hill()], [bands_of_edges(out), waves(out, gaps)])
 
@@ -76,7 +76,7 @@ def numbers():
 
 
 def edges(gaps):
-    """The gap of the lattice, and what runs along the held edges of a strip within it."""
+    """The gap of the lattice, and the waves in this gap that run along the held edges of a strip."""
     strip = with_magnets(lattices.ribbon(lattices.honeycomb(1.0, 1.0), ROWS))
     flows = {model: edge_flow(strip, gap.mean(), model) for model, gap in gaps.items()}
     slope = abs(flows['conventional'].velocity).mean() / strip.cell.lengths()[0]
@@ -153,8 +153,8 @@ def bands_of_edges(out):
     axes.flat[1].set_ylabel('')
     return save_picture(figure, out / 'gyration_edges.png',
                         'Magnets on a bench that turns 72 times a minute: bands of a strip with held edges around the '
-                        'second gap of the lattice (shaded). With D0 alone one wave along each edge crosses it; with the static '
-                        'forces none does.')
+                        'second gap of the lattice (shaded). With D0 alone one wave along each edge crosses the gap; with the '
+                        'static forces none does.')
 
 
 def waves(out, gaps):

@@ -66,7 +66,7 @@ def draw_lattice(out, cell):
 
 
 def draw_bands(out, bands):
-    """Both models along the path, in Hz and rad/s."""
+    """Draw both models along the path, in Hz and rad/s."""
     ax = new_axes()
     for (model, own), line in zip(bands.items(), ('-', '--'), strict=True):
         plot_bands(own, ax=ax, linestyle=line, label=model)
@@ -86,7 +86,7 @@ def draw_mode(out, cell, bands):
 
 
 def draw_ratios(out, complete, conventional):
-    """Where in the zone the branches fall, on one scale."""
+    """Draw the ratio of both models over the zone, on one scale for both branches."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

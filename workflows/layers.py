@@ -37,7 +37,7 @@ GROWTH_STEPS, GROWTH_DT = 400, 0.02    # ms
 
 
 def main(out):
-    """Each known result, with what fails it."""
+    """Each known result, with a wrong model that must fail it."""
     known = reference()['layer']
     return Outcome([*triangular_lattice(), *upright_magnets(), *threshold(), *plasma_crystal(known)], [picture(out)])
 
@@ -150,5 +150,5 @@ def picture(out):
     legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'layers.png',
                         'A plasma crystal (kappa = 1, all neighbours, omega_0^2 = Q^2/(4 pi epsilon_0 m a^3)): as the trap '
-                        'softens, its branch comes down, touches the longitudinal one at M and crosses it; without D* it '
-                        'would be flat.')
+                        'softens, the branch out of the plane comes down, touches the longitudinal branch at M and crosses it. '
+                        'Without D* the branch out of the plane would be flat.')

@@ -59,7 +59,7 @@ def shear(cell, f, model='complete'):
 
 
 def row_height(cell):
-    """Distance of rows in mm, so that velocities over it are in rows per ms."""
+    """Distance of two rows in mm; a velocity divided by it is in rows per ms."""
     return cell.cell.array[1, 1]
 
 

@@ -40,7 +40,7 @@ def chart(ring):
 
 
 def candidates(ring, r, magpylib):
-    """Roads to the force at the distance `r`; the setting is the number of points or cells."""
+    """Methods for the force at the distance `r`; their setting is the number of points or cells."""
     panel, law = f'{r / u.mm:g} mm apart', magnet_law(ring)
     methods = [Candidate(RIMS, str(n), partial(by_rims, ring, r, n), panel) for n in (8, 12, 16, 24, 32, 48, 96, 160)]
     methods.append(Candidate(SERIES, str(len(law.series)), lambda cost: repulsion(law, r), panel))

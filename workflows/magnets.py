@@ -1,4 +1,4 @@
-"""The law of real magnets: from the printed shape and grade against the paper's fit, the cost of accuracy, a fitted law."""
+"""The law of real magnets, computed from the printed shape and compared with the paper's fit, and a law fitted to forces."""
 
 from dataclasses import replace
 from importlib.resources import files
@@ -46,7 +46,7 @@ def main(out):
 
 
 def published():
-    """Forces that others printed."""
+    """Computed forces against forces that others have published."""
     checks = []
     for one, other, force in COAXIAL:
         first, second = (Ring(diameter, 0, height, 1.3 * u.T) for diameter, height in (one, other))
@@ -59,7 +59,7 @@ def published():
 
 
 def spheres(n=24):
-    """Two spheres by their surface charges, against the point dipoles that stand for them."""
+    """The force between two spheres from their surface charges, against that of two point dipoles."""
     sphere, r = Sphere(5 * u.mm, 1.2 * u.T), 10 * u.mm
     x, weight = np.polynomial.legendre.leggauss(n)
     angle = np.pi * np.arange(2 * n) / n
@@ -75,7 +75,7 @@ def spheres(n=24):
 
 
 def beside_the_fit(ring, law, L0, paper):
-    """The computed law beside the paper's fit, what could be behind their difference, and the pull out of the plane."""
+    """The computed law beside the paper's fit, possible causes of their difference, and the stiffness out of the plane."""
     f, a, lift = repulsion(law, L0), local_exponent(law, L0), 1e-3 * u.mm
     stiffness = -pair_force(ring, ring, (L0, 0, lift))[2] / lift
     fit = paper['f_at_spacing'] * u.N
@@ -116,7 +116,7 @@ def other_shapes(ring):
 
 
 def fitted_exponent(law, near, far):
-    """Of an inverse power by least squares in force, over distances in mm."""
+    """Exponent of an inverse power fitted by least squares in the force, over distances in mm."""
     r = np.linspace(near * u.mm, far * u.mm, 71)
     return curve_fit(lambda r, f, a: f * (r / r[0]) ** -a, r, repulsion(law, r), p0=(1, 4))[0][1]
 
@@ -154,12 +154,12 @@ def draw_law(out, ring, law, L0, paper):
     low, high = (f(fitted_exponent(law, *window) for window in WINDOWS) for f in (min, max))
     return save_picture(figure, out / 'magnet_law.png', (
         'Fig. S3 of the paper: (a) force between the rings, computed from the printed shape and grade, and (b) the exponent '
-        f"-d ln f/d ln r, {local_exponent(strong, L0):.3f} at 10 mm; fits of an inverse power have {low:.2f} to {high:.2f}, the "
-        "paper's 4.58."))
+        f"-d ln f/d ln r, {local_exponent(strong, L0):.3f} at 10 mm; fits of an inverse power give {low:.2f} to {high:.2f}, "
+        "the paper 4.58."))
 
 
 def fitted(law, L0):
-    """The synthetic measurement fitted, its distances and forces told to be exact: how far it is from what it was made of."""
+    """The synthetic measurement fitted, with distances and zero of force taken as exact: how far the fit is from the truth."""
     forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')
     fit = fit_forces(forces, L0, SharedErrors(distance=0.0, zero=0.0, hysteresis=0.0, backlash=0.0, gain=0.0))
     (f, a), covariance = curve_fit(lambda r, f, a: f * (r / L0) ** -a, forces.r, forces.f, p0=(1, 4), sigma=forces.sigma,

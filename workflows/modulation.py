@@ -34,7 +34,7 @@ NUMBER = 140                            # rows
 
 
 def main(out):
-    """Closed forms of coupled modes and an integration of its own, each with D0 or the other side of a threshold beside it."""
+    """Closed forms of coupled modes and an independent integration; controls: D0 alone, or the other side of a threshold."""
     fronts = {model: front(model) for model in MODELS}
     return Outcome([*gap(), *gain(), *speeds(fronts)], [picture(out, fronts)])
 
@@ -56,13 +56,13 @@ def shear(q, model='complete'):
 
 
 def pair(bands):
-    """The two frequencies that share the shear wave, and the least share of a wave that goes by itself."""
+    """The two frequencies between which the shear wave is split, and the smallest share of a wave that is not coupled."""
     by_weight = np.argsort(bands.weight[0])
     return np.sort(bands.omega[0, by_weight[1:3]].real), bands.weight[0, by_weight[2]]
 
 
 def gap():
-    """Against the modulation shear meets another wave, with it does not."""
+    """Shear that runs against the modulation couples to another wave; shear that runs with it does not."""
     cell = prototype(EPS)
     there, back = (floquet_bands(cell, [0, q, 0], tolerance=1e-11) for q in (GAP, -GAP))
     (low, high), _ = pair(there)

@@ -62,7 +62,7 @@ def closed(cell, stiffness, model='complete'):
 
 
 def picture(out, scene, cell, cold, change, error):
-    """Bands with what a cold bath shows, and the change of stiffness with the temperature."""
+    """Draw bands with the points from a cold bath, and the change of stiffness with the temperature."""
     figure, (axes,) = panels(1, 2, height=3.0)
     letter_panels(axes)
     bands, shift = axes

@@ -56,7 +56,7 @@ BESIDE, ANEW = 1e-7, 10                # a disturbance, of L0; steps of order 4 
 
 
 def main(out):
-    """Coefficients and slopes against closed forms, the frozen bond directions of D0 as the control."""
+    """Coefficients and slopes against closed forms; the control is D0 alone, with frozen bond directions."""
     angles = np.pi * np.array(reference()['oscillator']['theta0_over_pi'])
     measured = backbones(angles)
     theory = np.array([shift(theta0) for theta0 in angles])
@@ -118,7 +118,7 @@ def main(out):
 
 
 def slope(x, y):
-    """Of a straight line on logarithmic axes."""
+    """Slope of a straight line on logarithmic axes."""
     return np.polyfit(np.log(x), np.log(y), 1)[0]
 
 
@@ -130,7 +130,7 @@ def shift(theta0):
 
 
 def backbones(angles, model='complete'):
-    """Relative change of frequency of free vibrations at AMPLITUDES, all in one run, shape (amplitudes, angles)."""
+    """Relative change of the frequency of free vibrations at AMPLITUDES, all from one run, shape (amplitudes, angles)."""
     which = np.tile(np.arange(len(angles)), len(AMPLITUDES))
     atoms, replicas = batch(angles, which, model)
     softest = np.sqrt(min(stiffness(theta0, model) for theta0 in angles) / units.kg)
@@ -280,7 +280,7 @@ def dilatation(x, e):
 
 
 def draw_backbones(out, angles, measured, theory):
-    """Change of frequency over amplitude."""
+    """Draw the change of frequency over the amplitude."""
     ax = new_axes()
     A = np.linspace(0, AMPLITUDES[-1], 60)
     for k, (theta0, marker) in enumerate(zip(angles, 'os^D', strict=True)):
@@ -294,7 +294,7 @@ def draw_backbones(out, angles, measured, theory):
 
 
 def draw_path(out, measured):
-    """The shift of both branches along a path, and in time steps where there is a run."""
+    """Draw the shift of both branches along a path, and that from time steps where there is a run."""
     ax, path = new_axes(), plane().cell.bandpath('GMKG', npoints=121, pbc=(1, 1, 0))
     x, ticks, names = path.get_linear_kpoint_axis()
     known = [k for k, q in enumerate(path.kpts) if np.linalg.norm(q) > 0.01 and abs(x[k] - ticks[2]) > 1e-9]  # K is a point apart
@@ -358,4 +358,4 @@ def draw_waves(out, harmonic, slow):
         legend_above(ax, ncols=2)
     return save_picture(figure, out / 'dilatation.png',
                         'In a chain, waves of the amplitude 0.001 L0 (a) have a second harmonic that beats with the free wave '
-                        'of its frequency, (b) carry a dilatation, balanced by two free sound waves.')
+                        'of the same frequency, (b) carry a dilatation, balanced by two free sound waves.')

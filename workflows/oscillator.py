@@ -28,7 +28,7 @@ def oscillator(theta0, model='complete'):
 
 
 def at_angle(theta0):
-    """An angle in rad as it is printed in the tables."""
+    """Name in the tables of an angle given in rad."""
     return f'theta0 = {np.rad2deg(theta0):.0f} deg'
 
 

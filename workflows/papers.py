@@ -59,7 +59,7 @@ ZERO = 1e-6  # of the highest squared frequency: below it a mode is a mechanism 
 
 @dataclass(frozen=True)
 class Row:
-    """A number of a paper, the package's own, and what D0 alone would have said; None where it says nothing finite."""
+    """A number of a paper, that of the package, and that of D0 alone, which is None where it is not finite."""
 
     paper: str
     what: str
@@ -70,7 +70,7 @@ class Row:
 
     @property
     def checks(self):
-        """The row, and D0's answer as a control; where it is the same the row says so."""
+        """The row and, as its control, the number of D0 alone; if this is the same, the row says so."""
         name = f'{self.paper}: {self.what}'
         row = Check(name, float(self.here), float(self.reference), self.tolerance)
         if self.alone is None:
@@ -80,7 +80,7 @@ class Row:
 
 
 def main(out):
-    """Numbers of twelve publications, and a picture of what D0 alone would have said of them."""
+    """Numbers of twelve publications, and a picture of the numbers that D0 alone gives."""
     rows = [row for paper in (_ion_chains, _zigzag, _wigner, _penning, _gyroscopes, _anomalies, _strings, _prisms, _honeycombs,
                               _argon) for row in paper()]
     return Outcome([check for row in rows for check in row.checks], [_draw(out, rows)])
@@ -202,7 +202,7 @@ def _gyroscopes():
 
 @dataclass(frozen=True)
 class Tensions:
-    """Constant forces in N between neighbours of each order, at the distances 1, 2, ... mm; stiffness D0 they have none."""
+    """Constant forces in N between first, second, ... neighbours, at the distances 1, 2, ... mm; they have no stiffness D0."""
 
     T: tuple
 
@@ -302,7 +302,7 @@ class Film:
 
 
 def _honeycombs():
-    """Speeds of sound of the honeycomb of bonds with stiffness k along and t across, both sublattices at rest within the cell."""
+    """Speeds of sound of a honeycomb with bond stiffness k along and t across, when the forces on both sublattices balance."""
     cell, k = lattices.honeycomb(1.0, MASS), 1.0
     for stretch in (0.05, 0.2):
         t = k * stretch
@@ -333,7 +333,7 @@ class LennardJones:
 
 
 def _argon():
-    """Cut at nine spacings, where the energy lacks 0.1 %; the printed numbers have two or three digits."""
+    """Law cut off at nine spacings, which changes the energy by 0.1 %; the printed numbers have two or three digits."""
     law, cell = LennardJones(), bulk('Ar', 'fcc', a=np.sqrt(2))
     cell.set_masses([MASS])
     r = find_bonds(cell, cutoff=9.1).lengths

@@ -53,4 +53,5 @@ def draw(out, d, errors):
     ax.axvline(1e-5, color='0.6', lw=0.8, label='default')
     ax.set(xlabel=r'displacement $d/L_0$', ylabel='largest error / highest frequency')
     legend_above(ax, ncols=2)
-    return save_picture(ax.figure, out / 'displacement.png', 'The error of phonopy against the size of its displacements.')
+    return save_picture(ax.figure, out / 'displacement.png',
+                        'The error of the frequencies from phonopy, as a function of the size of the displacements.')

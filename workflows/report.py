@@ -42,7 +42,7 @@ def text_table(outcomes):
 
 
 def counted(outcomes):
-    """In words, how many rows of each kind pass, and how many fail."""
+    """One sentence that says how many rows of each kind pass, and how many fail."""
     checks = [check for outcome in outcomes.values() for check in outcome.checks]
     count = Counter(check.kind for check in checks if check.passed)
     failed = sum(not check.passed for check in checks)
@@ -63,7 +63,7 @@ def write_summary(path, outcomes):
 
 
 def write_html(path, outcomes, provenance):
-    """Claims, pictures and tables together in one file; `provenance` are lines that say when, with what, on which machine."""
+    """Claims, pictures and tables in one file; lines of `provenance` say when, with what and on which machine they were made."""
     with whole_file(path) as file:
         file.write(page(path, outcomes, provenance))
 

@@ -12,11 +12,11 @@ DPI = 220
 BRANCHES = 'shear', 'longitudinal'
 """Names of the two branches of a planar lattice, by ascending frequency."""
 ROUNDING = 1e-9
-"""A quantity that should vanish, and is smaller than this, is zero to rounding: the digits left of it mean nothing."""
+"""A quantity that should vanish and is smaller than this is zero to rounding: its digits mean nothing."""
 
 
 def number(value, digits=6):
-    """A number with as many digits as one reads; what rounding left of zero has one.
+    """A number as text with so many digits; a number that is zero apart from rounding has one digit.
 
     Examples
     --------
@@ -111,7 +111,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Reported:
-    """A quantity that nothing judges, as no independent reference is known; `beside` is a number to read it against."""
+    """A quantity without an independent reference, which nothing tests; `beside` is a number to compare it with."""
 
     quantity: str
     here: float
@@ -141,7 +141,7 @@ class Outcome:
 
 
 def pairs(quantity, here, reference, tolerance, of, control=False):
-    """One check for each entry of two sequences, called by the names `of`."""
+    """One check for each pair of entries of two sequences; the checks are named by `of`."""
     return [Check(f'{quantity}, {name}', float(a), float(b), tolerance, control)
             for name, a, b in zip(of, here, reference, strict=True)]
 

@@ -61,7 +61,7 @@ def squares(atoms, q):
 
 
 def growth(cell):
-    """Of three cells, whose waves have phases of sixths of a turn, from a push at random."""
+    """Growth rate of three cells, whose waves have phases of sixths of a turn, after a random push."""
     atoms = cell.repeat((3, 1, 1))
     atoms.calc = cell.calc.on(atoms)
     atoms.set_constraint(FixedLine(range(len(atoms)), (1, 0, 0)))

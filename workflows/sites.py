@@ -26,7 +26,7 @@ LOW = (0.3, 0.6, 1.2)                  # its frequencies, over sqrt(k/m), where 
 
 
 def main(out):
-    """Each known result, with what fails it."""
+    """Each known result, with a wrong model that must fail it."""
     known = reference()
     honeycomb, local = missing_magnet(out, known['sites'])
     spread, widths = scattered_magnets(out, known['prototype'])
@@ -98,7 +98,7 @@ def missing_magnet(out, known):
                     title=f'{found[2]:.2f} Hz, in the gap of {low:.2f} to {high:.2f} Hz')
     ax.figure.colorbar(ax.collections[0], ax=ax, label='share of the kinetic energy')
     picture = save_picture(ax.figure, out / 'missing_magnet.png', (
-        'A local mode around a missing magnet (cross), towards which the others have moved by up to '
+        'A local mode around a missing magnet (cross), towards which the other magnets have moved by up to '
         f'{rest.shift:.2g} mm.'))
     return [*pairs('honeycomb, a magnet missing: local modes (Hz)', found, known['honeycomb_hole_Hz'], 1e-4,
                    ('first', 'second', 'third')),
@@ -191,7 +191,7 @@ class Supercells:
 
 
 def scattered_magnets(out, known):
-    """The prototype's magnets not all alike: how broad M shear becomes, by kernel polynomials and by exact supercells."""
+    """Scatter of the prototype's magnets: the width of shear at M, by kernel polynomials and by exact supercells."""
     law, k = prototype(known)
     cell = lattices.triangular(known['spacing'] * units.m, known['mass'] * units.kg)
     f, smooth, rng = np.linspace(*SHEAR, 401), 0.0, np.random.default_rng(0)

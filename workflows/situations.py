@@ -57,7 +57,7 @@ class Peak:
         return self.amplitude * self.damping * self._linear('complete')
 
     def _pull(self, y):
-        """Force along the line at the height y above rest, the static one taken off; the magnets as three points."""
+        """Force along the line at the height y above rest, minus the static force; the magnets are three points."""
         s, c = np.sin(np.deg2rad(self.angle)), np.cos(np.deg2rad(self.angle))
         force = 0.0
         for x0, y0 in ((c, -s), (-c, -s), (0, -1)):
@@ -200,7 +200,7 @@ def patch_with_law(cell, patch):
 
 
 def situations(quick=False):
-    """On a grid: all of them, or a few of each sort."""
+    """The situations of the grid: all of them, or a few of each kind."""
     r3, r4, r458, yukawa = LAWS
     peaks = [Peak(law, angle, amplitude) for law in LAWS for angle in (0, 30, 45, 90) for amplitude in (1e-3, 0.01, 0.03, 0.08)]
     waves = [Waveform(kind, law, 0.2 if kind == 'triangular' else 8.0, direction, carrier, force)
@@ -228,7 +228,7 @@ def drawn(count, seed):
 
 
 def held(kind, law, draw):
-    """A foundation that holds the lattice, with some to spare, in N/mm."""
+    """A foundation in N/mm somewhat stiffer than the lattice needs to be stable."""
     cell = getattr(lattices, kind)(1.0, 1.0)
     cell.calc = AllNeighbours(cell, law)
     nearest = cell.copy()

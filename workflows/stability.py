@@ -63,7 +63,7 @@ def main(out):
 # --- lattices --------------------------------------------------------------------------------------------------------
 
 def cell(name, a, foundation=0.0, model='complete', repeat=(1, 1, 1)):
-    """Some cells of a lattice, unit spacing, mass and static force."""
+    """A supercell of a lattice with unit spacing, mass and static force."""
     atoms = getattr(lattices, name)(1.0, 1.0).repeat(repeat)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=foundation, model=model)
     return atoms
@@ -99,7 +99,7 @@ def growth(atoms, rate, dt=0.1):
 
 
 def wrong(rows):
-    """How many runs grew that should stay, or stayed that should grow."""
+    """Number of runs whose motion grew where it should stay small, or the other way round."""
     return int(np.sum((rows[:, 2] > 0) != (rows[:, 3] > 0)))
 
 
@@ -207,7 +207,7 @@ def _draw_oscillator(out):
 # --- integrators -----------------------------------------------------------------------------------------------------
 
 class ExplicitDamping(VelocityVerlet):
-    """The control: velocity Verlet with -m gamma v among the forces, from the latest velocity known."""
+    """The control: velocity Verlet with the force -m gamma v, from the latest known velocity."""
 
     def __init__(self, atoms, timestep, damping, push=0.0):
         super().__init__(atoms, timestep)
@@ -228,7 +228,7 @@ def exact_split(w, zeta):
 
 
 def explicit(w, zeta):
-    """The same of ExplicitDamping."""
+    """Trace and determinant of one step of ExplicitDamping at omega dt = w."""
     left = 1 - zeta * w  # of the velocity after half a step
     return 1 + left**2 - w**2 / 2 * (1 + left), left**2
 

@@ -101,7 +101,7 @@ def draw_experiment(out, scene):
 
 
 def between_lines(record, carrier, bins):
-    """The row of Gamma-M: as near as Gamma-K where waves are long, off by more than a bin where they are not."""
+    """Rows: long waves of the ridge are as near to Gamma-M as to Gamma-K, short ones are off Gamma-M by more than a bin."""
     if carrier < APART:
         return Check(f'{record}: distance to the branch on Gamma-M, that of a row of sources (bins)', bins, 0, HALF_A_BIN)
     return Check(f'control: {record}: distance to the branch on Gamma-M, that of a row of sources (bins)',
@@ -109,7 +109,7 @@ def between_lines(record, carrier, bins):
 
 
 def longitudinal(cell, found, record):
-    """The ridge on no branch of Gamma-K: above M shear, waves M + k of which the energy runs along the row, k along Gamma-K.
+    """The ridge on no branch of Gamma-K: above M shear, waves M + k (k along Gamma-K) whose energy runs along the row.
 
     In them rows beside the measured one move against it.
     """
@@ -127,7 +127,7 @@ def longitudinal(cell, found, record):
 
 
 def both_motions(scene, out):
-    """Both ridges in one record: what D* does to the shear branch, and how much less to the longitudinal one."""
+    """Both ridges of one record: D* moves the shear branch much more than the longitudinal one."""
     count = len(BOTH)
     plan = scene.burst.model_copy(update={'source': 'row', 'carriers_Hz': BOTH, 'directions_deg': (OBLIQUE_deg,) * count})
     cell, patch, table, checks = scene.atoms(), scene.patch_atoms(), [], []
@@ -162,7 +162,7 @@ def separations(wave):
 
 
 def overlay(ax, line, label):
-    """A further line on a map, with its name."""
+    """Draw one more line on a map, with its name."""
     ax.plot(line.xi, units.hertz(line.omega), '-.', color=COLOURS[4], label=label)
 
 
