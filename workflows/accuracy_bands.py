@@ -33,7 +33,7 @@ def chart(quick):
 
 
 def read(one, many):
-    """What the chart says."""
+    """The conclusion of the chart in words."""
     def quickest(table, *names):
         return cheapest([m for m in table if m.method.startswith(names)], TIGHT)
 
@@ -123,7 +123,7 @@ def finite_differences(cell, kpts, supercell, distance, both_sides, cost):
 
 
 def ase_phonons(cell, kpts, distance, cost):
-    """Frequencies by ase.phonons with the sum rule off; it displaces to both sides, and keeps forces in files."""
+    """Frequencies from ase.phonons without the sum rule; ase.phonons displaces to both sides, and keeps forces in files."""
     from ase import units as ase_units
     from ase.phonons import Phonons
 
@@ -140,13 +140,13 @@ def ase_phonons(cell, kpts, distance, cost):
 
 
 def bloch(cell, path, cost, branches=None):
-    """Frequencies by magphonon's Bloch matrix, of all branches or of the lowest, which it counts."""
+    """Frequencies from magphonon's Bloch matrix, of all branches or of the lowest."""
     cost['eigensolves'] += len(path.kpts)
     return analytic_bands(cell, path, branches=branches).omega
 
 
 def one_magnet(cell, path, panel, quick):
-    """Every method for the bands of a cell of one particle."""
+    """Candidates: every method for the bands of a cell of one particle."""
     kpts, L0 = path.kpts, cell.cell.lengths()[0]
     exact = closed_form(cell, kpts, real=np.longdouble)
     candidates = [Candidate('closed form', '', partial(closed_form, cell, kpts), panel),
@@ -182,7 +182,7 @@ def dense(cell, kpts, cost):
 
 
 def sparse_bloch(cell, q, K):
-    """The same matrix, sparse."""
+    """The full Bloch matrix at one wavevector, sparse."""
     from scipy import sparse
 
     calc = cell.calc
@@ -237,7 +237,7 @@ def lanczos(tolerance, D, cost):
 
 
 def inverted(tolerance, D, cost):
-    """ARPACK on solutions with the factorised matrix, where the lowest squares are the largest inverses."""
+    """ARPACK on the inverse of the matrix, by its factors: the lowest squared frequencies are its largest eigenvalues."""
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
     factors = splu(D)
@@ -252,7 +252,7 @@ def inverted(tolerance, D, cost):
 
 
 def many_magnets(cell, side, wavevectors, panel, quick):
-    """The lowest branches of a large cell: a lattice whose own bands, folded, are known."""
+    """Candidates for the lowest branches of a large cell, whose exact bands are the folded bands of a small cell."""
     large = cell.repeat((side, side, 1))
     large.calc = MagneticRepulsion(large, cell.calc.laws, **cell.calc.parameters)
     path = large.cell.bandpath('GMKG', npoints=wavevectors, pbc=large.pbc)

@@ -105,7 +105,7 @@ class Kick:
         return np.array([np.cos(0.4), np.sin(0.4)])
 
     def run(self, amplitude, engine, cost):
-        """Displacements after the last step over those of the linear answer's largest, which is `amplitude` spacings."""
+        """Displacements after the last step, divided by the largest of the linear answer, which is `amplitude` spacings."""
         cost['force evaluations'] = STEPS
         atoms = self.atoms.copy()
         atoms.calc = self.atoms.calc
@@ -123,7 +123,7 @@ class Kick:
 
 
 def kicked(amplitudes, repeats, compiled):
-    """Departure from the linear response after some hundred steps, of every loop; that of compiled blocks up to an amplitude."""
+    """Departure of every loop from the linear response after some hundred steps; compiled blocks only up to an amplitude."""
     cell, table = read_scene(ready_scene('prototype')).atoms(), []
     for name, method in LOOPS.items():
         if name == 'compiled' and not find_spec('numba'):
@@ -171,7 +171,7 @@ def checks(curves, amplitudes):
 
 
 def reading(curves, amplitudes):
-    """What the chart says."""
+    """The conclusion of the chart in words."""
     both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
     held, free, blocks = (curves[WINDOW, LOOPS[name]] for name in ('held', 'ase', 'numpy'))
     def best(x, errors):

@@ -35,7 +35,7 @@ DIRECT = 'factorisation at each frequency'
 
 @dataclass(frozen=True)
 class Shaken:
-    """Particles shaken along y, and where their exact response is known."""
+    """Particles that are shaken along y, and their exact response."""
 
     atoms: Atoms
     particle: int
@@ -58,7 +58,7 @@ class Shaken:
 
 
 def chart(quick):
-    """Error against time for one magnet, by closed form, and for patches."""
+    """Error against time for one magnet, compared with its closed form, and for patches."""
     budget = {'repeats': 2 if quick else 5, 'patience': 0.3 if quick else 1.0}
     table = one_magnet('one magnet, 121 frequencies', quick, budget)
     checks = [Check(f'frf, one magnet: {m.method}, error against the closed form', m.error, 0.0, 1e-12)
@@ -86,7 +86,7 @@ def whole(m):
 
 
 def one_magnet(panel, quick, budget):
-    """The oscillator of the paper at theta0 = 0 on its vertical line."""
+    """The oscillator of the paper at theta0 = 0, guided along its vertical line."""
     atoms = oscillator(0.0)
     atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
     omega = np.linspace(100, 400, 121) * units.rad / units.s
@@ -151,7 +151,7 @@ def modal(shaken, cost):
 
 
 def stepped(shaken, dt, cost):
-    """Driven at one frequency after the other until the motion is steady."""
+    """Response from time steps, driven at one frequency after the other until the motion is steady."""
     response = []
     for omega in shaken.omega[::SAMPLE]:
         atoms = shaken.atoms.copy()
@@ -181,7 +181,7 @@ def struck(shaken, dt, cost):
 
 
 def replicas(omega, dt, cost):
-    """One replica of the magnet for each frequency."""
+    """Response of one magnet from time steps, with a replica of the magnet for each frequency."""
     atoms, particles = batch(np.zeros(1), np.zeros(len(omega), int), 'complete')
     atoms.set_constraint([*atoms.constraints, FixedLine(particles, (0, 1, 0))])
     drives = [Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
@@ -193,7 +193,7 @@ def replicas(omega, dt, cost):
 
 
 def reading(panels):
-    """What the chart says, of the largest patch."""
+    """The conclusion of the chart for the largest patch, in words."""
     panel, table = list(panels.items())[-1]
     magnet = next(iter(panels.values()))
     steps, struck = (min((m for m in table if m.method == name), key=lambda m: m.error) for name in (STEPPED, IMPULSIVE))

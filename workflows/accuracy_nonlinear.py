@@ -28,7 +28,7 @@ METHODS = {
     'order 4, compiled': (FAST, 4, (0.2, 0.1, 0.05, 0.025)),
     'order 6, compiled': (FAST, 6, (0.14, 0.07, 0.035)),
 }
-"""Engine, order, and time steps for each force, as shares of the limit of Verlet: equal shares cost the same."""
+"""Engine, order, and time step for each evaluation of the forces, in units of Verlet's limit: equal values cost the same."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def patch_of(n):
 
 
 def candidates(pluck, panel):
-    """Every method at several steps or tolerances."""
+    """Candidates: every method at several steps or tolerances."""
     runs = {}
     for name, (engine, order, shares) in METHODS.items():
         runs |= {(name, f'dt = {s:g} of the limit for each force'): partial(stepped, pluck, s, engine, order) for s in shares}
@@ -112,7 +112,7 @@ def candidates(pluck, panel):
 
 
 def stepped(pluck, share, engine, order, cost):
-    """Steps of the package, each as long as its forces times `share` of the limit of Verlet."""
+    """Time steps of the package. Each is `share` of Verlet's limit for each of its evaluations of the forces."""
     stages = SPLITTINGS[order].stages
     steps = int(np.ceil(END / (stages * share * pluck.limit)))
     cost['force evaluations'] = steps * stages
@@ -125,7 +125,7 @@ def stepped(pluck, share, engine, order, cost):
 
 
 def dop853(pluck, rtol, cost):
-    """SciPy's adaptive eighth order."""
+    """SciPy's adaptive integrator of eighth order."""
     u0, a = pluck.start[pluck.free].ravel(), pluck.acceleration
     size = len(u0)
 
@@ -166,7 +166,7 @@ def checks(table, amplitudes, linear):
 
 
 def reading(panels, enough):
-    """What the chart says."""
+    """The conclusion of the chart in words."""
     words, names = [], [name for name, (_, order, _) in METHODS.items() if order == 2]
     for panel, table in panels.items():
         steps = [m for m in table if not m.method.startswith('linear')]

@@ -34,13 +34,13 @@ SURELY = 3.5  # standard deviations that one value may be off: once in two thous
 
 
 def main(out, quick=False):
-    """Every path, a row for each statement; `quick` takes fewer specimens where each costs seconds."""
+    """All paths, with a row for each interval that is tested; `quick` takes fewer specimens where one takes seconds."""
     del out
     return Outcome([row for path in PATHS for row in path(quick)])
 
 
 def judged(path, quantities, intervals, truths, control, least=LEAST, control_truths=None, without='nearest neighbours'):
-    """Rows of one path: the first specimen's values, the share of all intervals that hold the truth, and that of the control.
+    """Rows of one path: values of the first specimen, and the share of intervals that contain the truth, also of the control.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def line_scan(lab, vectors, source, force, carrier_Hz, duration, rng, cycles=5, 
 
 
 def scene_text(shells):
-    """The scene of the laboratory's lattice as its owner knows it: force, exponent and springs some ten percent off."""
+    """The scene of the laboratory's lattice before the measurement: force, exponent and springs are about ten percent off."""
     return (f'title = "bench"\n[lattice]\nkind = "triangular"\nspacing_m = {SPACING}\nmass_kg = 8e-4\n[law]\n'
             f'kind = "inverse_power"\nforce_N = 0.26\na = 4.0\nshells = {shells}\n[foundation]\nstiffness_N_per_m = 23.0\n')
 
@@ -173,7 +173,7 @@ def _at_M(law, remanence, spacing, mass, spring):
 
 
 def photographed(quick):
-    """`modes` of a photo of the magnets at rest, turned, in pixels, 30 um uncertain: the lowest frequencies of the patch."""
+    """`modes` of a photo of the magnets at rest, turned, in pixels, uncertain by 30 um: the lowest frequencies of the patch."""
     law, rng, count = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3), 6
     places, marks = bench.sites(bench.triangular(SPACING), 0.11, 0.1), np.array([[-0.08, -0.08], [0.08, -0.07]])
     found, truths = {REACH: [], 1.2 * SPACING: []}, []
@@ -201,7 +201,7 @@ def photographed(quick):
 
 
 def noise_of_the_plane(quick):
-    """`spectrum` of all magnets while noise alone moves them, and `fit --bands`."""
+    """`spectrum` of all magnets in motion by noise alone, then `fit --bands`."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 7e-3, REACH + 5e-3), np.random.default_rng(6)
     vectors, names, frames = bench.triangular(SPACING), ('force', 'a', 'bond stiffness'), 4000
     found, truths = {1: [], 9: []}, []
@@ -282,7 +282,7 @@ def tapped(lab, places, rng, noise=0.01):
 
 
 def scene_of_particles(lab, places, cutoff):
-    """The scene of this lattice as it was drawn, not as it was built, with parameters some ten percent off."""
+    """The scene of this lattice as planned, not as built, with parameters about ten percent off."""
     with tempfile.TemporaryDirectory() as folder:
         rows = [f'{x},{y},{int(held)}' for (x, y), held in zip(places.tolist(), lab.held, strict=True)]
         Path(folder, 'places.csv').write_text('\n'.join(['x_m,y_m,held', *rows]), encoding='utf-8')

@@ -32,7 +32,7 @@ def pairs(feet, reach=REACH):
 
 
 def at_rest(feet, strengths, springs, held):
-    """Stiffness of the free directions where all forces balance, and which directions are free; by Newton's method."""
+    """Stiffness of the free directions where all forces balance (by Newton's method), and which directions are free."""
     (i, j), n, u = pairs(feet), len(feet), np.zeros_like(feet)
     b, free = B * strengths[i] * strengths[j], np.repeat(~held, 2)
     for _ in range(60):
@@ -71,7 +71,7 @@ def decibels(feet, strengths, springs, held):
 
 
 def drawn(table, draws, seed, scatter=0.01):
-    """The smaller of the two contrasts in dB, of drawn lattices whose strengths and springs scatter, shape (draws,)."""
+    """The smaller of the two contrasts in dB for random lattices whose strengths and springs scatter, shape (draws,)."""
     feet, strengths, springs, held = table
     rng, found = np.random.default_rng(seed), []
     for _ in range(draws):
@@ -83,7 +83,7 @@ def drawn(table, draws, seed, scatter=0.01):
 def squares(feet, vectors, strengths, springs, masses, q, reach=REACH):
     """Squared angular frequencies of Bloch waves of a cell with magnets that stand at `feet`, shape (wavevectors, branches).
 
-    They are at rest there; `vectors` are those of the cell, `q` in fractions of the reciprocal ones.
+    The feet are positions at rest. `vectors` are those of the cell, and `q` is in fractions of the reciprocal vectors.
     """
     n, found = len(feet), []
     most = int(np.ceil(reach / min(np.linalg.svd(vectors)[1]))) + 1

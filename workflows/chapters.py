@@ -13,10 +13,10 @@ PAPER = ('Weijian Jiao and Stefano Gonella', 'Dynamics of interacting particle s
          'interactions and experiments on magnetic prototypes', 'arXiv:1911.10410')
 """Authors, title and number of the paper, as in CITATION.cff."""
 PARTS = {'paper': 'The paper', 'beyond': 'Beyond the paper', 'tests': 'Tests of the package itself'}
-"""Parts of the report; the last is folded."""
+"""Parts of the report; the last part is folded."""
 FORMULAS = "the paper's formulas, evaluated in 50-digit arithmetic (reference.toml)"
 SHORTENED = ('speed_accuracy', 'design_sites', 'bench')
-"""Workflows that are shorter with --quick, and when all are run."""
+"""Workflows that are shortened with --quick, and whenever all workflows are run."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Claim:
     without : str
         The row of the same workflow with the number of a model without D*; empty where there is none.
     verdict : str
-        If the row passes: 'holds', or 'consistent' where the paper's data are not published and ours are simulated.
+        The verdict if the row passes: 'holds', or 'consistent' if the paper's data are unpublished and ours are simulated.
     """
 
     words: str

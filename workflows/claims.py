@@ -82,7 +82,7 @@ def main(out):
 
 
 def without_static_force():
-    """Springs at their own length carry no static force: both models are the same, and D* is back as soon as they are pressed."""
+    """Springs at their natural length carry no static force: both models agree, until the springs are compressed."""
     def at_M(length, model):
         cell = lattices.triangular(L0, MASS)
         cell.calc = MagneticRepulsion(cell, Spring(1.0, length))
@@ -96,7 +96,7 @@ def without_static_force():
 
 
 def never_hardens():
-    """D*(k) of drawn cells has no positive eigenvalue, as phi' < 0 for every repulsive law; of springs that pull it has."""
+    """D*(k) of random cells has no positive eigenvalue, because repulsive laws have phi' < 0; with springs that pull it has."""
     def largest(law, rng):
         cell = Atoms('H2', cell=np.eye(3) + rng.normal(0, 0.15, (3, 3)) * np.outer([1, 1, 0], [1, 1, 0]),
                      scaled_positions=[(0, 0, 0), (0.5, *rng.uniform(0.3, 0.7, 1), 0)], pbc=(True, True, False))
@@ -136,7 +136,7 @@ def shear_at_M(patch):
 
 
 def crossing(q, t):
-    """Time at which the cubic through four samples vanishes."""
+    """Time at which the cubic through four samples is zero."""
     roots = np.roots(np.polyfit(t - t[1], q, 3))
     real = roots[abs(roots.imag) < 1e-9 * (t[1] - t[0])].real
     return t[1] + real[abs(real - (t[2] - t[1]) / 2).argmin()]
@@ -156,7 +156,7 @@ def at_every_amplitude(paper):
 
 
 def literal_update(paper):
-    """In time steps: with "only the magnitude" of the force updated, the frequency is that of D0 alone."""
+    """In time steps that update "only the magnitude" of the force, the frequency is that of D0 alone."""
     here = frequency_at_M('literal', AMPLITUDES[1])
     what = 'M shear in time, only the magnitude updated'
     return [Check(f'{what}, against D0 alone (rad/s)', here, paper['M_conventional'][0], 1e-6),
@@ -167,7 +167,7 @@ def literal_update(paper):
 def loop_work():
     """Work of the oscillator's force around a small loop: the literal force is not conservative, the others are.
 
-    Symmetry hides it in a whole lattice and in a loop about rest; this loop of the oscillator passes through rest.
+    In a whole lattice, and in a loop about the rest position, symmetry makes the work zero; this loop passes through rest.
     """
     def work(model, radius, points=64):
         atoms, total = oscillator(np.pi / 4, 'complete' if model == 'literal' else model), 0.0
@@ -194,7 +194,7 @@ def loop_work():
 
 
 def elastic_rim(out):
-    """The prototype's rim on beams of 1/4 inch, which bend, instead of held ideally: how much the measured row notices."""
+    """The prototype's rim on beams of 1/4 inch, which bend, instead of an ideally held rim: the change along the measured row."""
     scene = read_scene(ready_scene('prototype'))
     patch = scene.patch_atoms()
     where = burst_setup(scene.atoms(), patch, scene.burst.source)
@@ -224,7 +224,7 @@ def elastic_rim(out):
 
 
 def on_beams(patch, push, omega, damping):
-    """Steady displacements in mm, shape (frequencies, particles, 2), and how far the rim gives way at rest in mm."""
+    """Steady displacements in mm, shape (frequencies, particles, 2), and the displacement of the rim at rest in mm."""
     calc, free = patch.calc, patch.copy()
     rim = np.unique(np.concatenate([constraint.index for constraint in patch.constraints]))
     free.set_constraint()

@@ -83,7 +83,7 @@ def patch():
 
 
 def contrast(atoms, at, width=2.0):
-    """The weaker of the two contrasts, softly: the right port over the wrong one, in dB."""
+    """Soft minimum of the two contrasts in dB: the level at the right port over that at the wrong port."""
     source, *ports = (at(*(np.array(place) * units.m)) for place in (bench.SOURCE, *bench.PORTS))
     loud = abs(ports[0].seen(Rest(LinearSystem.about(atoms.calc, atoms)).response(source, bench.HERTZ[0] * HZ, GAMMA)))
 
@@ -219,7 +219,7 @@ def gap(starts=3):
 
 
 def corner(starts=2):
-    """The share of the energy of a burst that is guided round a corner."""
+    """A device that guides a burst round a corner: the share of its energy that arrives."""
     atoms, at = patch()
     X, free = (atoms.positions - atoms.positions.mean(0))[:, :2], LinearSystem.about(atoms.calc, atoms).mobile
     there = free & (np.hypot(*(X - np.array(CORNER) * units.mm).T) < 1.1 * SPACING)
@@ -234,7 +234,7 @@ def corner(starts=2):
 
 
 def slow_wave():
-    """A wave of one wavelength and branch that travels at a wanted speed, in a cell of nine."""
+    """A cell of nine magnets in which a wave of one branch and wavelength travels at a wanted speed."""
     atoms, speed = cell(3, cutoff=REACH), GroupVelocity(WAVE, 0, np.array([1.0, 0.0]))
     design = optimise(atoms, speed.near(SLOW, 0.01), ALL, steps=60, compare=True)
     other = design.conventional
@@ -264,13 +264,13 @@ def draw(out, table):
 
 
 def uniform(table):
-    """The patch before: all magnets and pillars alike."""
+    """The patch before the design: all magnets and pillars alike."""
     feet, strengths, springs, held = bench.read(table)
     return feet, np.ones_like(strengths), np.full_like(springs, PILLAR / (units.N / units.m)), held
 
 
 def levels(ax, read, f):
-    """Levels at both ports over frequency."""
+    """Levels at both ports for each frequency."""
     at, rest = patch()[1], built(read)
     for place, colour in ((at(30, 34.64), COLOURS[0]), (at(30, -34.64), COLOURS[1])):
         h = np.array([abs(place.seen(rest.response(at(-40, 0), one * HZ, GAMMA))) for one in f])

@@ -54,7 +54,7 @@ def honeycomb(g):
 def closing():
     """The gyration at which the second and third branch meet at Gamma, sqrt(k + g^2/4) + g/2 = sqrt(k + 2 D + g^2/4) - g/2."""
     def gap(g, model):
-        """Positive as long as both magnets of the cell move alike in the second branch."""
+        """A number that is positive as long as both magnets of the cell move alike in the second branch."""
         (omega,), (shapes,) = bloch_modes(honeycomb(g), np.zeros((1, 3)), model, vectors=True)
         alike = abs(shapes[1, 0] + shapes[1, 1]).max() > abs(shapes[1, 0] - shapes[1, 1]).max()
         return (omega[2] - omega[1]) * (1 if alike else -1)
@@ -90,7 +90,7 @@ def edges(gaps):
 
 
 def bursts(gaps):
-    """A burst of 60 cycles at the middle of the gap on a magnet of the rim: where its energy is when it ends."""
+    """A burst of 60 cycles on a magnet of the rim, in the middle of the gap: where its energy is when the burst ends."""
     shares = {model: burst(lattices.parallelogram(lattices.honeycomb(1.0, 1.0), 60, 10), gap.mean(), model)
               for model, gap in gaps.items()}
     (there, back, energy), with_dstar = shares['conventional'], shares['complete']
@@ -102,14 +102,14 @@ def bursts(gaps):
 
 
 def burst(patch, omega, model):
-    """Shares of the energy along the rim on the right of the source and on its left, and all of it."""
+    """Shares of the energy along the rim to the right and to the left of the source, and the whole energy."""
     place, source, energy = sent(patch, omega, model)
     along, inwards = (place - place[source]).T
     return *(energy[(inwards < BESIDE) & side].sum() / energy.sum() for side in (along > BESIDE, along < -BESIDE)), energy.sum()
 
 
 def sent(patch, omega, model):
-    """Places, the source in the middle of the lower rim, and the energy of each magnet at the end of the burst."""
+    """Positions, the source (in the middle of the lower rim), and the energy of each magnet at the end of the burst."""
     patch = with_magnets(patch, model=model)
     place = patch.positions[:, :2] - patch.positions[:, :2].mean(axis=0)
     free = np.flatnonzero(LinearSystem.of(patch, 'gyration').mobile)
@@ -122,7 +122,7 @@ def sent(patch, omega, model):
 
 
 def hill():
-    """One free magnet on a hill of stiffness -1/2, which gyration holds from g = sqrt(2) on."""
+    """One free magnet on a hill of stiffness -1/2, which is stable by gyration for g above sqrt(2)."""
     atoms = lattices.square(1.0, 1.0).repeat((3, 3, 1))
     atoms.pbc = False
     atoms.set_constraint(FixAtoms([n for n in range(9) if n != 4]))
@@ -135,7 +135,7 @@ def hill():
 
 
 def bands_of_edges(out):
-    """Bands of a strip of the ready scene, with D0 alone and with the static forces."""
+    """Draw bands of a strip of the ready scene, with D0 alone and with the static forces."""
     cell = read_scene(ready_scene('gyro')).atoms()
     strip, calc = lattices.ribbon(cell, 20), cell.calc
     strip.calc = MagneticRepulsion(strip, calc.laws, foundation=calc.foundation, gyration=calc.gyration)
@@ -158,7 +158,7 @@ def bands_of_edges(out):
 
 
 def waves(out, gaps):
-    """Where the energy of the burst is when it ends, in a hexagon."""
+    """Draw where in a hexagon the energy of the burst is when it ends."""
     figure, axes = panels(1, 2, height=3.2)
     largest = None
     for ax, model, name in zip(axes.flat, ('conventional', 'complete'), ('(a) $D^0$ alone', '(b) $D^0+D^*$'), strict=True):

@@ -119,7 +119,7 @@ def plasma_crystal(known):
 
 
 def plasma(kappa, trap=0.0):
-    """The crystal, a path, the square of its longitudinal branch along it and the drop of the branch out of the plane."""
+    """The crystal, a path, and along it the squared longitudinal branch and the drop of the branch out of the plane."""
     atoms = lattices.triangular(1.0, 1.0)
     atoms.calc = AllNeighbours(atoms, Yukawa(c=1.0, kappa=kappa), foundation=[[0, 0, trap**2]])
     path = band_path(atoms, 'GMKG', 121)
@@ -128,7 +128,7 @@ def plasma(kappa, trap=0.0):
 
 
 def special(path, names):
-    """Where a path meets its special points."""
+    """Distances along a path at which it meets its special points."""
     return [abs(path.kpts - path.special_points[name]).max(axis=1).argmin() for name in names]
 
 

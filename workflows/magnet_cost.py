@@ -17,7 +17,7 @@ MISSING = "magpylib skipped: pip install 'magphonon[magnets]'"
 
 
 def chart(ring):
-    """Relative error of the force between two rings against wall time, near and nearer; without magpylib, less of it."""
+    """Relative error of the force between two rings against wall time, at two distances; with magpylib if it is installed."""
     try:
         import magpylib
     except ImportError:

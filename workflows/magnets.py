@@ -93,7 +93,7 @@ def beside_the_fit(ring, law, L0, paper):
 
 
 def candidates(ring, L0):
-    """Force at L0 in N if the magnets were not quite those of the datasheet, by what would differ.
+    """Force at L0 in N for magnets that differ from the datasheet, by the name of the difference.
 
     Demagnetisation: the field that a magnet makes in itself lowers its magnetisation by (mu_r - 1) N, to first order, with the
     demagnetising factor N of a cylinder of the same shape along its axis (Sato and Ishii, J. Appl. Phys. 66, 983 (1989)).
@@ -109,7 +109,7 @@ def candidates(ring, L0):
 
 
 def other_shapes(ring):
-    """Rings that would have the fitted force and exponent, and contradict the printed shape and mass."""
+    """Rings that would have the fitted force and exponent, although they contradict the printed shape and mass."""
     inch = 25.4 * u.mm
     return {'for a ring with a bore of 1/8 inch': Ring(inch / 4, inch / 8, inch / 8, ring.remanence),
             'for a metric ring, 6 x 2 x 3 mm': Ring(6 * u.mm, 2 * u.mm, 3 * u.mm, ring.remanence)}
@@ -122,7 +122,7 @@ def fitted_exponent(law, near, far):
 
 
 def draw_law(out, ring, law, L0, paper):
-    """Force against distance, computed and fitted, and the local exponent."""
+    """Draw the force against distance, computed and fitted, and the local exponent."""
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
     r = np.geomspace(law.nearest, 40 * u.mm, 300)
@@ -176,6 +176,6 @@ def fitted(law, L0):
 
 
 def draw_fit(out, fits):
-    """The synthetic measurement with the curve through it and its residuals."""
+    """Draw the synthetic measurement with the fitted curve and the residuals."""
     return save_picture(plot_fit(*fits), out / 'magnet_fit.png', 'The force between two rings from synthetic measurements '
                         '(computed, not measured: data/synthetic_force.csv), with the interval of 95 % at the spacing.')

@@ -151,7 +151,7 @@ def speeds(fronts):
 
 
 def picture(out, fronts):
-    """Gaps of the ready scene, and the front."""
+    """Draw the gaps of the ready scene, and the front."""
     cell = read_scene('modulated').atoms()
     q = np.linspace(-0.5, 0.5, 161)
     row = cell.cell.array[1, 1]

@@ -54,7 +54,7 @@ def in_the_cold(cell, kT):
 
 
 def closed(cell, stiffness, model='complete'):
-    """Angular frequencies at M, three times, and K: 2a - 6, 6a - 2 and 4.5 (a - 1), with D0 alone 2a, 6a and 4.5 a, times f/L."""
+    """Angular frequencies at three M and K: m w^2 - k is 2a - 6, 6a - 2, 4.5 (a - 1), with D0 alone 2a, 6a, 4.5 a times f/L."""
     a, D0 = 4.5824, model == 'conventional'
     at_m, at_k = ([2 * a, 6 * a], 4.5 * a) if D0 else ([2 * a - 6, 6 * a - 2], 4.5 * (a - 1))
     k = np.array([at_m, at_m, at_m, [at_k, at_k]]) * stiffness + cell.calc.foundation

@@ -167,7 +167,7 @@ def plane():
 
 
 def in_plane(q, branch, cells, model='complete'):
-    """`dw/w` over (A/L0)^2 of a wave in time steps, from the phase of its component over many turns."""
+    """`dw/w` over (A/L0)^2 of a wave in time steps, from the phase of the wave over many periods."""
     cell = plane()
     w, shapes = bloch_modes(cell, [q], model, vectors=True)
     w, e = w[0, branch], shapes[0, branch, 0, :2]
@@ -196,7 +196,7 @@ def in_plane(q, branch, cells, model='complete'):
 
 
 def local_mode():
-    """The vibrations of a light particle in a row; their frequencies, and the rates at which disturbances grow, in time steps."""
+    """The vibrations of a light particle in a row: frequencies, and growth rates of disturbances in time steps."""
     row = lattices.chain(1.0, 1.0).repeat((ROW, 1, 1))
     row.pbc = False
     row.set_masses(np.where(np.arange(ROW) == ROW // 2, LIGHT, 1.0))
@@ -248,7 +248,7 @@ def ring(psi, frames, every):
 
 
 def second_harmonic(A):
-    """Times, complex amplitude h of the component Im(h e^{2 i k n}) over a beat, and its closed form; starts at zero."""
+    """Times, complex amplitude h of the component Im(h e^{2 i k n}) over a beat, and its closed form; h starts at zero."""
     n = np.arange(RING)
     t, u = ring(A * np.exp(1j * RING_K * n), frames=45, every=20)
     h = 1j * u @ np.exp(-2j * RING_K * n) * 2 / RING
@@ -275,7 +275,7 @@ def strain(A):
 
 
 def dilatation(x, e):
-    """Sum of the strains under the burst, far from the free waves."""
+    """Sum of the strains of the bonds under the burst, far from the free waves."""
     return e[abs(x - np.sqrt(2) * FLIGHT) < 44].sum()  # they are 88 ahead
 
 
@@ -294,7 +294,7 @@ def draw_backbones(out, angles, measured, theory):
 
 
 def draw_path(out, measured):
-    """Draw the shift of both branches along a path, and that from time steps where there is a run."""
+    """Draw the shift of both branches along a path, and the shift from time steps where there is a run."""
     ax, path = new_axes(), plane().cell.bandpath('GMKG', npoints=121, pbc=(1, 1, 0))
     x, ticks, names = path.get_linear_kpoint_axis()
     known = [k for k, q in enumerate(path.kpts) if np.linalg.norm(q) > 0.01 and abs(x[k] - ticks[2]) > 1e-9]  # K is a point apart
@@ -319,7 +319,7 @@ def draw_path(out, measured):
 
 
 def draw_local_mode(out, family, seen, rates):
-    """Frequency of the light particle over its amplitude, and how fast disturbances grow."""
+    """Draw the frequency of the light particle over its amplitude, and the growth rates of disturbances."""
     figure, (axes,) = panels(1, 2, height=2.5)
     letter_panels(axes)
     backbone, growth = axes
@@ -339,7 +339,7 @@ def draw_local_mode(out, family, seen, rates):
 
 
 def draw_waves(out, harmonic, slow):
-    """The second harmonic of a wave over time, and the slow strain that a burst carries with it."""
+    """Draw the second harmonic of a wave over time, and the slow strain that a burst carries with it."""
     figure, (axes,) = panels(1, 2, height=2.5)
     letter_panels(axes)
     grown, strain = axes

@@ -90,7 +90,7 @@ def draw(out, critical):
 
 
 def draw_oscillator(ax, atoms, named=True):
-    """The free magnet on its fixed ones with the static forces on it, lengths in spacings; `named` with angle and names."""
+    """Draw the free magnet, the fixed ones and the static forces, lengths in spacings; `named` adds the angle and names."""
     bonds = atoms.calc.bonds
     L0, n = bonds.lengths[0], np.array([-1, 1])[(bonds.i == 3).astype(int)][:, None] * bonds.vectors[:, :2]  # from the free one
     places = n / L0

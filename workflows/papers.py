@@ -87,7 +87,7 @@ def main(out):
 
 
 def ions(places, springs, gyration=0.0):
-    """Charges in a trap, one anchor for all, at rest."""
+    """Charges at rest in a trap, which is one anchor for all of them."""
     atoms = Atoms(f'H{len(places)}', places, masses=np.ones(len(places)))
     atoms.calc = PairCalculator(atoms, CHARGES, bonds=list(combinations(range(len(places)), 2)), foundation=[springs],
                                 anchors=np.zeros((len(places), 3)), gyration=gyration, dim=3)
@@ -95,7 +95,7 @@ def ions(places, springs, gyration=0.0):
 
 
 def without_static_forces(atoms):
-    """Squared frequencies of D0 and the supports, ascending."""
+    """Squared frequencies of D0 and the supports together, ascending."""
     return np.linalg.eigvalsh(atoms.calc.rest_hessian('conventional').toarray() / MASS)
 
 
@@ -181,7 +181,7 @@ def _nearest(values, exact):
 
 
 def _gyroscopes():
-    """Gyroscopes so fast that their inertia is nothing: i psi' = (k0 + bonds) psi/(m g), in units of the bond's rate."""
+    """Gyroscopes so fast that inertia is negligible: i psi' = (k0 + bonds) psi/(m g), in units of the bond's rate."""
     g, k0, bond, cell = 3e3, 2.0, 1.0, lattices.honeycomb(1.0, MASS)
     G, K = [[0, 0, 0]], [[1 / 3, -1 / 3, 0]]
     for tension in (0.0, 0.4):
@@ -263,7 +263,7 @@ def prism(n, height=1.0):
 
 
 def taut_prism(n, k=10.0, tension=0.5):
-    """The prism with the self-stress that its own geometry asks for."""
+    """The prism with the self-stress that its geometry allows."""
     nodes, pairs = prism(n)
     bare = net(nodes, [(*pair, Spring(k, 0.0)) for pair in pairs])
     state = self_stress(bare)
@@ -287,7 +287,7 @@ def _prisms():
 
 @dataclass(frozen=True)
 class Film:
-    """A film of constant tension, whatever its length."""
+    """The law of a film, whose tension does not depend on its length."""
 
     tension: float
 
@@ -320,7 +320,7 @@ def _honeycombs():
 
 @dataclass(frozen=True)
 class LennardJones:
-    """4 (r^-12 - r^-6)."""
+    """The Lennard-Jones law 4 (r^-12 - r^-6)."""
 
     def phi(self, r):
         return 4 * (r**-12 - r**-6)
@@ -348,7 +348,7 @@ def _argon():
 
 
 def _draw(out, rows):
-    """What D0 alone says over the number of the paper, for every row in which both are finite and not zero."""
+    """Draw the number of D0 alone divided by that of the paper, for every row in which both are finite and not zero."""
     ax = new_axes()
     rows = [row for row in rows if row.alone is not None and row.reference]
     papers = list(dict.fromkeys(row.paper for row in rows))

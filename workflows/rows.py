@@ -28,7 +28,7 @@ def number(value, digits=6):
 
 
 def apart_in_words(difference, relative=True):
-    """How far a number is from its reference, relative to it or, where that is zero, absolute.
+    """Words for the distance of a number from its reference, relative, or absolute if the reference is zero.
 
     Examples
     --------
@@ -47,7 +47,7 @@ def apart_in_words(difference, relative=True):
 
 
 def bound_in_words(tolerance, relative=True):
-    """A tolerance: `bound_in_words(0.05)` is '5 %', `bound_in_words(1e-9)` is '1e-9'."""
+    """A tolerance as text: `bound_in_words(0.05)` is '5 %', `bound_in_words(1e-9)` is '1e-9'."""
     if relative and tolerance >= 1e-3:
         return _percent(tolerance)
     return f'{tolerance:.2g}' if tolerance >= 1e-3 or not tolerance else f'{tolerance:.0e}'.replace('e-0', 'e-')
@@ -89,12 +89,12 @@ class Check:
 
     @property
     def difference(self):
-        """Distance from the reference, relative to it unless it is zero."""
+        """Distance of the number from the reference, relative unless the reference is zero."""
         return float(abs(self.here - self.reference) / (abs(self.reference) or 1.0))
 
     @property
     def passed(self):
-        """Whether the number agrees, or, for a control, visibly does not."""
+        """Whether the number agrees with its reference; for a control, whether it clearly differs."""
         apart, bound = self.difference, self.tolerance  # a NaN passes neither comparison
         return bool(apart > bound if self.control else apart <= bound)
 

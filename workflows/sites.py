@@ -79,7 +79,7 @@ def dimerised_chain():
 
 
 def missing_magnet(out, known):
-    """A honeycomb patch of two masses with one magnet missing: its local modes stand in the gap once the others have moved."""
+    """A honeycomb patch of two masses with one magnet missing: local modes lie in the gap once the other magnets have relaxed."""
     law, _ = prototype(reference()['prototype'])
     cell = lattices.honeycomb(10.0, 0.707)
     cell.set_masses([0.707, 1.5 * 0.707])
@@ -107,7 +107,7 @@ def missing_magnet(out, known):
 
 
 def pressed_lattice():
-    """Nearest neighbours on a triangular lattice: stress and moduli in closed form, and sound with the static stress in it."""
+    """Nearest neighbours on a triangular lattice: stress and moduli in closed form, and speeds of sound under static stress."""
     rows = []
     for a in (4.0, 4.5824):
         law = InversePower(b=1.0, a=a)
@@ -129,7 +129,7 @@ def pressed_lattice():
 
 
 def all_neighbours():
-    """Dipoles, every one repelling every other: the ratio of the speeds of sound, from energies of strained lattices."""
+    """Dipoles, all of which repel each other: the ratio of the speeds of sound, from energies of strained lattices."""
     def ratio(a):
         cell = lattices.triangular(1.0, 1.0)
         cell.calc = AllNeighbours(cell, InversePower(b=1.0, a=a))
@@ -146,7 +146,7 @@ def prototype(known):
 
 
 class Supercells:
-    """Many small supercells of the prototype, every magnet drawn by itself, at rest by Newton's method: the theory written out.
+    """Many small supercells of the prototype, at rest by Newton's method; the strength of every magnet is drawn at random.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ def scattered_magnets(out, known):
 
 
 def shear_at_M(cells):
-    """Frequencies in Hz of all modes of all supercells, and their share of the three shear waves, in which rows move by turns."""
+    """Frequencies in Hz of all modes of all supercells, and their share of the three shear waves at M."""
     one, two = np.divmod(np.arange(SMALL**2), SMALL)  # repeat counts along the last vector fastest
     share = 0.0
     for q, angle in zip(M, (np.pi / 3, 0.0, -np.pi / 3), strict=True):  # rows along R2, R1, R1 - R2
@@ -262,7 +262,7 @@ def each_magnet(known):
 
 
 def disordered_chain():
-    """Masses at random between 0.2 and 1.8: modes counted by the transfer matrix, and how far they reach in long waves."""
+    """Random masses between 0.2 and 1.8: modes counted by the transfer matrix, and the localisation length of long waves."""
     masses = np.random.default_rng(0).uniform(0.2, 1.8, CHAIN)
     chain = along_x(CHAIN, masses=masses)
     omega = np.array([0.25, 0.5, 1.0, 1.5, 1.95])
@@ -285,6 +285,6 @@ def disordered_chain():
 
 
 def reach_power(chain):
-    """Slope of the mean localisation length of modes over their frequency, on logarithmic axes."""
+    """Slope of the mean localisation length over the frequency of the modes, on logarithmic axes."""
     lengths = [localisation(local_modes(chain, (w - 0.01 / w, w + 0.01 / w)), chain).length.mean() for w in LOW]
     return np.polyfit(np.log(LOW), np.log(lengths), 1)[0]

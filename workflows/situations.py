@@ -73,7 +73,7 @@ class Peak:
 
     @cached_property
     def _true(self):
-        """Frequency at which the first harmonic is that of the force at 90 degrees: A = F/(gamma W)."""
+        """Frequency at which the first harmonic lags the force by 90 degrees and has the amplitude A = F/(gamma W)."""
         from scipy.integrate import solve_ivp
         from scipy.optimize import brentq
 
@@ -101,7 +101,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class Waveform:
-    """A burst that a row of particles sends through a strip, its force as a share of f(L0)."""
+    """A burst that a row of particles sends through a strip; its force is given as a share of f(L0)."""
 
     kind: str
     law: object
@@ -160,7 +160,7 @@ class Waveform:
 
 @dataclass(frozen=True)
 class Beam(Waveform):
-    """A burst from a row of a patch, its force falling off to the sides."""
+    """A burst from a row of a patch; its force falls off to the sides."""
 
     rows: int = 14
 
@@ -187,7 +187,7 @@ class Beam(Waveform):
 
 
 def strip(cell, rows, law, foundation=0.0):
-    """A ribbon with a law; a burst from a whole row of its sources travels as in the lattice."""
+    """A ribbon with a given law, in which a burst from a whole row of sources travels as in the lattice."""
     ribbon = lattices.ribbon(cell, rows)
     ribbon.calc = MagneticRepulsion(ribbon, law, foundation=foundation)
     return ribbon

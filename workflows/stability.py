@@ -38,7 +38,7 @@ MOST_GROWTH = 3.0  # of a step, beyond which a run is not linear for long
 
 
 def main(out):
-    """Borders against closed forms, in the zone and by runs; angles of the oscillator; growth per step of three integrators."""
+    """Stability boundaries from bands and runs against closed forms; angles of the oscillator; growth per step of integrators."""
     needed = {model: {name: np.array([needed_by(name, model, a) for a in EXPONENTS]) for name in KINDS}
               for model in MODELS}
     fates = {(name, model): runs(name, model) for name in KINDS for model in MODELS}
@@ -75,7 +75,7 @@ def needed_by(name, model, a):
 
 
 def runs(name, model):
-    """Runs on both sides of the border: exponent, foundation, rate expected (zero where stable) and found, one row each."""
+    """Runs on both sides of the boundary, one row each: exponent, foundation, expected rate (zero if stable) and rate found."""
     closed, repeat = KINDS[name]
     rows = []
     for a in RUNS:
@@ -104,7 +104,7 @@ def wrong(rows):
 
 
 def misfit_of_rates(rows):
-    """Largest difference between the rates found and expected."""
+    """Largest difference between the growth rates found and expected."""
     return abs(rows[:, 3] - rows[:, 2]).max()
 
 
@@ -146,12 +146,12 @@ def stiffness(theta0, a, model='complete'):
 
 
 def critical(a):
-    """Angle above which it runs away sideways: D_xx = 2 (a + 1) cos^2 - 3 = 0."""
+    """Angle above which the oscillator is unstable sideways: D_xx = 2 (a + 1) cos^2 - 3 = 0."""
     return np.arccos(np.sqrt(3 / (2 * (a + 1))))
 
 
 def critical_upwards(a):
-    """Angle below which it runs away along the vertical: D_yy = 2 (a + 1) sin^2 - (2 - a) = 0, for a < 2."""
+    """Angle below which it is unstable along the vertical: D_yy = 2 (a + 1) sin^2 - (2 - a) = 0, for a < 2."""
     return np.arcsin(np.sqrt(np.maximum(2 - a, 0) / (2 * (a + 1))))
 
 
@@ -246,9 +246,9 @@ def fitted_growth(y):
 
 
 def integrators(zeta):
-    """Growth per step of each oscillator of `STEPS`, measured: DrivenVerlet and ExplicitDamping, NaN where it is too much.
+    """Growth per step of each oscillator of `STEPS`, measured: DrivenVerlet and ExplicitDamping, NaN where it is too large.
 
-    All oscillators are one structure: particles of different mass, each repelled along a line by one that is fixed.
+    All oscillators are one structure: particles of different mass, each repelled along a line by its own fixed particle.
     """
     found = []
     for number, law in enumerate((exact_split, explicit)):

@@ -80,7 +80,7 @@ def maps(scene, out):
 
 
 def draw_maps(out, table, carriers_Hz, gamma_m):
-    """Both models side by side, all maps on one scale."""
+    """Draw both models side by side, all maps on one scale."""
     names = [f'{model} simulation, {carrier:g} Hz' for carrier in carriers_Hz for model in SIDES]
     figure, axes = plot_waves(table, names, carriers_Hz)
     figure.set_size_inches(PAGE_in, HEIGHT_in * len(axes))
@@ -93,7 +93,7 @@ def draw_maps(out, table, carriers_Hz, gamma_m):
 
 
 def draw_experiment(out, scene):
-    """The half-hexagon with what drives it and where it is measured."""
+    """Draw the half-hexagon, its source and the measured row."""
     patch = scene.patch_atoms()
     ax = plot_patch(patch, burst_setup(scene.atoms(), patch, scene.burst.source), ax=new_axes(5.5, 2.9))
     return save_picture(ax.figure, out / 'experiment.png',
@@ -167,7 +167,7 @@ def overlay(ax, line, label):
 
 
 def gap(scene, out):
-    """A burst below the cut-off: no ridge; the amplitudes of linear response, whose decay is Im k of the complete model."""
+    """A burst below the cut-off: no ridge; amplitudes are those of linear response and decay by Im k of the complete model."""
     cell, checks = scene.atoms(), []
     figure, axes = panels(1, 2, height=2.5)
     letter_panels(axes, [f'{source} source, {motion} motion' for source, (_, motion, _) in SOURCES.items()])
@@ -211,7 +211,7 @@ def shaken(scene, cell, source, force, motion):
 
 
 def draw(ax, measured, responses, decay, here):
-    """Amplitudes along the row, those of both models, and beside them the slope of the complex wavenumber."""
+    """Draw amplitudes along the row, measured and of both models, and the slope of the complex wavenumber."""
     n, first = np.arange(len(measured)), abs(measured[0])
     ax.semilogy(n, abs(measured) / first, 'o', color='k', fillstyle='none', markersize=5, label='simulated burst')
     for (model, U), look in zip(responses.items(), ({'marker': '.', 'color': COLOURS[0]}, {'marker': 'x', 'color': COLOURS[1]}),
@@ -224,7 +224,7 @@ def draw(ax, measured, responses, decay, here):
 
 
 def slowest(cell, source, motion, model):
-    """Im xi of the slowest wave that moves the particles this way."""
+    """Im xi of the slowest-decaying wave that moves the particles in this direction."""
     bands = complex_bands(cell, wavevector(cell, source), [GAP], model)
     across = abs(bands.vectors[0, :, 0] @ polarisations(cell, source)[motion])
     return bands.xi[0].imag[across > 0.9].min()

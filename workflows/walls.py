@@ -109,7 +109,7 @@ def toda():
 
 
 def picture(out, steady, true):
-    """Amplitudes of the rows and the closed form."""
+    """Draw the amplitudes of the rows and the closed form."""
     ax, n = new_axes(), np.arange(SEEN)
     for row, mark, label in zip(steady.values(), 'os', ('complete, $D^0+D^*$', 'conventional, $D^0$'), strict=True):
         ax.plot(n, abs(row), mark, fillstyle='none', label=label)
@@ -121,7 +121,7 @@ def picture(out, steady, true):
 
 
 def toda_picture(out, times, found, exact):
-    """Every third particle of the Toda chain in time."""
+    """Draw the motion of every third particle of the Toda chain."""
     ax = new_axes()
     for k, style in zip((0, 5, 10), ('-', '--', ':'), strict=True):
         (line,) = ax.plot(times, exact[:, k], style, label=f'particle {k}' if k else 'end, moved')
