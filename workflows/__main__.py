@@ -51,7 +51,7 @@ def main(arguments=None):
 
 
 def outcomes_of(names, out, quick):
-    """Outcome of each workflow by its name, in the order of `names`; several run side by side on all cores."""
+    """Outcomes by the name of the workflow, in the order of `names`; several workflows run side by side on all cores."""
     if len(names) == 1:
         return {names[0]: run(names[0], out, quick)}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()

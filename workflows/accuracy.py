@@ -49,8 +49,8 @@ FLOOR = 1e-17
 class Candidate:
     """A method at one setting, with its unit; settings of one method are joined by a line in a chart.
 
-    `run` takes a `collections.Counter` with the names of COUNTERS and returns the answer.  `panel` is the question, if one
-    chart has several, such as the size of the system or the amplitude.
+    `run` takes a `collections.Counter` with the names of COUNTERS and returns the answer.  `panel` names the panel
+    of the chart, such as the size of the system or the amplitude.
     """
 
     method: str

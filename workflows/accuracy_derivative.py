@@ -83,7 +83,7 @@ class Kick:
 
     @cached_property
     def linear(self):
-        """Displacements after the last step per velocity of the kick in ms, shape (particles, 2): Verlet's own, in closed form.
+        """Linear answer of Verlet in closed form: displacements after the last step over the velocity of the kick (ms).
 
         A mode of the frequency w that starts from rest with the velocity v is after n steps at
         `v dt sin(n a)/sin(a)` with `cos a = 1 - (w dt)^2/2`; so time steps leave no difference.

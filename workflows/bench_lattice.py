@@ -87,7 +87,7 @@ class Lab:
 
 
 def triangular(spacing):
-    """Its two lattice vectors."""
+    """The two lattice vectors of a triangular lattice."""
     return spacing * np.array([[1, 0], [0.5, np.sqrt(0.75)]])
 
 

@@ -26,12 +26,12 @@ def main(out):
     transverse = np.sign(complete.omega[:, 0]) * complete.omega[:, 0] ** 2
     top = along.max()
     checks = [
-        Check('chain longitudinal omega^2, complete: largest misfit / largest',
+        Check('chain longitudinal omega^2, complete: misfit / largest value',
               abs(longitudinal - along).max() / top, 0.0, 1e-12),
-        Check('chain longitudinal omega^2, D0 alone: largest misfit / largest',
+        Check('chain longitudinal omega^2, D0 alone: misfit / largest value',
               abs(conventional.omega[:, 1] ** 2 - along).max() / top, 0.0, 1e-12),
-        Check('chain transverse omega^2, complete: largest misfit / largest', abs(transverse - across).max() / top, 0.0, 1e-12),
-        Check('control: transverse omega^2, D0 alone: largest misfit / largest',
+        Check('chain transverse omega^2, complete: misfit / largest value', abs(transverse - across).max() / top, 0.0, 1e-12),
+        Check('control: transverse omega^2, D0 alone: misfit / largest value',
               abs(conventional.omega[:, 0] ** 2 - across).max() / top, 0.0, 0.1, control=True),
     ]
     bare = cell.copy()

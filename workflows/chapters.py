@@ -130,7 +130,7 @@ CLAIMS = (
     Claim('The driven oscillator resonates at this frequency', 'frf', 'frf peak (rad/s), theta0 = 0 deg',
           'Fig. 2: √(D_yy/M)', 'rad/s'),
     Claim('In a chain D* has no longitudinal part (misfit of ω²)', 'chain',
-          'chain longitudinal omega^2, D0 alone: largest misfit / largest', 'closed form of a chain of springs'),
+          'chain longitudinal omega^2, D0 alone: misfit / largest value', 'closed form of a chain of springs'),
     Claim('In the triangular lattice D* halves the shear branch at M', 'ideal_bands', 'ideal M, complete (rad/s), shear',
           'Fig. 4: √((2a - 6)f/(L₀M))', 'rad/s', 'ideal M, conventional (rad/s), shear'),
     Claim('D* hardly moves the longitudinal branch at M', 'ideal_bands', 'ideal M, complete (rad/s), longitudinal',
@@ -160,7 +160,7 @@ CLAIMS = (
 
 
 def run(name, out, quick):
-    """Outcome of one workflow, its pictures in the style of print."""
+    """Run one workflow with the style of print for its pictures; returns its outcome."""
     gc.set_threshold(*CYCLES)
     workflow = import_module(f'.{name}', __package__)
     shorter = {'quick': quick} if name in SHORTENED else {}

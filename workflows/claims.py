@@ -50,11 +50,11 @@ class Spring:
         return self.stiffness / 2 * (r - self.length) ** 2
 
     def dphi(self, r):
-        """Its first derivative in N."""
+        """First derivative of the energy in N."""
         return self.stiffness * (r - self.length)
 
     def d2phi(self, r):
-        """Its second derivative in N/mm."""
+        """Second derivative of the energy in N/mm."""
         return self.stiffness + 0 * r
 
 
@@ -65,7 +65,7 @@ class OnlyMagnitude(MagneticRepulsion):
     """
 
     def calculate(self, atoms=None, properties=('forces',), system_changes=all_changes):
-        """The forces alone, of particles without foundation, beside their dead load."""
+        """Compute the forces only, for particles without foundation, with their dead load."""
         super().calculate(atoms, ['forces'], system_changes)
         R, C = self.bond_vectors, self.bonds.incidence
         r = np.linalg.norm(R + C @ self.displacements(atoms), axis=1)
@@ -165,7 +165,7 @@ def literal_update(paper):
 
 
 def loop_work():
-    """Work of the oscillator's force around a small loop: the literal force is not conservative, the others are.
+    """Work of the oscillator's force around a small loop: the force taken literally is not conservative, the others are.
 
     In a whole lattice, and in a loop about the rest position, symmetry makes the work zero; this loop passes through rest.
     """

@@ -44,7 +44,7 @@ def main(out):
 
 
 def soft_lattice(scene, b):
-    """The scene with an exponent below 3 and a weak foundation; its verge in m, where `2 (3 - a) f/L = k`; its cut-off in Hz."""
+    """The scene with an exponent below 3 and a weak foundation; the spacing in m at which it buckles; its cut-off in Hz."""
     law = scene.law.model_copy(update={'a': SOFT, 'b_N_m_a': b})
     foundation = scene.foundation.model_copy(update={'pillar': None, 'stiffness_N_per_m': WEAK})
     verge = (2 * (3 - SOFT) * b / WEAK) ** (1 / (SOFT + 1))
@@ -53,7 +53,7 @@ def soft_lattice(scene, b):
 
 
 def wish(scene, frequency):
-    """A [design] that wants this frequency in Hz of the shear branch at M."""
+    """A [design] table that asks for this frequency in Hz of the shear branch at M."""
     return DesignPlan(edge={'point': 'M', 'branch': 1, 'frequency_Hz': frequency}, spacings_m=list(SPACINGS_m))
 
 
@@ -67,7 +67,7 @@ def offered(scene, frequency):
 
 
 def draw(out, scene, found, soft, held, verge):
-    """Frequency of shear at M over the spacing, in both lattices and models, with the designs found."""
+    """Draw the frequency of shear at M over the spacing, in both lattices and models, with the designs found."""
     figure, (axes,) = panels(1, 2, height=2.5)
     stiff = reference()['prototype']['k_eq']
     letter_panels(axes, [f'prototype: $a$ = {scene.law.a:.2f}, $k$ = {stiff:.1f} N/m', f'$a$ = {SOFT}, $k$ = {WEAK:g} N/m'])

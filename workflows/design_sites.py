@@ -73,7 +73,7 @@ def main(out, quick=False):
 
 # ------------------------------------------------------------------------------------------------------------- demultiplexer
 def patch():
-    """The hexagon of the paper's magnets, held at its rim, all pairs within 45 mm; and the place at a point in mm, along x."""
+    """A hexagon of the paper's magnets, held at its rim, with all pairs within 45 mm, and a function that finds a magnet."""
     atoms = lattices.hexagon(lattices.triangular(SPACING, MASS), SIDE)
     springs = np.full(len(atoms), PILLAR)
     springs[atoms.constraints[0].index] *= PILLARS[2]  # what is held has one of the four pillars, too
@@ -195,7 +195,7 @@ def cell(n, **neighbours):
 
 
 def gap(starts=3):
-    """A gap opened above branch 9 of a cell of nine magnets, by strengths, pillars, masses and feet."""
+    """A cell of nine magnets whose strengths, pillars, masses and feet are chosen to open a gap above branch 9."""
     def designed(model, seed):
         x, atoms = None, cell(3, cutoff=REACH)
         for sharp in SHARPNESSES:

@@ -47,7 +47,7 @@ def with_magnets(atoms, g=G, model='complete'):
 
 
 def honeycomb(g):
-    """A cell of it."""
+    """The unit cell of the honeycomb with f = L = m = 1."""
     return with_magnets(lattices.honeycomb(1.0, 1.0), g)
 
 
@@ -67,7 +67,7 @@ def closing():
 
 
 def numbers():
-    """Chern numbers on both sides, from the lowest band up."""
+    """Chern numbers on both sides of the closing of the gap, from the lowest band up."""
     bands = 'first', 'second', 'third', 'fourth'
     here = chern_numbers(honeycomb(G)), chern_numbers(honeycomb(G), 'conventional')
     return [*pairs('Chern number below, g = 1', chern_numbers(honeycomb(1.0)), (1, 0, 0, -1), 1e-12, bands),

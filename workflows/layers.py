@@ -81,7 +81,7 @@ def upright_magnets():
 
 
 def threshold():
-    """A support one tenth too soft for the wave at K: the growth of that wave in a run."""
+    """Supports that are one tenth too soft for the wave at K: the growth of this wave in a run."""
     needed = 9 * -LAW.dphi(L0) / L0
     stable = [verdict(layer(LAW, factor * needed)).stable for factor in (1.001, 0.999)]
     cell = layer(LAW, 0.9 * needed)
@@ -133,7 +133,7 @@ def special(path, names):
 
 
 def picture(out):
-    """Bands of the plasma crystal for three traps; at the gate the branch out of the plane touches the longitudinal one."""
+    """Draw the bands of the plasma crystal for three traps; in one, the two branches just touch."""
     ax = new_axes()
     _, path, _, _ = plasma(KAPPA)
     x = path.get_linear_kpoint_axis()[0]

@@ -53,7 +53,7 @@ def closed(f, model='complete', c=C):
 
 
 def shear(cell, f, model='complete'):
-    """The complex wavenumber of the shear wave per row; at these frequencies the longitudinal one is smaller."""
+    """Complex wavenumber of the shear wave per row; at these frequencies that of the longitudinal wave is smaller."""
     xi = complex_bands(cell, GAMMA_M, [2 * np.pi * f * u.Hz], model, damping=C / u.s).xi[0]
     return xi[xi.real.argmax()]
 
@@ -64,7 +64,7 @@ def row_height(cell):
 
 
 def behind_a_row(cell):
-    """Decay per row of the response of a strip of rows whose lowest is pushed along itself."""
+    """Decay per row in the response of a strip whose lowest row is pushed along itself."""
     strip = cell.repeat((1, ROWS, 1))
     strip.pbc = (True, False, False)
     strip.calc = MagneticRepulsion(strip, cell.calc.laws, foundation=cell.calc.parameters.foundation).balanced([0, ROWS - 1])

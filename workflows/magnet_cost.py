@@ -53,7 +53,7 @@ def candidates(ring, r, magpylib):
 
 
 def by_rims(ring, r, n, cost):
-    """Force by `n` points on each circle."""
+    """Force from the rims of the faces, with `n` points on each circle."""
     return pair_force(ring, ring, (r, 0, 0), n)[0]
 
 
@@ -74,7 +74,7 @@ def by_mesh(magpylib, magnet, r, n, cost):
 
 
 def reading(table):
-    """The chart in words."""
+    """The conclusion of the chart in words."""
     near = [m for m in table if m.panel == table[0].panel]
 
     def takes(method, tolerance):

@@ -106,7 +106,7 @@ def _crystals_in_space(known, fcc):
 
 
 def _mass_defect():
-    """A lighter particle in a chain: a mode is localised around it above the band, at omega_max/sqrt(1 - e^2), e = 1 - m'/m."""
+    """A lighter particle in a chain: a mode above the band is localised around it, at omega_max/sqrt(1 - e^2), e = 1 - m'/m."""
     chain = lattices.chain(1.0, 1.0).repeat((41, 1, 1))
     chain.calc = MagneticRepulsion(chain, DIPOLES)
     edge = 2 * np.sqrt(DIPOLES.d2phi(1.0))

@@ -109,7 +109,7 @@ def _as_built(known):
 
 
 def at_M(atoms):
-    """Frequencies at M in Hz: shear, longitudinal."""
+    """Frequencies of shear and of longitudinal waves at M in Hz."""
     return bloch_modes(atoms, [M])[0][0] / (2 * np.pi) / units.Hz
 
 

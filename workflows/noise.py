@@ -41,7 +41,7 @@ def main(out):
 
 
 def in_the_cold(cell, kT):
-    """Thermal bands of a run in which forces are harmonic."""
+    """Bands from thermal motion in a run that is so cold that forces are harmonic."""
     atoms = cell.repeat((6, 6, 1))
     atoms.calc = cell.calc.on(atoms)
     moved, fastest = atoms.copy(), highest_frequency(atoms)

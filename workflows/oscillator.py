@@ -63,7 +63,7 @@ def main(out):
 
 
 def draw(out, critical):
-    """The oscillator, and its frequencies over the angle, complete and conventional, the unstable range shaded."""
+    """Draw the oscillator and its frequencies over the angle in both models, with the unstable range shaded."""
     theta = np.sort(np.append(np.linspace(0, np.pi / 2, 181), critical))
     figure, axes = panels(1, 2, height=2.7)
     letter_panels(axes)

@@ -23,7 +23,7 @@ DRAWN = 100
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one plan.
+    """One plan, the true error of its choice, and whether a simpler method would have done.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ def without_amplitude(plan):
 
 
 def met_by(distort, verdicts):
-    """Share of the cases that a distorted plan would have met."""
+    """Share of the cases in which the plans changed by `distort` meet the tolerance."""
     plans = [(v.situation, distort(v.plan)) for v in verdicts]
     return float(np.mean([s.truth(plan.choice) <= plan.tolerance for s, plan in plans]))
 
@@ -129,7 +129,7 @@ MARKERS = {'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
 
 
 def draw(out, verdicts):
-    """Estimates over truths, and the method chosen for the oscillator over amplitude and tolerance."""
+    """Draw estimated over true errors, and the method chosen for the oscillator over amplitude and tolerance."""
     figure, ((ax, regions),) = panels(1, 2, height=2.7)
     letter_panels((ax, regions), ['', 'oscillator at 45 degrees: the least model'])
     for (kind, marker), colour in zip(MARKERS.items(), COLOURS, strict=False):

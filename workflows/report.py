@@ -47,8 +47,8 @@ def counted(outcomes):
     count = Counter(check.kind for check in checks if check.passed)
     failed = sum(not check.passed for check in checks)
     return (f'{count["reproduction"]} numbers agree with a reference from outside the package, {count["consistency"]} with '
-            f'another method of it; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers are '
-            f'reported without a reference; {failed} rows fail')
+            f'another method of the package; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers '
+            f'are reported without a reference; {failed} rows fail')
 
 
 def write_summary(path, outcomes):
@@ -93,7 +93,7 @@ def page(path, outcomes, provenance):
 
 
 def as_built(outcome):
-    """Rows of texts: the paper's model, and each effect that it leaves out with the change that it makes."""
+    """Rows of texts: the paper's model, and each effect that it omits with the change due to this effect."""
     found = {row.quantity: row.here for row in outcome.checks} if outcome is not None else {}
     table = []
     for name, *_ in PLACES if AS_BUILT.format('K', 'all') in found else ():

@@ -59,7 +59,7 @@ def _percent(share):
 
 @dataclass(frozen=True)
 class Check:
-    """A quantity here, its reference and the tolerance between them.
+    """A quantity as computed here, its reference and the tolerance between them.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Reported:
 
 
 class Picture(NamedTuple):
-    """A picture as a file of pixels, with its caption; the same for print, a PDF, lies beside it."""
+    """A picture as a file of pixels, with its caption; a PDF for print lies in the same folder."""
 
     file: Path
     caption: str

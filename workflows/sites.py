@@ -62,7 +62,7 @@ def light_mass():
 
 
 def dimerised_chain():
-    """Two kinds of magnets in pairs, A A B B: springs k1 and k2 by turns; strong bonds at the walls hold a mode at each end."""
+    """Two kinds of magnets in pairs, A A B B: springs k1 and k2 in turn; one way to end the chain has a mode at each end."""
     laws, k1, k2 = {(0, 0): STRONG, (1, 1): STRONG, (0, 1): WEAK}, 6.0, 3.0
     squares = bloch_modes(along_x(4, law=laws, tags=[0, 0, 1, 1]), [[0, 0, 0]])[0][0] ** 2  # the zone of k1, k2, folded once
     edges = pairs('dimerised chain, omega^2 m', squares[1:], (2 * k2, 2 * k1, 2 * (k1 + k2)), 1e-9,
@@ -146,7 +146,7 @@ def prototype(known):
 
 
 class Supercells:
-    """Many small supercells of the prototype, at rest by Newton's method; the strength of every magnet is drawn at random.
+    """Many small supercells of the prototype, at rest by Newton's method; all masses, strengths and springs are random.
 
     Attributes
     ----------
@@ -236,7 +236,7 @@ def shear_at_M(cells):
 
 
 def width_of(f, weight):
-    """Standard deviation of a distribution."""
+    """Standard deviation of the weighted distribution of f."""
     mean = np.average(f, weights=weight)
     return float(np.sqrt(np.average((f - mean) ** 2, weights=weight)))
 

@@ -32,7 +32,7 @@ STEPS = 0.03
 
 @dataclass(frozen=True)
 class Peak:
-    """The oscillator, driven along its line to an amplitude (in spacings, about) at its peak."""
+    """The oscillator, driven along its line to about a given amplitude (in spacings) at its peak."""
 
     law: object
     angle: float

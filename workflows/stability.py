@@ -70,7 +70,7 @@ def cell(name, a, foundation=0.0, model='complete', repeat=(1, 1, 1)):
 
 
 def needed_by(name, model, a):
-    """Foundation that a lattice needs, f/L0."""
+    """Foundation that a lattice needs, in f/L0."""
     return critical_foundation(cell(name, a), model, steps=12)[0]
 
 
@@ -151,7 +151,7 @@ def critical(a):
 
 
 def critical_upwards(a):
-    """Angle below which it is unstable along the vertical: D_yy = 2 (a + 1) sin^2 - (2 - a) = 0, for a < 2."""
+    """Angle below which the oscillator is unstable vertically: D_yy = 2 (a + 1) sin^2 - (2 - a) = 0, for a < 2."""
     return np.arcsin(np.sqrt(np.maximum(2 - a, 0) / (2 * (a + 1))))
 
 
@@ -246,7 +246,7 @@ def fitted_growth(y):
 
 
 def integrators(zeta):
-    """Growth per step of each oscillator of `STEPS`, measured: DrivenVerlet and ExplicitDamping, NaN where it is too large.
+    """Measured growth per step of each oscillator of `STEPS` by DrivenVerlet and ExplicitDamping; NaN where it is too large.
 
     All oscillators are one structure: particles of different mass, each repelled along a line by its own fixed particle.
     """

@@ -104,7 +104,7 @@ def error_of_linear(scene, sigma):
 
 
 def draw_limit(out, scene):
-    """Where linear propagation ends: its error against the tolerance of the spacing."""
+    """Draw the error of linear propagation against the tolerance of the spacing."""
     ax = new_axes()
     apart = np.array([error_of_linear(scene, sigma) for sigma in WIDE])
     for name, row, marker, colour in zip(list(POINTS)[1:], apart.T, 'os^', COLOURS, strict=False):

@@ -44,7 +44,7 @@ MOTIONS = {'transverse': 'shear', 'longitudinal': 'longitudinal'}
 
 
 def main(out):
-    """Ridges of the four bursts at the resolution of the row; below the cut-off amplitudes, and the complex wavenumber."""
+    """Ridges of the four bursts at the resolution of the row; amplitudes and complex wavenumber below the cut-off."""
     scene = read_scene(ready_scene('prototype'))
     checks, pictures = maps(scene, out)
     for part in both_motions, gap:
