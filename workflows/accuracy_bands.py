@@ -45,10 +45,10 @@ def read(one, many):
     return (f'One magnet: the Bloch matrix, exact to round-off, takes {assembled.seconds / exact.seconds:.0f} times as long as '
             f'the closed form. To reach {TIGHT:g}, phonopy takes {numerical.seconds / assembled.seconds:.0f} times as long as '
             f'the Bloch matrix and ase.phonons {ase.seconds / assembled.seconds:.0f} times, both with displacements to both '
-            f'sides: to one side only, the error is of first order where branches cross. A supercell of 1 x 1 is off by '
-            f'{alone.error:.1g}, 2 x 2 by {two.error:.0e}, and {widest.setting} by {widest.error:.0e}, '
-            f'{widest.seconds / two.seconds:.0f} times as long. Hundreds of magnets: "{best.method}" finds the lowest branches '
-            f'in {every.seconds / best.seconds:.1f} times less time than all branches take; Lanczos with {loose.setting} is off '
+            f'sides. With displacements to one side, the error is of first order where branches cross. A supercell of 1 x 1 is '
+            f'off by {alone.error:.1g}, 2 x 2 by {two.error:.0e}, and {widest.setting} by {widest.error:.0e}; the last takes '
+            f'{widest.seconds / two.seconds:.0f} times as long as 2 x 2. Hundreds of magnets: "{best.method}" finds the lowest '
+            f'branches in {every.seconds / best.seconds:.1f} times less time than all branches need; Lanczos with {loose.setting} is off '
             f'by {loose.error:.1g}, because it misses one of two equal branches.')
 
 

@@ -73,7 +73,7 @@ def dimerised_chain():
     left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
     return [*edges, *pairs('dimerised chain: modes at its ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5,
                            ('first', 'second')),
-            Check('decay of these modes per cell', left[3] / left[1], k2 / k1, 1e-4),
+            Check('decay per cell of the modes at the ends of the dimerised chain', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
             Check('control: number of modes in the gap with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
 

@@ -144,7 +144,7 @@ def both_motions(scene, out):
             checks += [Check(f'{record}: distance to its own branch, Gamma-M (bins)', own.bins, 0, near),
                        Check(f'control: {record}: distance to its branch of D0 alone (bins)', off.bins, 0, apart, control=True)]
     shear, along = (separations(wave) for wave in table[0])
-    checks.append(Check('row of sources, 60 Hz: distance to D0 alone, shear / longitudinal, of ridges and of branches',
+    checks.append(Check('row of sources, 60 Hz: distance to D0 alone, ratio shear / longitudinal, ridges and branches',
                         *np.divide(shear, along), OF_BRANCHES))
     figure, axes = plot_waves(table, [f'{motion} motion, {carrier:g} Hz' for carrier in BOTH for motion in MOTIONS], BOTH)
     figure.set_size_inches(PAGE_in, HEIGHT_in * len(axes))
@@ -187,7 +187,7 @@ def gap(scene, out):
             checks += [Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], DECAY, consistency=True),
                        Check(f'control: {record}: decay, D0 alone', decay, expected['conventional'], 0.3, control=True)]
         draw(ax, measured, responses, expected['complete'], slice(6) if source == 'row' else slice(13, None))
-    axes[0, 0].set_ylabel('amplitude / that at step 0')
+    axes[0, 0].set_ylabel('amplitude / amplitude at step 0')
     legend_of_set(figure, ncols=4)
     return checks, save_picture(figure, out / 'evanescent.png',
                                 'Below the cut-off of 26.55 Hz a burst does not travel: its amplitudes are those of linear '

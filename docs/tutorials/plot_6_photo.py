@@ -92,8 +92,8 @@ found = modes(scene.atoms())
 # %%
 # How well?
 # ---------
-# ``mode_scatter`` computes the standard deviations of the frequencies to first order in these differences.  ``magphonon modes``
-# prints them beside the frequencies.
+# ``mode_scatter`` computes the standard deviations of the frequencies, to first order in the deviations of ``[uncertainty]``.
+# ``magphonon modes`` prints them beside the frequencies.
 
 from magphonon.design import mode_scatter
 
