@@ -48,8 +48,8 @@ def read(one, many):
             f'sides. With displacements to one side, the error is of first order where branches cross. A supercell of 1 x 1 is '
             f'off by {alone.error:.1g}, 2 x 2 by {two.error:.0e}, and {widest.setting} by {widest.error:.0e}; the last takes '
             f'{widest.seconds / two.seconds:.0f} times as long as 2 x 2. Hundreds of magnets: "{best.method}" finds the lowest '
-            f'branches in {every.seconds / best.seconds:.1f} times less time than all branches need; Lanczos with {loose.setting} is off '
-            f'by {loose.error:.1g}, because it misses one of two equal branches.')
+            f'branches in {every.seconds / best.seconds:.1f} times less time than all branches need; Lanczos with '
+            f'{loose.setting} is off by {loose.error:.1g}, because it misses one of two equal branches.')
 
 
 def checks(one, many):

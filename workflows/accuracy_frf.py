@@ -104,7 +104,7 @@ def one_magnet(panel, quick, budget):
 
 
 def patch(n):
-    """`n x n` particles of the prototype, of which one near the middle is shaken; the series gives the exact response, to 1e-12."""
+    """`n x n` particles of the prototype, of which one near the middle is shaken; the series gives its response to 1e-12."""
     cell, limit = prototype()
     atoms = lattices.parallelogram(cell, n, n)
     atoms.calc = MagneticRepulsion(atoms, cell.calc.laws, **cell.calc.parameters)

@@ -156,7 +156,7 @@ def _draw_prototype(out):
     legend_above(ax, ncols=1)
     return save_picture(ax.figure, out / 'prototype_neighbours.png',
                         'What the model of the prototype omits: all neighbours raise the shear branch at M from 58.2 to 67.5 Hz; '
-                        'the mass of the pillars, 27 % of that of the magnets, lowers it again, to 59.9 Hz.')
+                        'the moving mass of the pillars, 27 % of the mass of the magnets, lowers it again, to 59.9 Hz.')
 
 
 def _relaxation():

@@ -49,8 +49,8 @@ def main(out):
         checks += [
             Check(f'{name}: foundation needed, largest misfit over a from 1 to 8 (f/L0)', misfit['complete'], 0, 1e-9),
             Check(f'control: {name}, D0 alone (f/L0)', misfit['conventional'], 0, 0.5, control=True),
-            Check(f'{name}: number of runs 5 % from the border that end wrongly', wrong(grown['complete']), 0, 0),
-            Check(f'control: {name}, D0 alone, number of runs that end wrongly',
+            Check(f'{name}: number of runs 5 % from the border with the wrong outcome', wrong(grown['complete']), 0, 0),
+            Check(f'control: {name}, D0 alone, number of runs with the wrong outcome',
                   wrong(grown['conventional']), 0, 0, control=True),
             Check(f'{name}: growth rates of runs, largest misfit', misfit_of_rates(grown['complete']), 0, 1e-3),
         ]
