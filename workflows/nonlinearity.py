@@ -259,7 +259,7 @@ def second_harmonic(A):
 
 
 def strain(A):
-    """Slowly varying strain at the end of the flight of a burst, and its closed form: under the burst, and two free waves."""
+    """Slow strain at the end of the flight of a burst, and its closed form: strain under the burst, and two free waves."""
     n, start = np.arange(LONG), LONG / 2
     psi = A * np.exp(-((n - start) ** 2) / (2 * WIDTH**2) + 1j * BURST_K * n)
     _, u = ring(psi, frames=1, every=int(FLIGHT / STEP))

@@ -1,8 +1,8 @@
 """Other people's papers: ions, Wigner crystals, gyroscopes, tensegrity, strings and foams, each number beside that of D0 alone.
 
 Every reference is a closed form written out here, a printed number, or a number from public code; none comes from the package.
-Those marked `(printed)` or `(IonSim.jl's tests)` were read there, those `(quoted from memory)` were not; all others are closed
-forms of the theory that a paper uses, written from knowledge of the field and not copied from its pages.
+Numbers marked `(printed)` or `(IonSim.jl's tests)` were read in that paper or code; those marked `(quoted from memory)` were not.
+All others are closed forms of the theory that a paper uses. We wrote them from knowledge of the field, not from its pages.
 
 Not found in full text, and therefore not among the rows: the tables of Wang et al. 2018 (one-way gap), Chong et al. 2021, Lee et
 al. 2025 (magnets on cantilevers) and Watkins et al. 2020 (demultiplexer), the Chern numbers of the spindle lattice of Mitchell et
