@@ -135,7 +135,7 @@ CLAIMS = (
           'Fig. 4: √((2a - 6)f/(L₀M))', 'rad/s', 'ideal M, conventional (rad/s), shear'),
     Claim('D* hardly moves the longitudinal branch at M', 'ideal_bands', 'ideal M, complete (rad/s), longitudinal',
           'Fig. 4: √((6a - 2)f/(L₀M))', 'rad/s', 'ideal M, conventional (rad/s), longitudinal'),
-    Claim('Without static forces both models agree (shear at M, compared with springs)', 'claims',
+    Claim('Without static forces both models agree (shear at M / that of springs)', 'claims',
           "springs without static force (phi' = 0), M, complete model, shear", 'springs at their natural length: √(2k/M)'),
     Claim('D* acts at any amplitude (shear at M / that of D⁰, at 1e-10 L₀)', 'claims',
           f'{SHEAR_AT_M}, complete / D0 alone', 'Sec. IV: √((2a - 6)/(2a))'),
