@@ -14,7 +14,7 @@ from dataclasses import fields
 from pathlib import Path
 from secrets import token_hex
 from stat import S_ISREG
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from .results import Result
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
     from os import PathLike
-    from typing import Any, ClassVar, Self
 
     from xarray import Dataset
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
 from itertools import permutations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from ase import Atoms
@@ -26,7 +26,6 @@ from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:
     from os import PathLike
-    from typing import Any, Self
 
     from ase.spectrum.band_structure import BandStructure
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ constants *are* the foundation stiffness.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
@@ -30,7 +30,6 @@ from .bands import Bands, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any
 
     from numpy.typing import NDArray
     from phonopy import Phonopy

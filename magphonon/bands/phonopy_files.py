@@ -12,10 +12,10 @@ import re
 import warnings
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from ase.dft.kpoints import parse_path_string
+from ase.dft.kpoints import BandPath, parse_path_string
 
 from ..errors import Unstable, finite
 from ..files import refuse_overflow, whole_file
@@ -25,9 +25,7 @@ from .force_constants import TO_HZ, force_constants_of, path_on
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from os import PathLike
-    from typing import Any
 
-    from ase.dft.kpoints import BandPath
     from numpy.typing import ArrayLike
     from phonopy import Phonopy
 

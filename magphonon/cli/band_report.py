@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import units
-from ..bands.bands import cut_off, points_on, sound_speeds
+from ..bands.bands import Bands, cut_off, points_on, sound_speeds
 from ..bands.bloch import bloch_modes
 from ..bands.density import band_gaps
 from ..bands.force_constants import foundation_recovered
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from phonopy import Phonopy
 
-    from ..bands.bands import Bands
     from ..bands.floquet import FloquetBands
     from ..scenes.scene import Scene
     from ..waves.thermal import ThermalBands

@@ -13,7 +13,7 @@ from .. import units as u
 from ..bands.bands import analytic_bands
 from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..findings import Findings, next_lines
-from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, shells_within
+from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors, shells_within
 from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
@@ -22,7 +22,6 @@ from .fitted import SIGMAS, entries_of, in_a_line, interval, unlike_springs, wit
 from .neighbours import neighbours, omitted
 
 if TYPE_CHECKING:
-    from ..interactions.fits import Fit, SharedErrors
     from ..interactions.force_tables import Forces
 
 FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it

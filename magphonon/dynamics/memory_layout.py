@@ -12,19 +12,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..lattices.bonds import lengths_of, stretches
+from ..lattices.bonds import Bonds, lengths_of, stretches
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import NDArray
 
-    from ..lattices.bonds import Bonds
 
 GRID_COST = 6  # ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there
 KINDS_OF_OFFSET = 1.5

@@ -16,7 +16,7 @@ import operator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -25,7 +25,6 @@ from ..errors import positive, refuse_memory, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray

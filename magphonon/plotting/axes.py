@@ -10,7 +10,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from shutil import which
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakSet
 
 import numpy as np
@@ -20,7 +20,6 @@ from ..units import PREFIXES, prefix_power
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from os import PathLike
-    from typing import Any
 
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis

@@ -6,7 +6,7 @@ it with `ax.figure.savefig('bands.png')`.  To show it on a screen, pass `ax=plt.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from .axes import COLOURS, MARKERS, UNSTABLE, in_house_style, label_frequencies,
 from .structures import halo
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_
 from .bands import NEGLIGIBLE, label_path
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes

@@ -4,7 +4,7 @@ tolerance of each part.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from .structures import SIZE, draw_particles, frame, halo, spacing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from typing import Any
 
     from ase import Atoms
     from matplotlib.axes import Axes

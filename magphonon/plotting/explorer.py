@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.distance import pdist
@@ -24,7 +24,6 @@ from ..traits import Tool, refuse
 from .zone import upwards
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase import Atoms
     from ase.dft.kpoints import BandPath

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..interactions.fits import NORMAL
+from ..interactions.fits import NORMAL, Fit
 from ..interactions.pair_laws import repulsion
 from .axes import COLOURS, COLUMN_in, in_house_style, label, legend_above, letter_panels, new_figure, prefix_power
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..design.dispersion_fits import DispersionFit
-    from ..interactions.fits import Fit
     from ..interactions.force_tables import Forces
     from ..stiffness.bond import Model
     from ..waves.ridge_tables import RidgePoints

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells,
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any
 
     from ase import Atoms
     from matplotlib.axes import Axes

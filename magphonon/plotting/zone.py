@@ -7,22 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from ase import Atoms
 from ase.cell import Cell
-from ase.dft.kpoints import resolve_kpt_path_string
+from ase.dft.kpoints import BandPath, resolve_kpt_path_string
 
 from .. import units
 from ..bands.bands import band_path
-from ..bands.zone import PLANAR, ROUND_OFF, first_zone, frequency_ratio
+from ..bands.zone import PLANAR, ROUND_OFF, ZoneMap, first_zone, frequency_ratio
 from .axes import COLOURS, UNSTABLE, in_house_style, label_wavevectors, legend_above, new_axes, point_name
 from .structures import draw_arrow, halo
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
 
-    from ..bands.zone import ZoneMap
 
 ROUND = (1, 2, 5, 10)  # contours at round numbers
 SHADES = 10  # shades of a map of ratios from one contour to the next

@@ -29,7 +29,7 @@ import sys
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from scipy import fft, sparse
@@ -41,7 +41,6 @@ from ..stiffness.matrices import signed_root
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from typing import Any, TypeAlias
 
     from numpy.typing import NDArray
 

@@ -9,7 +9,7 @@ has a negative phase.  `stepped` measures the same from time steps.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
@@ -27,7 +27,6 @@ from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray

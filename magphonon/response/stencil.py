@@ -13,7 +13,7 @@ slots together, each a run or more behind the one before, while their vectors ar
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -25,7 +25,6 @@ from ..dynamics.memory_layout import LINE, aligned_zeros, arrange
 from ..stiffness.bloch_bound import multiples, no_wave_grows
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from numpy.typing import NDArray
 

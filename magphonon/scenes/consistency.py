@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase.dft.kpoints import parse_path_string
@@ -20,7 +20,6 @@ from .laws import ALL, MagnetsLaw, SavedLaw
 from .structures import FileLattice
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ..interactions.pair_laws import PairLaw
     from ..stiffness.repulsion import Repulsion

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -47,7 +47,6 @@ from .structures import Percent
 from .tolerances import varied
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import NDArray

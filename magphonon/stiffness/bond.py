@@ -8,22 +8,19 @@ distance, as between upright magnets that leave their plane, the law itself is a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..errors import one_of
-from ..interactions.bond_laws import laid, laws_along
-from ..lattices.bonds import lengths_of
+from ..interactions.bond_laws import Law, Laws, laid, laws_along
+from ..lattices.bonds import Bonds, lengths_of
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from numpy.typing import NDArray
 
-    from ..interactions.bond_laws import Law, Laws
     from ..interactions.pair_laws import PairInteraction, PairLaw
-    from ..lattices.bonds import Bonds
 
 Model = Literal['complete', 'conventional']
 MODELS: tuple[Model, ...] = ('complete', 'conventional')

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from ase.calculators.calculator import PropertyNotImplementedError
@@ -18,13 +18,13 @@ from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
-from ..interactions.bond_laws import checked_laws
+from ..interactions.bond_laws import Laws, checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, Model, displaced, interaction_along, model_stiffness
 from .matrices import bloch_gradient, bloch_matrix, bloch_series, hessian
 from .plausibility import refuse_infinite, warn_of_units
 from .repulsion import Repulsion, masses_of
-from .site_laws import range_of
+from .site_laws import Foundation, range_of
 from .sites import (
     Sites,
     displacement_components,
@@ -35,13 +35,10 @@ from .sites import (
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from ..interactions.bond_laws import Laws
-    from .site_laws import Foundation
 
 STRETCHED = 3.0  # ratio of the length of a bond to its length in the reference above which the particles are no longer neighbours
 NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import sparse
@@ -12,7 +12,6 @@ from ..errors import refuse_memory
 from .factors import Factors, factorised
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from numpy.typing import NDArray
 

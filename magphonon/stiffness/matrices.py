@@ -9,21 +9,19 @@ particle by particle, `dim` components each (2 in the plane, 3 in space).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 
-from .site_laws import site_blocks
+from .site_laws import Foundation, site_blocks
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from numpy.typing import ArrayLike, NDArray
 
     from ..lattices.bonds import Bonds
-    from .site_laws import Foundation
 
 
 ALONG = 1e-12

@@ -6,7 +6,7 @@ A net is a structure whose bonds are listed, each with its law. Every node is a 
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from .rest import LinearSystem
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import NDArray

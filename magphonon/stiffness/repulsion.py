@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from ase.calculators.calculator import all_changes
@@ -12,13 +12,12 @@ from ase.calculators.calculator import all_changes
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
-from .site_laws import each_spring
+from .site_laws import Foundation, Springs, each_spring
 from .sites import FLAT, Sites, height
 from .supercells import NEAR, fitted, refuse_another_order
-from .terms import terms_of
+from .terms import Term, terms_of
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import NDArray
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from ..lattices.bonds import Bonds
     from .bond import Model
     from .calculator import PairCalculator
-    from .site_laws import Foundation, Springs
-    from .terms import Term
 
 
 class Repulsion(Restartable):

@@ -10,7 +10,7 @@ including rest positions, anchors and bonds::
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ase import Atoms
 
@@ -19,7 +19,6 @@ from .all_neighbours import AllNeighbours
 from .calculator import PairCalculator
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase.db.row import AtomsRow
 

@@ -7,20 +7,18 @@ If all sites are alike the foundation stays a single number, and computations ar
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, not_negative, one_of
 from .site_laws import Foundation, Springs, kept, of_sites, tie_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from typing import Any, Self
 
     from ase import Atoms
-    from numpy.typing import ArrayLike
 
     from ..lattices.bonds import Bonds
     from .repulsion import Repulsion

@@ -6,12 +6,11 @@ one property of `Sites` if any site has it. Calculators and `LinearSystem` use o
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from numpy.typing import NDArray
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import json
 import os
-from concurrent.futures import as_completed
+from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from hashlib import sha256
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from warnings import warn
 
 import numpy as np
@@ -26,10 +26,8 @@ from .questions import REFUSALS, SceneAnswers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from concurrent.futures import Executor
     from io import RawIOBase
     from os import PathLike
-    from typing import Any
 
     from numpy.typing import ArrayLike, NDArray
     from xarray import Dataset
