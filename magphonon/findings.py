@@ -14,15 +14,15 @@ Examples
 >>> @REPORT.remark
 ... def size(force):
 ...     return 'One particle.'
->>> REPORT.lines(0.0), REPORT.lines(0.5), [one.fault for one in REPORT.of(0.5)]
-(['One particle.'], ['A force of 0.5 N is left.', 'One particle.'], [True, False])
+>>> REPORT.lines(0.0), REPORT.lines(0.5), REPORT.find('balance', 0.5).fault
+(['One particle.'], ['A force of 0.5 N is left.', 'One particle.'], True)
 >>> REPORT.told(0.5), REPORT.told(0.0, verbose=True)
 (['A force of 0.5 N is left.'], ['One particle.'])
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -88,13 +88,9 @@ class Findings(dict[str, Judge]):
             return found
         return Finding(words=found if isinstance(found, str) else '\n'.join(found or ()))
 
-    def of(self, case: Any) -> Iterator[Finding]:
-        """What each function finds about a case, one after the other."""
-        return (self.find(name, case) for name in self)
-
-    def lines(self, case: Any) -> list[str]:
-        """The words of all that have something to say."""
-        return [found.words for found in self.of(case) if found.words]
+    def lines(self, case: Any, verbose: bool = True) -> list[str]:
+        """The words of all that have something to say; unless `verbose` only of those that answer or may find a fault."""
+        return [found.words for found in self.asked(case, verbose).values() if found.words]
 
     def asked(self, case: Any, verbose: bool = False) -> dict[str, Finding]:
         """What each function finds, by name; unless the report is `verbose` only of those that answer or may find a fault."""

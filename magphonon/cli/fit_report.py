@@ -44,7 +44,7 @@ FORCES, RIDGES, RESPONSES = Findings(), Findings(), Findings()
 
 def force_report(*case, verbose: bool = True) -> str:
     """What is said of a fit of forces, of a `ForceCase`: all of it, or the answer and what must not be missed."""
-    return '\n'.join(one.words for one in FORCES.asked(ForceCase(*case), verbose).values() if one.words)
+    return '\n'.join(FORCES.lines(ForceCase(*case), verbose))
 
 
 @FORCES.answer
@@ -176,7 +176,7 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
     """
     if not verbose:
         beside = omitted(found.scene, {'the ridges': found.points.q})
-        return '\n'.join([*_answer(found), *_shown(RIDGES, found), *([f'\n{beside.words}'] if beside.fault else [])])
+        return '\n'.join([*_answer(found), *RIDGES.lines(found, verbose=False), *([f'\n{beside.words}'] if beside.fault else [])])
     own, fits = found.points, found.fits
     ridges = Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist()))
     on = ', '.join(f'{count} on branch {branch + 1}{_called(found, branch)}' for branch, count in sorted(ridges.items()))
@@ -233,11 +233,6 @@ def allowed(found):
         lines.append(f'{strayed} of the points from a point source are closer to the other branch than to the branch of their '
                      'own motion.')
     return lines
-
-
-def _shown(report, found):
-    """What must not be missed."""
-    return [one.words for one in report.asked(found).values() if one.words]
 
 
 def _answer(found):
@@ -411,7 +406,7 @@ def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
     answer and what must not be missed.
     """
     if not verbose:
-        return '\n'.join([*_answer(found), *_shown(RESPONSES, found)])
+        return '\n'.join([*_answer(found), *RESPONSES.lines(found, verbose=False)])
     fits, values = found.fits, {model: found.values(model) for model in found.fits}
     points = sum(len(one.omega) for one in found.functions)
     known = ', '.join(['spacing', *(['mass'] if 'mass' not in fits['complete'].names else []), *fixed])

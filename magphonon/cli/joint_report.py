@@ -29,7 +29,7 @@ def joint_report(found, verbose: bool = True) -> str:
     joint, values = found.joints['complete'], found.values()
     first = f'{in_a_line(values, UNITS)}, with 95 % intervals in brackets.'
     if not verbose:
-        return '\n'.join([first, *(one.words for one in JOINT.asked(found).values() if one.words)])
+        return '\n'.join([first, *JOINT.lines(found, verbose=False)])
     alone = {name: [joint.alone(name).sigma_along(v) for v in found.along().values()] for name in found.records}
     rows = [('', 'all together', *found.records)]
     for k, (name, value) in enumerate(values.items()):
