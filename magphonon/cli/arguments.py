@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import positive
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
@@ -52,8 +52,6 @@ def share(text: str) -> float:
     found = _quantity(text, {'': 1.0, '%': 0.01})
     if 0 <= found < 1:
         return found
-    from argparse import ArgumentTypeError
-
     raise ArgumentTypeError(f'{text!r} is not from 0 up to 1; write 3 percent as 0.03 or 3%')
 
 
@@ -62,8 +60,6 @@ def _quantity(text, units):
     try:
         return float(match[1]) * units[match[2] or next(iter(units))]
     except (TypeError, ValueError, KeyError):
-        from argparse import ArgumentTypeError
-
         raise ArgumentTypeError(f'{text!r} is not a number with one of the units {", ".join(filter(None, units))}') from None
 
 
@@ -98,6 +94,16 @@ def find_inputs(options: Namespace) -> None:
 def default_folder(options: Namespace) -> str:
     """The directory for the results of a command on a scene, such as 'prototype-bands'."""
     return f'{options.scene.stem}-{options.command}'
+
+
+def read_affordable(options: Namespace) -> Scene:
+    """The scene of a command, or ValueError if the command needs more memory for it than is available."""
+    from ..scenes.scene import read_scene
+    from .costs import refuse_costly
+
+    scene = read_scene(options.scene)
+    refuse_costly(scene, options.command)
+    return scene
 
 
 def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[str]]:

@@ -12,7 +12,7 @@ import numpy as np
 from .. import units
 from ..errors import PhysicsError
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_pictures, add_scene, answering, read_affordable
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'
@@ -26,12 +26,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..bands.bands import analytic_bands
-    from ..scenes.scene import read_scene
     from .band_report import REPORT, Case
-    from .costs import refuse_costly
 
-    scene = read_scene(options.scene)
-    refuse_costly(scene, 'bands')
+    scene = read_affordable(options)
     with answering(options, scene) as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         if scene.foundation is not None and scene.foundation.modulation is not None:

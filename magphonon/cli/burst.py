@@ -6,13 +6,15 @@ The exit status is 0 if all bursts ran to their end, even if the lattice buckles
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from .. import units
 from ..errors import whole
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_pictures, add_scene, answering, read_affordable
 
 FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
 HELP = 'send tone bursts through a patch and see their fronts, with D* and without it'
@@ -38,15 +40,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from tqdm import tqdm
 
-    from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import MODELS
-    from .costs import refuse_costly
     from .neighbours import omission
 
     engine = _engine(options)
-    scene = read_scene(options.scene)
-    refuse_costly(scene, 'burst')
+    scene = read_affordable(options)
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.perfect_cell()
     with answering(options, scene) as (folder, save, told):
         records, largest, patches = {}, {}, {model: scene.patch_atoms(model) for model in MODELS}
@@ -79,8 +78,6 @@ def _told(scene, cell, records, largest):
 
 def _engine(options):
     """The engine of a burst in a model: a function of the name of the burst and the model that returns keywords for `send`."""
-    from pathlib import Path
-
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
         raise ValueError('--ranks and --files apply to LAMMPS only; add --engine lammps')
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
@@ -99,8 +96,6 @@ def _engine(options):
 
 def _seen(row, cell, source):
     """The waves along the row; those of a shaken bench enter at all walls, and no shift is known of them."""
-    from dataclasses import replace
-
     from ..waves.wave_analysis import waves
 
     return [replace(wave, source='point') for wave in waves(row, cell, 'row')] if source == 'bench' else waves(row, cell, source)
@@ -108,8 +103,6 @@ def _seen(row, cell, source):
 
 def _send(scene, k, cell, patch, engine):
     """Patch, site and passage of burst number k in a patch; the row is measured by the vibrometer of the scene, if any."""
-    from dataclasses import replace
-
     from ..dynamics.cages import Diverged
 
     try:

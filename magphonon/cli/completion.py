@@ -6,7 +6,7 @@ Write it once, in bash with `magphonon completion bash > ~/.local/share/bash-com
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, Namespace, _SubParsersAction
 
 HELP = 'complete commands, scenes and files with the tab key'
 FUNCTIONS = {
@@ -28,8 +28,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from argparse import _SubParsersAction
-
     try:
         import shtab
     except ImportError:

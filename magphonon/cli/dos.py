@@ -11,7 +11,7 @@ import numpy as np
 from .. import units
 from ..files import write_columns
 from ..findings import Finding, Findings
-from .arguments import add_output, add_pictures, add_scene, answering, lattice_and_patch
+from .arguments import add_output, add_pictures, add_scene, answering, lattice_and_patch, read_affordable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -38,11 +38,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..scenes.scene import read_scene
-    from .costs import refuse_costly
-
-    scene = read_scene(options.scene)
-    refuse_costly(scene, 'dos')
+    scene = read_affordable(options)
     lattice, patch, left = lattice_and_patch(scene)
     with answering(options, scene) as (folder, save, told):
         axes, found, ends, of_patch, unfolded = None, {}, {}, None, None

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_pictures, add_scene, answering, read_affordable
 
 HELP = 'frequency response to a force or a shaken bench, also drawn over measurements'
 RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
@@ -32,13 +32,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..scenes.scene import read_scene
-    from .costs import refuse_costly
     from .modes import unused
     from .neighbours import omission
 
-    scene = read_scene(options.scene)
-    refuse_costly(scene, 'frf')
+    scene = read_affordable(options)
     tables = [] if options.measured is None else [options.measured]
     plan, measured, relaxation = scene.wanted('frf'), _measured(scene, options), scene.relaxation()
     with answering(options, scene, *tables) as (folder, save, told):

@@ -12,7 +12,7 @@ import numpy as np
 from .. import units
 from ..files import write_columns
 from ..findings import Finding, Findings
-from .arguments import LOWEST, MOST_DIRECTIONS, add_output, add_pictures, add_scene, answering, lattice_and_patch
+from .arguments import LOWEST, MOST_DIRECTIONS, add_output, add_pictures, add_scene, answering, lattice_and_patch, read_affordable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -52,11 +52,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..scenes.scene import read_scene
-    from .costs import refuse_costly
-
-    scene = read_scene(options.scene)
-    refuse_costly(scene, 'modes')
+    scene = read_affordable(options)
     lattice, patch, left = lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
@@ -276,8 +272,28 @@ def unused_tolerances(case: Case) -> Finding | None:
 
 @REPORT.remark
 def other_neighbours(case: Case) -> list[str] | None:
-    """What the neighbours that a patch leaves out would change of the modes that are shown."""
-    return None if case.patch is None else _with_others(case.scene, case.system, case.found, case.shown)
+    """What the neighbours that a patch or a structure leaves out would change of the modes that are shown."""
+    from ..scenes.scene import LONG_RANGE, PAIRS
+    from ..stiffness.rest import LinearSystem
+
+    if case.patch is None or case.system.turning:
+        return None
+    scene, system = case.scene, case.system
+    cutoff = getattr(scene.lattice, 'cutoff_m', None)
+    if scene.finite and cutoff and system.directions <= MOST_REPEATED and system.atoms.calc.pairwise:
+        farther = scene.lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
+        every = LinearSystem.of(scene.model_copy(update={'lattice': farther}).atoms()).moving()
+        return _shifted(case, every, f'cutoff_m = {FARTHER * cutoff:.3g}')
+    if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
+        return None
+    enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
+    if enough is None or enough.error > LONG_RANGE:
+        return ['  the effect of farther neighbours on these modes was not computed']
+    if enough.shells <= scene.law.asked:
+        return None
+    law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))
+    every = LinearSystem.of(scene.model_copy(update={'law': law}).patch_atoms()).moving()
+    return _shifted(case, every, f'{enough.shells} shells of neighbours (farther ones do not matter)')
 
 
 @REPORT.check
@@ -347,43 +363,19 @@ def _spread(scene, system, found):
     return {'std_Hz': np.fmax(first, about), 'first_order_std_Hz': first, 'drawn_std_Hz': about}, lost
 
 
-def _with_others(scene, system, found, shown):
-    """What the neighbours that a patch or a structure leaves out would change of the modes that are shown."""
-    from ..scenes.scene import LONG_RANGE, PAIRS
-    from ..stiffness.rest import LinearSystem
-
-    if system.turning:
-        return []
-    cutoff = getattr(scene.lattice, 'cutoff_m', None)
-    if scene.finite and cutoff and system.directions <= MOST_REPEATED and system.atoms.calc.pairwise:
-        farther = scene.lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
-        every = LinearSystem.of(scene.model_copy(update={'lattice': farther}).atoms()).moving()
-        return _shifted(system, every, found, shown, f'cutoff_m = {FARTHER * cutoff:.3g}')
-    if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
-        return []
-    enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
-    if enough is None or enough.error > LONG_RANGE:
-        return ['  the effect of farther neighbours on these modes was not computed']
-    if enough.shells <= scene.law.asked:
-        return []
-    law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))
-    every = LinearSystem.of(scene.model_copy(update={'law': law}).patch_atoms()).moving()
-    return _shifted(system, every, found, shown, f'{enough.shells} shells of neighbours (farther ones do not matter)')
-
-
-def _shifted(system, every, found, shown, how):
+def _shifted(case, every, how):
     """Where modes of a system are found in the same with more neighbours, in words; modes are those that are most alike."""
     from scipy.spatial import KDTree
 
     from ..response.normal_modes import modes
 
-    there = modes(every)
+    system, found, there = case.system, case.found, modes(every)
     own = np.flatnonzero(system.mobile)
     same = np.flatnonzero(every.mobile)[KDTree(every.atoms.positions[every.mobile]).query(system.atoms.positions[own])[1]]
-    a, b = (one.reshape(len(one), -1) for one in (found.shapes[list(shown)][:, own], there.shapes[:, same]))
+    a, b = (one.reshape(len(one), -1) for one in (found.shapes[list(case.shown)][:, own], there.shapes[:, same]))
     mac = (a @ b.T) ** 2 / np.outer((a**2).sum(axis=1), (b**2).sum(axis=1))
     told = []
-    for k, row in zip(shown, mac, strict=True):
+    for k, row in zip(case.shown, mac, strict=True):
         f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
         told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
                     f'no mode is like mode {k + 1}')

@@ -139,20 +139,19 @@ def advice(case: Case) -> str | None:
     return 'Omit law.shells, or write shells = "auto", to count as many as matter.' if counts else None
 
 
-def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
-               within: Mapping[tuple[str, int], float] | None = None, limit: str = 'the 95 % interval',
-               brief: bool = False) -> list[str]:
+def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *,
+               within: Mapping[tuple[str, int], float] | None = None, brief: bool = False) -> list[str]:
     """A line that says how many neighbours are counted and what all of them would change; nothing for a scene where the number
     cannot be chosen.
 
     If `brief`, it names only the largest shift, if any matters. `points` are wavevectors in fractions of the reciprocal vectors:
     one for each name, or several under one name, for which the largest shift is given; by default the special points of the
     bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch from 1: shifts that
-    exceed them are named, and `limit` says in words what these widths are.
+    exceed them are named.
     """
     if scene.single or isinstance(scene.law, SavedLaw) or KINDS[scene.law.kind].shells == 1:
         return []
-    case = Case(scene, points, atoms, within, limit)
+    case = Case(scene, points, within=within)
     if not brief:
         return [' '.join(REPORT.lines(case))]
     most = [max(case.shifts, key=lambda shift: abs(shift[0]))] if case.matters else []

@@ -39,7 +39,7 @@ def run(options: Namespace, scene: Scene) -> None:
         try:
             design = designed(plan.steps, best.get('x'), starts=plan.starts, compare=True)
             if robust is not None:
-                design = _like(design, designed(plan.steps, design.x, robust=robust))
+                design = replace(designed(plan.steps, design.x, robust=robust), conventional=design.conventional)
             parts = {name: values for name, values in dict(plan.parts or ()).items() if values and name in over}
             if parts:
                 design = of_parts(design, parts, robust)
@@ -47,8 +47,7 @@ def run(options: Namespace, scene: Scene) -> None:
             if 'x' not in best:
                 raise
             design, parts, stopped = designed(1, best['x']), {}, True
-        judged = None if robust is None else _many(robust)
-        found = verify(design, judged, SEED)
+        found = verify(design, None if robust is None else replace(robust, draws=JUDGES), SEED)
         tolerances = None if robust is None else design.tolerances(robust)
         np.save(folder / PARAMETERS, design.x)
         write_build_list(folder / 'design.csv', design, tolerances, parts)
@@ -65,14 +64,6 @@ def _left(folder):
         return np.load(folder / PARAMETERS)
     except (OSError, ValueError) as error:
         raise ValueError(f'--resume: {folder / PARAMETERS} cannot be read ({error}); run without it first') from None
-
-
-def _like(first, design):
-    return replace(design, conventional=first.conventional)
-
-
-def _many(robust):
-    return replace(robust, draws=JUDGES)
 
 
 def _draw(scene, design, patch, source, tolerances, folder, save):

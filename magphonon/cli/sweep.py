@@ -6,7 +6,9 @@ A sweep that was killed continues where it stopped when the same command is give
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from collections.abc import Iterator
     from io import RawIOBase
-    from pathlib import Path
 
     from numpy.typing import NDArray
     from xarray import Dataset
@@ -141,8 +142,6 @@ def _new(path: Path) -> Iterator[RawIOBase | None]:
 
 
 def _lead(options, workers):
-    from pathlib import Path
-
     from ..plotting.sweeps import plot_sweep
     from ..scenes.scene import read_scene
     from ..sweeps.dataset import sweep
@@ -186,8 +185,6 @@ def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> li
 
 def _reasons(answers: Dataset) -> list[str]:
     """Why points lack an answer: reasons that differ in their numbers only are one, with the range of each number."""
-    from collections import defaultdict
-
     alike: defaultdict[str, list[list[str]]] = defaultdict(list)
     for fault in filter(None, answers.fault.to_numpy().ravel().tolist()):
         alike[NUMBER.sub('{}', fault.replace('{', '{{').replace('}', '}}'))].append(NUMBER.findall(fault))

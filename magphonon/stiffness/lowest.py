@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 
 from ..errors import refuse_memory
 from .factors import Factors, factorised
-
-if TYPE_CHECKING:
-
-    from numpy.typing import NDArray
 
 DENSE = 200  # largest size of a matrix that is diagonalised completely
 INVERSE = 800
