@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from ase import Atoms
+from numpy.typing import NDArray
 
 from ..bands.bloch import bloch_modes, branch_names
 from ..stiffness.bond import Model
@@ -183,9 +184,9 @@ def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple
     atoms, _ = build(fit.by_name)
     points = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(atoms, points, fit.model)))
     modes = _off_branches(atoms, points, fit.model, points.sigma_omega).argmin(axis=1)[points.ridge]
-    sigma, slope = _uncertainty(atoms, points, modes, fit.model)
+    sigma, slope = uncertainty(atoms, points, modes, fit.model)
     omega = _at(atoms, points, modes, fit.model)
-    return tuple((_whitening(points, modes, points.shift * slope / sigma) @ ((points.omega - omega) / sigma)).tolist())
+    return tuple((whitening(points, modes, points.shift * slope / sigma) @ ((points.omega - omega) / sigma)).tolist())
 
 
 def _settled(cell, names, points, model, priors, branches_in, start, passes=range(PASSES)):
@@ -200,8 +201,8 @@ def _settled(cell, names, points, model, priors, branches_in, start, passes=rang
         seen = replace(points, sigma_xi=np.maximum(points.sigma_xi, least))
         branches = branches_in(atoms, seen)
         modes = _followed(atoms, seen, np.array(branches)[points.ridge], model)
-        sigma, slope = _uncertainty(atoms, seen, modes, model)
-        scale, white = 2 * points.omega * sigma, _whitening(points, modes, points.shift * slope / sigma)
+        sigma, slope = uncertainty(atoms, seen, modes, model)
+        scale, white = 2 * points.omega * sigma, whitening(points, modes, points.shift * slope / sigma)
 
         def residuals(x, modes=modes, scale=scale, white=white) -> Any:
             omega = _at(cell(*x)[0], points, modes, model)
@@ -248,7 +249,7 @@ def _followed(atoms, points, modes, model):
     """The branch of each point: that of its ridge, but where waves of a point source are clearly those of the next one."""
     for side in (1, -1):
         other = np.clip(modes + side, 0, bloch_modes(atoms, points.q[:1], model)[0].shape[1] - 1)
-        own, its = (abs(points.omega - _at(atoms, points, some, model)) / _uncertainty(atoms, points, some, model)[0]
+        own, its = (abs(points.omega - _at(atoms, points, some, model)) / uncertainty(atoms, points, some, model)[0]
                     for some in (modes, other))
         modes = np.where(points.from_points & (own > STRAYS) & (its < own / STRAYS), other, modes)
     return modes
@@ -298,7 +299,8 @@ def _off_branches(atoms, points, model, unit):
     return found
 
 
-def _uncertainty(atoms, points, modes, model):
+def uncertainty(atoms: Atoms, points: RidgePoints, modes: NDArray[np.int_],
+                model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Standard uncertainty of each frequency, with what the uncertainty of its wavevector adds, and the slope d omega/d xi."""
     def at(step):
         return _at(atoms, points, modes, model, points.xi + step)
@@ -308,7 +310,7 @@ def _uncertainty(atoms, points, modes, model):
     return np.hypot(points.sigma_omega, beside), (at(STEP) - at(-STEP)) / (2 * STEP)  # no slope in sigma: it may vanish
 
 
-def _whitening(points, modes, shifted):
+def whitening(points: RidgePoints, modes: NDArray[np.int_], shifted: NDArray[np.float64]) -> NDArray[np.float64]:
     """C^(-1/2) for residuals over sigma, where `shifted` is tau d/sigma."""
     _, group = np.unique([modes, points.from_points], axis=1, return_inverse=True)
     V = np.where(np.ravel(group) == np.arange(group.max() + 1)[:, None], shifted, 0.0)

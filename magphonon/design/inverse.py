@@ -2,7 +2,7 @@
 
 The cut-off, the frequency of uniform motion, fixes the foundation, `k = m w^2`.  Given k, the edge of a band or the width
 of a gap fixes the spacing.  Only spacings at which the lattice is stable on this foundation are considered: their range is
-searched for crossings of the wanted value, and each crossing is refined with the analytic slope.
+searched for crossings of the wanted value, and each crossing is refined by Brent's method.
 """
 
 from __future__ import annotations
@@ -47,13 +47,6 @@ class Design:
     value: float
     slope: float
     needed: float
-
-
-def _by_spacing(atoms, target):
-    """A value, and its derivative by the logarithm of the spacing, rad/ms."""
-    rest = Rest(LinearSystem.of(atoms))
-    value, slope = target.value_and_slope(rest)
-    return value, SiteSlopes(rest.system).of(slope)['spacing']
 
 
 @takes('all neighbours', 'modulation', 'site law', 'conventional', 'attraction', 'oblique', 'unlike')
@@ -122,26 +115,34 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
     >>> round(design.spacing, 9), round(2 ** (1 / 5), 9)  # omega^2 = 2 (a - 3) L^-(a + 1)
     (1.148698355, 1.148698355)
     """
+    from scipy.optimize import brentq
+
     low, high = finite('between', between, (2,))
     if not 0 < low < high:
         raise ValueError(f'the range of spacings must be two increasing positive numbers in mm, not {low:g} and {high:g}')
     stretches = _stable_stretches(build, np.geomspace(low, high, SCAN_POINTS))
     if not stretches:
         raise NoDesign(None, None)
-    values = [[target.value(LinearSystem.of(build(L))) for L in spacings] for spacings in stretches]
-    found = []
-    for spacings, off in zip(stretches, (np.array(row) - wanted for row in values), strict=True):
-        for k in np.flatnonzero((off[:-1] < 0) != (off[1:] < 0)):
-            found.append(_refine(build, target, wanted, spacings[k], spacings[k + 1]))
-        if off[-1] == 0:
-            found.append(float(spacings[-1]))
+
+    def off(spacing):
+        return target.value(LinearSystem.of(build(float(spacing)))) - wanted
+
+    misses, found = [np.array([off(L) for L in spacings]) for spacings in stretches], []
+    for spacings, miss in zip(stretches, misses, strict=True):
+        for k in np.flatnonzero((miss[:-1] < 0) != (miss[1:] < 0)):
+            found.append(brentq(off, spacings[k], spacings[k + 1], xtol=1e-15 * low))
+        if miss[-1] == 0:
+            found.append(spacings[-1])
     if not found:
-        reach = [(min(row), max(row)) for row in values]
-        raise NoDesign([(s[0], s[-1]) for s in stretches], (min(lo for lo, _ in reach), max(hi for _, hi in reach)))
+        reach = wanted + np.concatenate(misses)
+        raise NoDesign([(s[0], s[-1]) for s in stretches], (reach.min(), reach.max()))
     designs = []
-    for L in found:
-        value, slope = _by_spacing(build(L), target)
-        designs.append(Design(L, float(value), float(slope), critical_foundation(build(L), 'complete')[0]))
+    for L in map(float, found):
+        atoms = build(L)
+        rest = Rest(LinearSystem.of(atoms))
+        value, slope = target.value_and_slope(rest)
+        by_spacing = SiteSlopes(rest.system).of(slope)['spacing']
+        designs.append(Design(L, float(value), float(by_spacing), critical_foundation(atoms, 'complete')[0]))
     return designs
 
 
@@ -185,20 +186,3 @@ def _verge(build, inside, outside):
             break
         inside, outside = (middle, outside) if _holds(build, middle) else (inside, middle)
     return inside
-
-
-def _refine(build, target, wanted, low, high):
-    """Spacing between `low` and `high` at which the target is met, by Newton's method within these bounds."""
-    from scipy.optimize import least_squares
-
-    def off(x):
-        return np.array([_by_spacing(build(float(np.exp(x[0]))), target)[0] - wanted])
-
-    def slope(x):
-        return np.array([[_by_spacing(build(float(np.exp(x[0]))), target)[1]]])
-
-    # SciPy declares the types of its defaults only
-    x = least_squares(off, [np.log(low * high) / 2], slope,  # pyright: ignore[reportArgumentType]
-                      bounds=([np.log(low)], [np.log(high)]), xtol=1e-15,
-                      ftol=None, gtol=None).x[0]  # pyright: ignore[reportArgumentType]
-    return float(np.exp(x))

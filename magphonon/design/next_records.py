@@ -16,7 +16,7 @@ from ..findings import Proposal
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..waves.ridge_tables import RidgePoints
-from .dispersion_fits import STEP, DispersionFit
+from .dispersion_fits import DispersionFit, uncertainty, whitening
 from .least_squares import best
 from .sensitivities import StiffnessDerivative, frequency_sensitivities
 from .site_unknowns import eliminated, normal_matrices
@@ -62,16 +62,10 @@ def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, Stiffnes
                  points: RidgePoints) -> NDArray[np.float64]:
     """Information of the points about the parameters; the unknown shift that all points of a branch share is eliminated."""
     n, modes = np.arange(len(points)), np.array(fit.branches)[points.ridge]
-    omega, slopes = frequency_sensitivities(cell, points.q, [changes[name] for name in fit.names])
-
-    def away(step):
-        return bloch_modes(cell, points.q * (1 + step / points.xi)[:, None])[0][n, modes] - omega[n, modes]
-
-    by_xi, beside = away(STEP) / STEP, np.maximum(*(abs(away(side * points.sigma_xi)) for side in (1, -1)))
-    sigma = np.hypot(points.sigma_omega, beside)
-    _, group = np.unique([modes, points.from_points], axis=1, return_inverse=True)
-    J, S = slopes[:, n, modes] / sigma, (np.ravel(group) == np.arange(len(n))[:, None]) * points.shift * by_xi / sigma
-    return J @ J.T - J @ S.T @ np.linalg.solve(np.eye(len(n)) + S @ S.T, S @ J.T)
+    _, slopes = frequency_sensitivities(cell, points.q, [changes[name] for name in fit.names])
+    sigma, by_xi = uncertainty(cell, points, modes)
+    J = whitening(points, modes, points.shift * by_xi / sigma) @ (slopes[:, n, modes] / sigma).T
+    return J.T @ J
 
 
 def after_responses(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..interactions.leaning import leaning_law
 from .all_neighbours import AllNeighbours
 from .ewald import lattice_sum
+from .matrices import own_stiffness
 from .repulsion import Repulsion
 from .site_laws import each_spring
 
@@ -38,11 +39,9 @@ def _taken(calc, charges) -> NDArray[np.float64]:
             raise ValueError('the sum over all neighbours of leaning magnets is known for one magnet in a cell and laws in '
                              'closed form; choose a number of shells')
         return np.full((1, 2), 1.5 * charges.b * lattice_sum(calc.reference, 3.0))
-    R, i, j = calc.bond_vectors, calc.bonds.i, calc.bonds.j
+    R = calc.bond_vectors
     T = 3 * charges.b * np.linalg.norm(R, axis=1)[:, None, None] ** -5 * R[:, :, None] * R[:, None, :]
-    sites = np.zeros((len(calc.reference), 2, 2))
-    np.add.at(sites, i, T)
-    np.add.at(sites, j, T)
+    sites = own_stiffness(calc.bonds, T)
     if abs(sites - sites[0] * np.eye(2)).max() > EQUAL * abs(sites).max():
         raise ValueError('leaning gives the sites of this lattice different springs, or oblique ones, which foundations here do '
                          'not support; remove lean = true')
