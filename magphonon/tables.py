@@ -237,16 +237,13 @@ def _stretched(path, columns):
     if len(wide) != 1 or len(shape := next(iter(wide))) != 2 or shape[0] == shape[1] or not flat <= {shape[:1], shape[1:]}:
         raise ValueError(f'{path} holds arrays of the shapes {", ".join(map(str, sorted(shapes)))}; give columns of one length, '
                          'or arrays (frames, points) with the times of the frames and the positions of the points')
-    if any(values.shape == shape[1:] and _names_time(name) for name, values in columns.items()):
+    of_points = [name for name, values in columns.items() if values.shape == shape[1:]]
+    if any(_heading(name, '', {'time': TIME}, {}).quantity == 'time' for name in of_points):  # its times are along the rows
         columns, shape = {name: values.T for name, values in columns.items()}, shape[::-1]
     long = {name: (values if values.ndim == 2 else np.broadcast_to(values if len(values) == shape[1] else values[:, None], shape)
                    ).ravel() for name, values in columns.items()}
     return long if any(len(values) == shape[1] for values in columns.values() if values.ndim == 1) else {
         **long, 'point': np.tile(np.arange(1, shape[1] + 1), shape[0])}
-
-
-def _names_time(name):
-    return _heading(name, '', {'time': TIME}, {}).quantity == 'time'
 
 
 def _divided(path, text, headings, is_header):

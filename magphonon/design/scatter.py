@@ -38,7 +38,7 @@ from ..stiffness.factors import inverse
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem, freedom
 from ..traits import LIKE, takes
-from .sensitivities import LawDerivative, exponent_change
+from .sensitivities import exponent_change, force_change
 
 SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
 ALIKE = (*SITES, 'scale')  # those that all sites may have in common: the scale is that of all lengths, by a ruler
@@ -228,8 +228,8 @@ class SiteSlopes:
             raise ValueError('for large motion the derivative with respect to the exponent is not available; omit the exponent '
                              'or the amplitude')
         calc, R = self.system.calc, self.system.calc.bond_vectors
-        strength, law = calc.strengths[calc.bonds.i] * calc.strengths[calc.bonds.j], exponent_change(calc.laws, kept)
-        change: Any = LawDerivative(lambda r: strength * law.dphi(r), lambda r: strength * law.d2phi(r))
+        strength = calc.strengths[calc.bonds.i] * calc.strengths[calc.bonds.j]
+        change: Any = force_change(exponent_change(calc.laws, kept), strength)
         r = np.linalg.norm(R, axis=1)
         direct = [(G * model_stiffness(R, change, model)).sum() for G, model in kinds if np.ndim(G)]
         return sum(direct) - ((change.dphi(r) / r)[:, None] * R * e).sum()

@@ -68,7 +68,7 @@ class StiffnessDerivative:
     mass: float = 0.0
 
 
-def force_change(law: PairLaw, power: int = 1) -> LawDerivative:
+def force_change(law: PairLaw | LawDerivative, power: ArrayLike = 1) -> LawDerivative:
     """Derivative of a law, or of the laws along the bonds, whose force is proportional to a `power` of the parameter.
 
     Examples

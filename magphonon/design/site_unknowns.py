@@ -24,14 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from ..interactions.law_cards import LawDerivative
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import model_stiffness, sizes, stiffness_change
-from ..stiffness.calculator import PairCalculator
 from ..stiffness.rest import LinearSystem
-from ..stiffness.site_laws import Foundation
 from .least_squares import BLIND, FITS, MOST_FACTOR, Before
+from .sensitivities import force_change
 from .transfer_fits import (
     MOST_SCATTER,
     Batch,
@@ -87,7 +85,7 @@ class Sites:
     @classmethod
     def of(cls, system: LinearSystem) -> Sites:
         calc, n = system.calc, len(system) * system.dim
-        springs = np.broadcast_to(_springs(calc), (len(system), system.dim))
+        springs = np.broadcast_to(calc.tie.springs(), (len(system), system.dim))
         tied = (springs > 0) & system.mobile[:, None]
         acting, stiff = system.mobile.copy(), sizes(calc.bond_vectors, calc.interaction)[1]
         for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
@@ -165,21 +163,13 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
     reference = calc.reference.copy()
     reference.positions += moved
     own = replace(calc.sites, strengths=calc.strengths * strengths, anchors=calc.anchors + moved,
-                  foundation=_springs(calc) * springs)
+                  foundation=calc.tie.springs() * springs)
     system = LinearSystem.about(calc.changed(reference, sites=own), built.system.atoms)
     pairs, changes = strengths[calc.bonds.i] * strengths[calc.bonds.j], {}
     for name, change in built.changes.items():
-        law = change.law and _times(change.law, pairs)
+        law = change.law and force_change(change.law, pairs)
         changes[name] = replace(change, law=law, foundation=change.foundation * springs if np.any(change.foundation) else 0.0)
     return built._replace(system=system, changes=changes)
-
-
-def _times(law, pairs):
-    return LawDerivative(lambda r: pairs * law.dphi(r), lambda r: pairs * law.d2phi(r))
-
-
-def _springs(calc: PairCalculator) -> Foundation:
-    return calc.tie.springs()
 
 
 def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sites: Sites,
@@ -193,7 +183,7 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
     changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
     by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # by strengths, moves along x, along y
     order = np.arange(n * dim).reshape(dim, n).T.ravel()
-    springs = np.broadcast_to(_springs(calc), sites.tied.shape)[sites.tied]
+    springs = np.broadcast_to(calc.tie.springs(), sites.tied.shape)[sites.tied]
     found = []
     for one in own:
         x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))

@@ -500,16 +500,12 @@ class Blocks:
         self._state, self._spare = (aligned_zeros((3, 2, self.layout.length), self._dtype) for _ in range(2))
         self._state[0][:, self.layout.slot], self._state[1][:, self.layout.slot] = u.T, v.T
         self._anchors, self._stale = anchors, True
-        self._measure()
+        self._extent = [ANY_DIRECTION * largest(x) for x in self._state[:2]]  # or a little more than these
         level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
         if level > self._level:
             self._level = level
             if self._kernel is not None:
                 self._fit(level)
-
-    def _measure(self):
-        """The largest displacement and speed, or a little more."""
-        self._extent = [ANY_DIRECTION * largest(x) for x in self._state[:2]]
 
     def _strain(self):
         """The largest increment |e| of the present state."""

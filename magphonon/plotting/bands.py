@@ -151,10 +151,9 @@ def _joined(ticks, names):
 
 def _from_zero(ax):
     """Let the frequency axis start at zero, or below the lowest unstable mode, with the range under zero shaded."""
-    for patch in [patch for patch in ax.patches if patch.get_gid() == 'unstable']:
-        patch.remove()
-    for text in [text for text in ax.texts if text.get_gid() == 'unstable']:
-        text.remove()
+    for artist in (*ax.patches, *ax.texts):
+        if artist.get_gid() == 'unstable':
+            artist.remove()
     f = np.concatenate([line.get_ydata() for line in ax.lines])
     top, bottom = 1.05 * np.nanmax(f), 0.0
     if np.nanmin(f) < -NEGLIGIBLE * np.nanmax(abs(f)):

@@ -146,11 +146,8 @@ class BandFits:
         scene = with_factors(self.scene, factors)
         if not self.of_any_law:
             return scene
-        farthest = FARTHEST * scene.perfect_cell().calc.bonds.lengths.max()
-        r = np.geomspace(NEAREST * scene.lattice.spacing_m * u.m, farthest, KNOTS)
-        columns = {'distances_m': (r / u.m).tolist(), 'forces_N': (-_bent(scene, factors)[0].dphi(r) / u.N).tolist()}
-        law = TableLaw.model_validate({'kind': 'table', 'shells': scene.law.asked, **columns})
-        return scene.model_copy(update={'law': law.with_shells(scene.law.shells, scene.law.reach)})
+        r = knots(scene.perfect_cell(), scene.lattice.spacing_m * u.m)
+        return with_table(scene, r, -_bent(scene, factors)[0].dphi(r))
 
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr at the spacing.
@@ -407,3 +404,15 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     if springs and scene.foundation and scene.foundation.pillar:
         springs = {'youngs_modulus': springs['stiffness']}
     return varied(scene, springs)
+
+
+def knots(cell: Atoms, spacing: float) -> NDArray[np.float64]:
+    """Distances in mm at which the table of a law holds its forces, as far as a cell asks it."""
+    return np.geomspace(NEAREST * spacing, FARTHEST * cell.calc.bonds.lengths.max(), KNOTS)
+
+
+def with_table(scene: Scene, r: NDArray[np.float64], f: NDArray[np.float64]) -> Scene:
+    """The scene with a table of forces as its law, between as many neighbours as before."""
+    own, columns = scene.law, {'distances_m': (r / u.m).tolist(), 'forces_N': (f / u.N).tolist()}
+    table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns})
+    return scene.model_copy(update={'law': table.with_shells(own.shells, own.reach)})

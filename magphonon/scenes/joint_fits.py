@@ -20,7 +20,7 @@ from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion
 from ..design.joint_fits import BEFORE, RESPONSES, RIDGES, Joint, Record, told
 from ..design.least_squares import Before, best
-from ..design.sensitivities import LawDerivative, StiffnessDerivative, frequency_sensitivities
+from ..design.sensitivities import StiffnessDerivative, frequency_sensitivities
 from ..design.site_unknowns import with_site_unknowns
 from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer
 from ..errors import one_of
@@ -34,12 +34,10 @@ from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..waves.ridge_tables import RidgePoints
 from . import band_fits, frf_fits
-from .laws import TableLaw
 from .scene import Scene
 
-LAW = ('force', 'a', *(f'bend {k}' for k in BENDS))
+LAW = ('force', 'a', *band_fits.BENT)
 CLOCK = 1e-3  # relative standard deviation of a clock
-NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
 NEAREST_MEASURED = 0.8  # spacings from which on shapes are compared
 NOTHING, HUGE = 1e-20, 1e9  # N: forces of trials of a fit are kept between them, the former at the spacing
 ROUNDS = 2  # times that tables are read near the joint fit
@@ -108,8 +106,7 @@ class Specimen:
 
     def law(self, factors: Mapping[str, float]) -> Tabulated:
         """The law of these factors, as far as the lattice asks it."""
-        farthest = FARTHEST * repulsion_of(self.cell).bonds.lengths.max()
-        r = np.geomspace(NEAREST * self.family.r0, farthest, KNOTS)
+        r = band_fits.knots(self.cell, self.family.r0)
         ln_f, least = self.family.curve(self.p(factors), r)[0], np.log(NOTHING) - 4 * np.log(r / self.family.r0)
         with catch_warnings():
             simplefilter('ignore', UserWarning)  # of readings too far apart: these are no readings
@@ -122,25 +119,14 @@ class Specimen:
     def with_factors(self, factors: Mapping[str, float]) -> Scene:
         """The scene with the law of these factors, as a table, and with its springs."""
         law = self.law(factors)
-        columns = {'distances_m': (law.r / u.m).tolist(), 'forces_N': (law.f / u.N).tolist()}
-        own = self.scene.law
-        table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns}).with_shells(own.shells, own.reach)
-        return self.on_springs(factors).model_copy(update={'law': table})
+        return band_fits.with_table(self.on_springs(factors), law.r, law.f)
 
     def changes_of(self, scene: Scene, law: PairLaw, factors: Mapping[str, float]) -> dict[str, StiffnessDerivative]:
         """What each parameter changes, of a scene with springs and of a law that these factors make."""
-        by_x = np.ones(len(LAW))
-        by_x[1] = self.start[1] * factors.get('a', 1.0)  # of delta by ln a
-
-        def change(k):
-            def slopes(r, which):
-                return np.reshape(self.family.slopes(np.ravel(r))[which][:, k], np.shape(r)) * by_x[k]
-
-            return StiffnessDerivative(law=LawDerivative(lambda r: slopes(r, 0) * law.dphi(r),
-                                        lambda r: slopes(r, 0) * law.d2phi(r) + slopes(r, 1) / r * law.dphi(r)))
-
+        along = np.diag([1.0, self.start[1] * factors.get('a', 1.0), *np.ones(len(BENDS))])  # of delta by ln a
+        of_law = {name: StiffnessDerivative(law=self.family.change(law, v)) for name, v in zip(LAW, along, strict=True)}
         springs = {name: one for name, one in band_fits.changes_of(scene).items() if name in self.springs}
-        return {name: change(k) for k, name in enumerate(LAW)} | springs | {'mass': StiffnessDerivative(mass=1.0)}
+        return of_law | springs | {'mass': StiffnessDerivative(mass=1.0)}
 
     @property
     def before(self) -> Record:
@@ -246,7 +232,7 @@ class JointFits:
         tried = {'any smooth law': LawFamily(family.r0), 'an inverse power': LawFamily(family.r0)}
         if scene.law.kind in ('magnets', 'table'):
             tried['the shape in the scene'] = LawFamily(family.r0, scene.law.potential())
-        r = np.geomspace(NEAREST_MEASURED * family.r0, repulsion_of(self.specimen.cell).bonds.lengths.max(), KNOTS)
+        r = np.geomspace(NEAREST_MEASURED * family.r0, repulsion_of(self.specimen.cell).bonds.lengths.max(), band_fits.KNOTS)
         ln = {words: np.log(SHAPE_WEIGHT) for words in tried}
         ln['any smooth law'] = np.log(1 - SHAPE_WEIGHT * (len(tried) - 1))
         for words, one in tried.items():

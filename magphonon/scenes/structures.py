@@ -23,7 +23,7 @@ from .. import units as u
 from ..bands.bands import band_path
 from ..errors import one_of, whole
 from ..files import MEGABYTE, refuse_endless
-from ..lattices.bonds import distances_within
+from ..stiffness.all_neighbours import nearest_distance
 from ..stiffness.defects import LARGEST_SCATTER, Scatter, scattered, substituted, with_interstitial, with_vacancies
 from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
@@ -274,9 +274,7 @@ class FileLattice(Table):
     @property
     def spacing_m(self) -> float:
         """Distance of nearest particles in m."""
-        atoms = self._atoms
-        own = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
-        return float(distances_within(atoms, np.linalg.norm(own, axis=1).min() * (1 + 1e-9)).min()) / u.m
+        return nearest_distance(self._atoms) / u.m
 
     @computed_field
     @property
