@@ -96,16 +96,6 @@ def default_folder(options: Namespace) -> str:
     return f'{options.scene.stem}-{options.command}'
 
 
-def read_affordable(options: Namespace) -> Scene:
-    """The scene of a command, or ValueError if the command needs more memory for it than is available."""
-    from ..scenes.scene import read_scene
-    from .costs import refuse_costly
-
-    scene = read_scene(options.scene)
-    refuse_costly(scene, options.command)
-    return scene
-
-
 def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[str]]:
     """The lattice of a scene, its patch or finite structure, and lines that say what is left out."""
     if scene.single:

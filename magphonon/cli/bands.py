@@ -12,7 +12,7 @@ import numpy as np
 from .. import units
 from ..errors import PhysicsError
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering, read_affordable
+from .arguments import add_output, add_pictures, add_scene, answering
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'
@@ -27,6 +27,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..bands.bands import analytic_bands
     from .band_report import REPORT, Case
+    from .costs import read_affordable
 
     scene = read_affordable(options)
     with answering(options, scene) as (folder, save, told):

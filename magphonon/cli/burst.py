@@ -14,7 +14,7 @@ import numpy as np
 from .. import units
 from ..errors import whole
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering, read_affordable
+from .arguments import add_output, add_pictures, add_scene, answering
 
 FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
 HELP = 'send tone bursts through a patch and see their fronts, with D* and without it'
@@ -42,6 +42,7 @@ def run(options: Namespace) -> None:
 
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import MODELS
+    from .costs import read_affordable
     from .neighbours import omission
 
     engine = _engine(options)

@@ -7,8 +7,9 @@ to distinguish a typing error, such as 1e12 points, from work that fits.  Names 
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,13 +18,9 @@ from ..errors import free_memory
 from ..findings import Finding, Findings
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
+from ..scenes.scene import Scene, read_scene
 from ..stiffness.bond import MODELS
 from .arguments import LOWEST, MOST_DIRECTIONS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from ..scenes.scene import Scene
 
 USABLE_FRACTION = 0.5
 """Fraction of the free memory that a command may use; the rest is kept for the system and for errors of the estimates."""
@@ -78,6 +75,13 @@ def refuse_costly(scene: Scene, *commands: str) -> None:
     for name in commands:
         if (found := COSTS.find(name, scene)).fault:
             raise ValueError(found.words)
+
+
+def read_affordable(options: Namespace) -> Scene:
+    """The scene of a command, or ValueError if the command needs more memory for it than is available."""
+    scene = read_scene(options.scene)
+    refuse_costly(scene, options.command)
+    return scene
 
 
 @estimate

@@ -11,7 +11,7 @@ import numpy as np
 from .. import units
 from ..files import write_columns
 from ..findings import Finding, Findings
-from .arguments import add_output, add_pictures, add_scene, answering, lattice_and_patch, read_affordable
+from .arguments import add_output, add_pictures, add_scene, answering, lattice_and_patch
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -38,6 +38,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    from .costs import read_affordable
+
     scene = read_affordable(options)
     lattice, patch, left = lattice_and_patch(scene)
     with answering(options, scene) as (folder, save, told):

@@ -5,7 +5,7 @@ functions.
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,15 +14,13 @@ from ..bands.bands import analytic_bands
 from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..findings import Findings, next_lines
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors, shells_within
+from ..interactions.force_tables import Forces
 from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 from .fitted import SIGMAS, entries_of, in_a_line, interval, unlike_springs, with_unit
 from .neighbours import neighbours, omitted
-
-if TYPE_CHECKING:
-    from ..interactions.force_tables import Forces
 
 FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it
 SURE = 0.8  # probability of a drift from which it is told

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering, read_affordable
+from .arguments import add_output, add_pictures, add_scene, answering
 
 HELP = 'frequency response to a force or a shaken bench, also drawn over measurements'
 RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
@@ -32,6 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    from .costs import read_affordable
     from .modes import unused
     from .neighbours import omission
 

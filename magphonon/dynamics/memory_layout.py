@@ -12,17 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from ..lattices.bonds import Bonds, lengths_of, stretches
-
-if TYPE_CHECKING:
-
-    from ase import Atoms
-    from numpy.typing import NDArray
-
 
 GRID_COST = 6  # ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there
 KINDS_OF_OFFSET = 1.5

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-
-    from numpy.typing import NDArray
-
-    from ..stiffness.calculator import PairCalculator
-    from .memory_layout import Layout
+from ..stiffness.calculator import PairCalculator
+from .memory_layout import Layout
 
 
 class SiteForces:

@@ -5,18 +5,16 @@ from __future__ import annotations
 import json
 import tomllib
 import types
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic.fields import FieldInfo
 
 from ..errors import did_you_mean, one_of
 from .fields import Allowed, Table, between, unit_of
 from .scene import Scene, ready_scenes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from pydantic.fields import FieldInfo
 
 TYPES = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false'}
 

@@ -4,15 +4,19 @@ support its particles, and the finite patch that waves cross.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
+from ase import Atoms
 from ase.constraints import FixedLine
+from ase.dft.kpoints import BandPath
 from pydantic import BeforeValidator, Field, model_validator
 
 from .. import lattices, units as u
 from ..bands.bands import band_path
 from ..errors import not_negative
+from ..interactions.bond_laws import Law
+from ..interactions.pair_laws import PairLaw
 from ..interactions.upright import UprightMagnets
 from ..stiffness.site_laws import Travelling
 from .fields import (
@@ -35,14 +39,6 @@ from .fields import (
     within,
 )
 from .structures import FileLattice
-
-if TYPE_CHECKING:
-
-    from ase import Atoms
-    from ase.dft.kpoints import BandPath
-
-    from ..interactions.bond_laws import Law
-    from ..interactions.pair_laws import PairLaw
 
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')

@@ -8,19 +8,15 @@ distance, as between upright magnets that leave their plane, the law itself is a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import one_of
 from ..interactions.bond_laws import Law, Laws, laid, laws_along
+from ..interactions.pair_laws import PairInteraction, PairLaw
 from ..lattices.bonds import Bonds, lengths_of
-
-if TYPE_CHECKING:
-
-    from numpy.typing import NDArray
-
-    from ..interactions.pair_laws import PairInteraction, PairLaw
 
 Model = Literal['complete', 'conventional']
 MODELS: tuple[Model, ...] = ('complete', 'conventional')

@@ -7,14 +7,17 @@ follows the cell.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from ase import Atoms
 from ase.calculators.calculator import PropertyNotImplementedError
 from ase.geometry import find_mic, minkowski_reduce
 from ase.stress import full_3x3_to_voigt_6_stress
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
@@ -32,13 +35,6 @@ from .sites import (
     refuse_height,
     refuse_motion_out_of_the_plane,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
 
 STRETCHED = 3.0  # ratio of the length of a bond to its length in the reference above which the particles are no longer neighbours
 NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '

@@ -9,20 +9,15 @@ particle by particle, `dim` components each (2 in the plane, 3 in space).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 
+from ..lattices.bonds import Bonds
 from .site_laws import Foundation, site_blocks
-
-if TYPE_CHECKING:
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..lattices.bonds import Bonds
-
 
 ALONG = 1e-12
 """In the block of two particles in a Hessian, entries below this fraction of the largest are round-off and are set to zero.  They

@@ -6,22 +6,18 @@ A net is a structure whose bonds are listed, each with its law. Every node is a 
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from ..errors import shown
+from ..interactions.pair_laws import PairLaw
 from .calculator import PairCalculator
 from .repulsion import repulsion_of
 from .rest import LinearSystem
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from ase import Atoms
-    from numpy.typing import NDArray
-
-    from ..interactions.pair_laws import PairLaw
 
 BALANCED = 1e-10  # of the largest singular value: below it the tensions of a self-stress balance
 
