@@ -78,9 +78,8 @@ class Rest:
     @cached_property
     def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Squared frequencies, and the modes x in columns, shape (free, modes), normalised to x.M x = 1."""
-        root = np.sqrt(self.masses)
-        squares, v = np.linalg.eigh(np.asarray(self.system.stiffness.todense()) / np.outer(root, root))
-        return squares, v / root[:, None]
+        squares, v = self.system.spectrum
+        return squares, v / np.sqrt(self.masses)[:, None]
 
     def response(self, place: Dof, omega: float, damping: float) -> NDArray[np.complex128]:
         """Displacements for a unit force at a place, shape (particles, dim), in mm/N."""

@@ -119,19 +119,15 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
         grid = np.append(grid[grid < last], last)
     laws = {(a, b): _ended(PairOf(atoms.calc, (kinds[a], kinds[b])), grid)
             for a, b in combinations_with_replacement(range(len(kinds)), 2)}
-    here = _in_mm(atoms, tags := [kinds.index(symbol) for symbol in symbols])
+    tags = [kinds.index(symbol) for symbol in symbols]
+    here = Atoms(atoms.symbols, atoms.positions * MM, cell=atoms.cell.array * MM, pbc=atoms.pbc, tags=tags,
+                 masses=atoms.get_masses() * GRAM)
+    here.set_constraint(atoms.constraints)
     reach = _reach(laws.values(), grid[-1]) if cutoff is None else cutoff * MM
     _refuse_many_bodies(atoms, tags, laws, reach)
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='a mass of')  # atoms are denser than magnets, and their units are right
         here.calc = PairCalculator(here, laws if len(kinds) > 1 else laws[0, 0], cutoff=reach)
-    return here
-
-
-def _in_mm(atoms, kinds):
-    here = Atoms(atoms.symbols, atoms.positions * MM, cell=atoms.cell.array * MM, pbc=atoms.pbc, tags=kinds,
-                 masses=atoms.get_masses() * GRAM)
-    here.set_constraint(atoms.constraints)
     return here
 
 
