@@ -15,26 +15,22 @@ A state holds displacements u, velocities v and accelerations a of the slots of 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from ..stiffness.site_laws import Foundation
+from .bond_increments import Increments, Pieces
+from .memory_layout import Layout
+from .site_forces import SiteForces
+from .splittings import Splitting
 
-    from numpy.typing import NDArray
-
-    from ..stiffness.site_laws import Foundation
-    from .bond_increments import Increments, Pieces
-    from .memory_layout import Layout
-    from .site_forces import SiteForces
-    from .splittings import Splitting
-
-    Found = tuple[bool, float, float]
-    """Whether any bond was beyond the reach of the law, and the largest components of displacement (mm) and velocity (mm/ms)."""
-
+Found = tuple[bool, float, float]
+"""Whether any bond was beyond the reach of the law, and the largest components of displacement (mm) and velocity (mm/ms)."""
 RUN = 8192  # number of slots processed at a time: large enough for NumPy's overhead, small enough for the second-level cache
 
 

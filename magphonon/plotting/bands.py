@@ -15,7 +15,6 @@ from .axes import COLOURS, MARKERS, UNSTABLE, in_house_style, label_frequencies,
 from .structures import halo
 
 if TYPE_CHECKING:
-
     from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
     from numpy.typing import NDArray

@@ -11,7 +11,6 @@ from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_
 from .bands import NEGLIGIBLE, label_path
 
 if TYPE_CHECKING:
-
     from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
 

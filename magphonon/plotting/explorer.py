@@ -24,7 +24,6 @@ from ..traits import Tool, refuse
 from .zone import upwards
 
 if TYPE_CHECKING:
-
     from ase import Atoms
     from ase.dft.kpoints import BandPath
     from numpy.typing import NDArray

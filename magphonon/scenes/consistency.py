@@ -20,7 +20,6 @@ from .laws import ALL, MagnetsLaw, SavedLaw
 from .structures import FileLattice
 
 if TYPE_CHECKING:
-
     from ..interactions.pair_laws import PairLaw
     from ..stiffness.repulsion import Repulsion
     from .scene import Scene

@@ -47,7 +47,6 @@ from .structures import Percent
 from .tolerances import varied
 
 if TYPE_CHECKING:
-
     from ase import Atoms
     from numpy.typing import NDArray
 

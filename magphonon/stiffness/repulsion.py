@@ -18,7 +18,6 @@ from .supercells import NEAR, fitted, refuse_another_order
 from .terms import Term, terms_of
 
 if TYPE_CHECKING:
-
     from ase import Atoms
     from numpy.typing import NDArray
 

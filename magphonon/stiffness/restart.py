@@ -19,7 +19,6 @@ from .all_neighbours import AllNeighbours
 from .calculator import PairCalculator
 
 if TYPE_CHECKING:
-
     from ase.db.row import AtomsRow
 
     from ..interactions.bond_laws import Laws
