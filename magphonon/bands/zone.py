@@ -10,6 +10,7 @@ from ase import Atoms
 from ase.cell import Cell
 from ase.geometry import minkowski_reduce
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import Voronoi
 
 from ..errors import whole
 from ..files import Saved
@@ -42,8 +43,6 @@ def first_zone(cell: ArrayLike) -> NDArray[np.float64]:
     >>> first_zone(lattices.triangular(1.0, 1.0).cell).shape  # six corners
     (6, 2)
     """
-    from scipy.spatial import Voronoi
-
     b = 2 * np.pi * Cell(np.asarray(cell, dtype=float)).reciprocal().array
     reduced = minkowski_reduce(b, pbc=PLANAR)[0]  # pyright: ignore[reportArgumentType]  three pbc
     b = np.asarray(reduced)[:2, :2]  # of a reduced basis the eight nearest G bound the zone

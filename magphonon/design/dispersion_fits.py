@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from ..bands.bloch import bloch_modes, branch_names
 from ..stiffness.bond import Model
@@ -191,8 +192,6 @@ def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple
 
 def _settled(cell, names, points, model, priors, branches_in, start, passes=range(PASSES)):
     """The fit to the branches that `branches_in` finds for the atoms, repeated until these and the uncertainties settle."""
-    from scipy.optimize import least_squares
-
     n = np.arange(len(points))
     x, before = start, np.zeros(0, int)
     for k in passes:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from ase import Atoms
+from scipy.optimize import brentq
 
 from ..errors import PhysicsError, finite, positive
 from ..stability.buckling import common_spring, critical_foundation
@@ -115,8 +116,6 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
     >>> round(design.spacing, 9), round(2 ** (1 / 5), 9)  # omega^2 = 2 (a - 3) L^-(a + 1)
     (1.148698355, 1.148698355)
     """
-    from scipy.optimize import brentq
-
     low, high = finite('between', between, (2,))
     if not 0 < low < high:
         raise ValueError(f'the range of spacings must be two increasing positive numbers in mm, not {low:g} and {high:g}')

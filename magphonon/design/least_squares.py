@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc  # scipy.stats has it too, and takes most of a second to import
 
 from ..findings import Proposal, proposals, spoken
 from ..stiffness.bond import Model
@@ -105,8 +106,6 @@ class ParameterFit:
     @property
     def chance(self) -> float:
         """Probability of so large a chi2 if the model holds; 1 without degrees of freedom."""
-        from scipy.special import chdtrc  # scipy.stats has it too, and takes most of a second to import
-
         return float(chdtrc(self.freedom, self.chi2)) if self.freedom else 1.0
 
     @property

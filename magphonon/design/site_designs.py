@@ -20,6 +20,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
+from scipy.optimize import minimize
 from tqdm import tqdm
 
 from .. import units
@@ -491,8 +492,6 @@ class _Ascent:
 
     def run(self, steps):
         """The best parameters found, their value, and the best value at each evaluation."""
-        from scipy.optimize import minimize
-
         y, bounds = self.x[self.free], [(-1, 1)] * int(self.free.sum())
         for _ in range(RESTARTS if len(y) else 0):
             before = self.task.buckled

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
+from scipy.optimize import minimize
 
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
@@ -232,8 +233,6 @@ def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp],
 
     What is known before, in `off`, is that the logarithm of the scatter is to be larger by that, with the uncertainty SURE.
     """
-    from scipy.optimize import minimize
-
     Q = np.linalg.qr(at.J)[0]
     A = at.A - Q @ (Q.T @ at.A)
     G, u, each = A.T @ A, A.T @ (at.r + at.A @ z), np.eye(len(off))[kinds]

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from scipy.optimize import least_squares
 
 from ..errors import Unstable
 from ..response.frf import Dof, base_force, frequency_response, resolvents
@@ -300,8 +301,6 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
 
 def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
     """Least squares from the logarithms `start` on; rows of what is known `before` come after those of the data."""
-    from scipy.optimize import least_squares
-
     weight, measured = weights(functions), np.concatenate([one.response for one in functions])
 
     @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
+from tqdm import tqdm
 
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
@@ -191,8 +193,6 @@ def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, 
         Spread of |u|, shape (frequencies,), in mm. Each quantity that scatters from site to site counts as one more parameter,
         'each mass' and so on, whose slope is the root of the sum of squares over the sites.
     """
-    from scipy.linalg import block_diag
-
     u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
     u, du = answer.seen(u), answer.seen(du)
     slopes, turns = np.real(u.conj() * du) / abs(u), np.imag(du / u)
@@ -216,7 +216,5 @@ def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike
     `build` takes a dict of parameter name to factor and returns the cell with its PairCalculator.  Shape (count, wavevectors,
     modes), in rad/ms.
     """
-    from tqdm import tqdm
-
     draws = tqdm(tolerances.samples(count, seed), desc='samples', delay=2, disable=None)
     return np.array([bloch_modes(build(dict(zip(tolerances.changes, factors, strict=True))), q)[0] for factors in draws])

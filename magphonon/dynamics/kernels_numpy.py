@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..stiffness.site_laws import Foundation
 from .bond_increments import Increments, Pieces
@@ -284,8 +285,6 @@ class TableForces(BondForces):
     """Bonds in any order: gathered, and summed through the incidence matrix."""
 
     def __init__(self, layout: Layout, increments: Increments, coefficients: NDArray[np.float64] | None) -> None:
-        from scipy.sparse import csr_array
-
         super().__init__(increments, coefficients, layout.R.T.copy(), layout.r0[layout.kind], layout.kind)
         self.whole = True  # filled in one run
         self.i, self.j, bonds = layout.i, layout.j, len(layout.i)

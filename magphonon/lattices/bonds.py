@@ -13,26 +13,23 @@ positions, and where the last wanted shell ends, is judged by the gaps between t
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from ase import Atoms
 from ase.constraints import FixAtoms
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 
 from ..errors import positive, refuse_memory, whole
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-    from scipy import sparse
-
-    Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float64]]
-    """Particles i and j, the cell of j and the distance of each pair."""
-
+Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[Any], NDArray[np.float64]]
+"""Particles i and j, the cell of j and the distance of each pair."""
 MOST_PARTICLES = 2**31 - 1
 PAIR_bytes, SHIFT_bytes = 80, 250  # at the peak while pairs are found, for each pair and each periodic cell; measured
 PIECE = 2**16  # number of pairs that are looked at together: their numbers stay in the second cache
@@ -66,8 +63,6 @@ def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
     They are found by a k-d tree over the images near the cell.  The neighbour list of ASE 3.29 is not used, because it puts all
     particles of a flat finite structure into one bin, which needs memory for the square of their number.
     """
-    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
-
     _refuse_nowhere(atoms)
     periods = atoms.cell.array[atoms.pbc]
     if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # NumPy before 2.4.5 has no rank of an empty list
@@ -350,24 +345,20 @@ class Bonds:
     @cached_property
     def incidence(self) -> sparse.csr_array:
         """Incidence matrix C at q = 0, sparse, shape (bonds, particles); a self-image bond has an empty row."""
-        from scipy.sparse import csr_array
-
         b = len(self)
-        C = csr_array((np.tile([-1.0, 1.0], b), np.column_stack([self.i, self.j]).ravel(), 2 * np.arange(b + 1)),
-                      shape=(b, self.particles))
+        C = sparse.csr_array((np.tile([-1.0, 1.0], b), np.column_stack([self.i, self.j]).ravel(), 2 * np.arange(b + 1)),
+                             shape=(b, self.particles))
         C.sum_duplicates()
         C.eliminate_zeros()
         return C
 
     def incidence_at(self, q: ArrayLike) -> sparse.csr_array:
         """Incidence matrix C(q) at the wavevector `q` in fractions of the reciprocal vectors; sparse, complex."""
-        from scipy.sparse import csr_array
-
         row = np.arange(len(self))
         phase = np.exp(2j * np.pi * self.shift @ np.asarray(q, dtype=float))
         entries = np.concatenate([-np.ones(len(self)), phase])
-        matrix = csr_array((entries, (np.tile(row, 2), np.concatenate([self.i, self.j]))),
-                           shape=(len(self), self.particles))
+        matrix = sparse.csr_array((entries, (np.tile(row, 2), np.concatenate([self.i, self.j]))),
+                                  shape=(len(self), self.particles))
         matrix.eliminate_zeros()
         return matrix
 
@@ -538,8 +529,6 @@ def image_of(atoms: Atoms, supercell: Atoms) -> NDArray[np.int_]:
 
 def _site_of(points, atoms):
     """For each point, the particle of `atoms` that has an image there."""
-    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
-
     inverse = np.linalg.inv(atoms.cell.array)
     tree = cKDTree(np.mod(atoms.positions @ inverse, 1.0) % 1.0, boxsize=1.0)  # twice: mod of -1e-17 is 1.0
     distance, index = tree.query(np.mod(points @ inverse, 1.0) % 1.0)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import units
+from ..stiffness.rest import freedom
 from .axes import COLOURS, in_house_style, legend_of_set, letter_panels, new_axes, panels
 from .structures import SIZE, draw_particles, frame, halo, spacing
 
@@ -72,8 +73,6 @@ def plot_design(atoms: Atoms, places: Mapping[str, Dof] | None = None, *, axes: 
     >>> from magphonon.plotting import plot_design
     >>> axes = plot_design(read_scene('ideal').patch_atoms())
     """
-    from ..stiffness.rest import freedom
-
     row: Any = panels(1, 2, height=2.6)[1][0] if axes is None else axes
     calc, free = atoms.calc, freedom(atoms)[0]
     springs = np.broadcast_to(calc.foundation, (len(atoms), calc.dim))[:, 0] / (units.N / units.m)

@@ -8,6 +8,7 @@ import numpy as np
 from ase import Atoms
 from ase.cell import Cell
 from ase.dft.kpoints import BandPath, resolve_kpt_path_string
+from scipy.spatial import ConvexHull
 
 from .. import units
 from ..bands.bands import band_path
@@ -116,8 +117,6 @@ def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike)
 
     They are the special points of the planar lattice, given in fractions of its reciprocal vectors.
     """
-    from scipy.spatial import ConvexHull
-
     k = np.array([_cartesian(cell, q) for q in points.values()]) / units.m
     return k[ConvexHull(k).vertices]
 

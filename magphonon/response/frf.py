@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import sparse
 from tqdm import tqdm
 
 from ..errors import finite, one_of, positive
@@ -178,8 +179,6 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     G(F) takes forces of the shape (3 particles,) or (3 particles, columns) and returns displacements of the same shape;
     its arguments and errors are those of `harmonic_response`.
     """
-    from scipy import sparse
-
     system = LinearSystem.of(atoms, *LINEAR).moving()
     n = len(system)
     omega = finite('omega', np.atleast_1d(omega))

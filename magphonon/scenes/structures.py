@@ -15,6 +15,7 @@ import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
+from ase.geometry import find_mic
 from ase.io.jsonio import encode
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, computed_field, model_validator
@@ -375,8 +376,6 @@ class Defects(Table):
 
 
 def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
-    from ase.geometry import find_mic
-
     away = atoms.positions - np.array([*place, 0]) * u.m
     away[:, 2] = 0
     distances = find_mic(away, atoms.cell, atoms.pbc)[1]  # pyright: ignore[reportArgumentType]  three pbc

@@ -15,6 +15,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from scipy.optimize import brentq
 from tqdm import tqdm
 
 from ..errors import whole
@@ -292,8 +293,6 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) ->
     def lacking(scale):
         found = softest_of(atoms, model, scale, steps=12)  # minima that are negative are refined
         return -found.lowest - k - (ROUND_OFF * found.highest if found.needed <= 0 else 0)
-
-    from scipy.optimize import brentq
 
     buckles = lacking(1.0) > 0
     last = 1.0

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from ase import Atom, Atoms
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 from ..errors import finite, indices, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
@@ -142,8 +143,6 @@ def site_normals(seed: int, sites: int) -> NDArray[np.float64]:
 
     They come from the raw bits of PCG64, which do not change between versions of NumPy, and the inverse normal distribution.
     """
-    from scipy.special import ndtri
-
     raw = np.random.PCG64(whole('seed', seed, least=0)).random_raw(sites * len(QUANTITIES))
     return ndtri(((raw >> np.uint64(11)) + 0.5) * 2.0**-53).reshape(sites, len(QUANTITIES))
 

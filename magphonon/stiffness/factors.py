@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-    from scipy.sparse.linalg import LinearOperator, SuperLU
+from scipy.sparse.linalg import LinearOperator, SuperLU
 
 LARGE = 2500  # rows from which CHOLMOD saves more time than it takes to load it
 BACKWARD = 1e-13  # residual by |A| |x| + |b| above which diagonal pivots are given up; it is 1e-16 where they are sound

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.spatial import KDTree
 
 from .rest import LinearSystem
 
@@ -42,8 +43,6 @@ def symmetric_parts(system: LinearSystem) -> list[sparse.csr_array]:
 
 def _mirrors(system) -> Iterator[sparse.csr_array]:
     """Permutations with signs of the free directions that leave K as it is."""
-    from scipy.spatial import KDTree
-
     positions, K, n, dim = system.atoms.positions, system.K, len(system), system.dim
     tree, size = KDTree(positions), np.ptp(positions, axis=0).max()
     for axis in range(dim):

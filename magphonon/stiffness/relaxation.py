@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from ase import Atoms
 from scipy import sparse
+from scipy.optimize import minimize
 
 from ..errors import Unstable, positive, whole
 from ..lattices.bonds import Bonds, pairs_within
@@ -204,8 +205,6 @@ class _Descent:
 
     def to_rest(self, y, steps):
         """The nearest minimum reached from `y`, and the number of steps."""
-        from scipy.optimize import minimize
-
         first, longest = TRUST
         options = {'initial_trust_radius': first, 'max_trust_radius': longest, 'gtol': HANDED_OVER, 'maxiter': steps}
         end = minimize(self.energy, y, jac=self.slope, hessp=lambda y, p: self.stiffness(y) @ p, method='trust-ncg',

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from ..lattices.bonds import lengths_of
 from ..traits import KNOWN, Tool, refuse_of
@@ -42,8 +43,6 @@ def whole_multiple(reference: Atoms, atoms: Atoms) -> NDArray[np.int_] | None:
 
 def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
     """The sites of the calculator's lattice in the order of `atoms`, unstrained, each in the image nearest to its particle."""
-    from scipy.spatial import KDTree
-
     reference, n = calc.reference, len(calc.reference)
     T = whole_multiple(reference, atoms)
     if T is None:
@@ -126,14 +125,12 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
         return
     if atoms.cell.rank != own.cell.rank or (atoms.pbc != own.pbc).any() or not strayed(calc, atoms):
         return
-    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
-
     def places(of):
         found = np.linalg.solve(of.cell.complete().array.T, of.positions.T).T
         return np.where(own.pbc, found % 1.0 % 1.0, found)  # twice: -1e-17 % 1 is 1
 
     here, sites = places(atoms), places(own)
-    site = cKDTree(sites, boxsize=own.pbc.astype(float)).query(here)[1]
+    site = KDTree(sites, boxsize=own.pbc.astype(float)).query(here)[1]
     back = here - sites[site]
     away = lengths_of((back - np.rint(back) * own.pbc) @ own.cell.complete().array)
     u = calc.displacements(own_cell(calc, atoms))
