@@ -9,8 +9,10 @@ import csv
 import errno
 import json
 import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
+from os import PathLike
 from pathlib import Path
 from secrets import token_hex
 from stat import S_ISREG
@@ -21,9 +23,6 @@ import numpy as np
 from .results import Result
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
-    from os import PathLike
-
     from xarray import Dataset
 
 MEGABYTE = 2**20

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
 from itertools import permutations
+from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from ase import Atoms
 from ase.cell import Cell
 from ase.dft.kpoints import BandPath, parse_path_string
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, positive
 from ..files import Saved, not_saved, saved_arrays
@@ -25,11 +27,8 @@ from ..traits import LINEAR, SPRUNG, takes
 from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from ase.spectrum.band_structure import BandStructure
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
     from xarray import Dataset
 
     from ..stiffness.bond import Model

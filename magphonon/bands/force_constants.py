@@ -10,6 +10,7 @@ constants *are* the foundation stiffness.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from .. import units
@@ -29,9 +31,6 @@ from ..traits import STIFF, takes
 from .bands import Bands, path_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
     from phonopy import Phonopy
 
     from ..stiffness.repulsion import Repulsion

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Sequence
 from itertools import pairwise
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase.dft.kpoints import BandPath, parse_path_string
+from numpy.typing import ArrayLike
 
 from ..errors import Unstable, finite
 from ..files import refuse_overflow, whole_file
@@ -23,10 +26,6 @@ from ..stiffness.other_tools import GRAM
 from .force_constants import TO_HZ, force_constants_of, path_on
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from os import PathLike
-
-    from numpy.typing import ArrayLike
     from phonopy import Phonopy
 
 ZERO_FRACTION = 1e-6  # of the highest frequency: below is the square root of a rounded eigenvalue

@@ -9,6 +9,7 @@ from math import isinf, isnan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from ..bands.bands import Bands, cut_off, points_on, sound_speeds
@@ -28,7 +29,6 @@ from .neighbours import omitted, speeds
 
 if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
-    from numpy.typing import NDArray
     from phonopy import Phonopy
 
     from ..bands.floquet import FloquetBands

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from ..files import write_columns
@@ -14,10 +16,6 @@ from ..findings import Finding, Findings
 from .arguments import add_output, add_pictures, add_scene, answering, lattice_and_patch
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-
-    from numpy.typing import NDArray
-
     from ..bands.density import DensityOfStates
     from ..response.spectral_density import SpectralFunction
     from ..scenes.scene import Scene

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from argparse import ArgumentParser, Namespace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,8 +19,6 @@ from ..files import whole_file
 from .arguments import add_scene, default_folder, left_out
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-
     from ..scenes.scene import Scene
 
 HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'

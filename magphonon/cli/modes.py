@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from ..files import write_columns
@@ -15,10 +17,6 @@ from ..findings import Finding, Findings
 from .arguments import LOWEST, MOST_DIRECTIONS, add_output, add_pictures, add_scene, answering, lattice_and_patch
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-
-    from numpy.typing import NDArray
-
     from ..bands.bands import Bands
     from ..response.measured_shapes import Comparison
     from ..response.normal_modes import Localisation, Modes

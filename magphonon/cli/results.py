@@ -14,12 +14,15 @@ import platform
 import shlex
 import shutil
 import tomllib
+from argparse import Namespace
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from errno import EDQUOT, EFBIG, ENOSPC
 from fnmatch import fnmatch
 from hashlib import file_digest, sha256
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 from stat import S_ISDIR, S_ISLNK, S_ISREG, S_IWUSR
 from tempfile import TemporaryDirectory
@@ -32,10 +35,6 @@ from ..files import MEGABYTE, text_of
 from ..scenes.sources import source_of
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Iterator
-    from os import PathLike
-
     from ..scenes.scene import Scene
 
 PROVENANCE, SCENE = 'provenance.json', 'scene.toml'

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-
     from ..scenes.keys import Key
 
 HELP = 'ready scenes to start from, and every key that a scene may have'

@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from ..findings import Finding, Findings
 from .arguments import add_output, add_pictures, add_scene, answering
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ..scenes.scene import Scene
 
 HELP = 'dispersion points from a scan of the vibrometer, drawn over the bands of a scene'

@@ -6,22 +6,21 @@ A sweep that was killed continues where it stopped when the same command is give
 from __future__ import annotations
 
 import re
+from argparse import ArgumentParser, Namespace
 from collections import defaultdict
+from collections.abc import Iterator
 from contextlib import contextmanager
+from io import RawIOBase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import finite, shown, whole
 from .arguments import add_output, add_pictures, add_scene, answering
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-    from collections.abc import Iterator
-    from io import RawIOBase
-
-    from numpy.typing import NDArray
     from xarray import Dataset
 
 HELP = 'maps of bands, stability and responses over any numbers of a scene'

@@ -5,7 +5,9 @@ The table [plan] adds what these tables do not say: the force of a response.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +17,6 @@ from ..files import write_columns
 from .plan import Method, Plan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
     from ..scenes.scene import Scene
 
 

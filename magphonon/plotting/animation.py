@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from importlib.util import find_spec
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, positive
@@ -19,11 +22,6 @@ from .structures import draw_bonds, frame, mark_defects, seen_about, spacing
 from .waves import bar_of_crests, draw_crests, main_axis, mark_site, visible
 
 if TYPE_CHECKING:
-    from os import PathLike
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
     from ..waves.wave_source import BurstSetup
 
 LONGEST = 0.35  # largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for

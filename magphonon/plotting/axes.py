@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from logging.handlers import QueueHandler
+from os import PathLike
 from pathlib import Path
 from queue import SimpleQueue
 from shutil import which
@@ -14,18 +16,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakSet
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..units import PREFIXES, prefix_power
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from os import PathLike
-
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure, FigureBase
     from matplotlib.legend import Legend
-    from numpy.typing import NDArray
 
 STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""

@@ -9,15 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from ase.dft.kpoints import BandPath
+from numpy.typing import NDArray
 
 from ..units import hertz
 from .axes import COLOURS, MARKERS, UNSTABLE, in_house_style, label_frequencies, legend_above, new_axes, point_name
 from .structures import halo
 
 if TYPE_CHECKING:
-    from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from ..bands.bands import Bands
     from ..waves.thermal import ThermalBands

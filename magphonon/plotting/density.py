@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from ase.dft.kpoints import BandPath
 
 from .. import units
 from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_axes
 from .bands import NEGLIGIBLE, label_path
 
 if TYPE_CHECKING:
-    from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
 
     from ..bands.density import DensityOfStates

@@ -4,9 +4,12 @@ tolerance of each part.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..stiffness.rest import freedom
@@ -14,11 +17,7 @@ from .axes import COLOURS, in_house_style, legend_of_set, letter_panels, new_axe
 from .structures import SIZE, draw_particles, frame, halo, spacing
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from ase import Atoms
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
 
     from ..response.frf import Dof
 

@@ -14,6 +14,9 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from ase import Atoms
+from ase.dft.kpoints import BandPath
+from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from .. import __version__, units
@@ -24,10 +27,6 @@ from ..traits import Tool, refuse
 from .zone import upwards
 
 if TYPE_CHECKING:
-    from ase import Atoms
-    from ase.dft.kpoints import BandPath
-    from numpy.typing import NDArray
-
     from ..stability.buckling import StabilityBoundary
 
 FORCES = 10.0

@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from ase.dft.kpoints import BandPath
+from numpy.typing import NDArray
 
 from .. import units
 from ..bands.bloch import bloch_modes, branch_names
@@ -14,10 +17,7 @@ from .bands import label_path
 from .waves import LINES, POWER, FLOOR_dB
 
 if TYPE_CHECKING:
-    from ase import Atoms
-    from ase.dft.kpoints import BandPath
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from ..waves.fields import Field, FieldMap
     from ..waves.ridge_tables import RidgePoints

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
@@ -13,9 +15,6 @@ from ..interactions.pair_laws import repulsion
 from .axes import COLOURS, COLUMN_in, in_house_style, label, legend_above, letter_panels, new_figure, prefix_power
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from ase import Atoms
     from matplotlib.figure import Figure
 
     from ..design.dispersion_fits import DispersionFit

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..bands.zone import ROUND_OFF
@@ -13,11 +16,7 @@ from .bands import mode_names
 from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells, mark_defects, seen_about, spacing, window
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ase import Atoms
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
 
     from ..bands.bands import Bands
     from ..response.measured_shapes import Comparison

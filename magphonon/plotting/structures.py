@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite
@@ -15,11 +17,8 @@ from ..stiffness.rest import freedom
 from .axes import COLOURS, in_house_style, label_places, legend_above, new_axes
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.collections import EllipseCollection
-    from numpy.typing import ArrayLike, NDArray
 
     from ..waves.wave_source import BurstSetup
 

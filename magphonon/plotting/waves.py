@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from .. import units
 from .axes import (
@@ -25,13 +28,9 @@ from .axes import (
 from .structures import draw_particles, frame, spacing
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from ase import Atoms
     from matplotlib.axes import Axes
     from matplotlib.collections import EllipseCollection
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from ..dynamics.motion import Motion
     from ..stiffness.bond import Model

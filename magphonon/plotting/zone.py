@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
 from ase.cell import Cell
 from ase.dft.kpoints import BandPath, resolve_kpt_path_string
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
 from .. import units
@@ -17,10 +19,7 @@ from .axes import COLOURS, UNSTABLE, in_house_style, label_wavevectors, legend_a
 from .structures import draw_arrow, halo
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
 
 
 ROUND = (1, 2, 5, 10)  # contours at round numbers

@@ -26,12 +26,14 @@ pi/(2 count) sqrt(top^2 - omega^2) wide in frequency, and equally wide at all lo
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, sparse
 from tqdm import tqdm
 
@@ -40,10 +42,6 @@ from ..stiffness.lowest import lowest_mode
 from ..stiffness.matrices import signed_root
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from numpy.typing import NDArray
-
     from ..stiffness.rest import LinearSystem
     from .stencil import Stencil
 

@@ -8,10 +8,13 @@ has a negative phase.  `stepped` measures the same from time steps.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from tqdm import tqdm
 
@@ -27,11 +30,6 @@ from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stab
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
     from .chebyshev import Products
 
 EPS = np.finfo(float).eps

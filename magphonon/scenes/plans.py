@@ -9,6 +9,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .. import units as u
@@ -47,9 +49,6 @@ from .structures import Percent
 from .tolerances import varied
 
 if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import NDArray
-
     from ..dynamics.motion import Motion
     from ..waves.wave_source import Burst, BurstRecord, BurstSetup
     from .scene import Scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,8 +18,6 @@ from .laws import KINDS
 from .structures import FileLattice
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from ..interactions.pair_laws import PairLaw
     from .scene import Scene
 

@@ -12,13 +12,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .lowest import ROUND_OFF
 from .matrices import hermitian_eigenvalues
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from .rest import LinearSystem
 
 SAME_VECTOR = 1e-6  # of a bond: farther apart, two vectors lead to different places

@@ -6,6 +6,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, shown
@@ -13,7 +14,6 @@ from .bond import sizes
 
 if TYPE_CHECKING:
     from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
     from .calculator import PairCalculator
     from .repulsion import Repulsion

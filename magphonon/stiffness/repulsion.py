@@ -7,7 +7,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from ase import Atoms
 from ase.calculators.calculator import all_changes
+from numpy.typing import NDArray
 
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
@@ -18,9 +20,6 @@ from .supercells import NEAR, fitted, refuse_another_order
 from .terms import Term, terms_of
 
 if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import NDArray
-
     from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
     from .bond import Model

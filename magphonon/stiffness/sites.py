@@ -6,6 +6,7 @@ If all sites are alike the foundation stays a single number, and computations ar
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -16,8 +17,6 @@ from ..errors import finite, not_negative, one_of
 from .site_laws import Foundation, Springs, kept, of_sites, tie_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from ase import Atoms
 
     from ..lattices.bonds import Bonds

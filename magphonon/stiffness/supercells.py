@@ -10,15 +10,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..lattices.bonds import lengths_of
 from ..traits import KNOWN, Tool, refuse_of
 
 if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import NDArray
-
     from .repulsion import Repulsion
 
 STRAIN = 0.2  # largest distance of a multiple of the lattice vectors from whole numbers; the rest is a strain of the cell

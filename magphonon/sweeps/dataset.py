@@ -8,16 +8,20 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from hashlib import sha256
+from io import RawIOBase
 from itertools import product
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .. import __version__
 from ..errors import finite, shown
@@ -25,11 +29,6 @@ from ..files import MEGABYTE, refuse_endless
 from .questions import REFUSALS, SceneAnswers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from io import RawIOBase
-    from os import PathLike
-
-    from numpy.typing import ArrayLike, NDArray
     from xarray import Dataset
 
     from ..scenes.scene import Scene

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +17,6 @@ from ..results import InHertz
 from ..tables import ANGLE, AREA, FREQUENCY, PURE, TEXT, read_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from os import PathLike
-
     from .wave_analysis import Wave
 
 COLUMNS = {'record': TEXT, 'motion': TEXT, 'xi': ANGLE, 'sigma_xi': ANGLE, 'frequency': FREQUENCY, 'sigma_frequency': FREQUENCY,
