@@ -18,17 +18,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ..stiffness.site_laws import Foundation
-from .bond_increments import Increments, Pieces
-from .memory_layout import Layout
-from .site_forces import SiteForces
-from .splittings import Splitting
+if TYPE_CHECKING:
+    from ..stiffness.site_laws import Foundation
+    from .bond_increments import Increments, Pieces
+    from .memory_layout import Layout
+    from .site_forces import SiteForces
+    from .splittings import Splitting
 
 Found = tuple[bool, float, float]
 """Whether any bond was beyond the reach of the law, and the largest components of displacement (mm) and velocity (mm/ms)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from os import PathLike
 from tempfile import SpooledTemporaryFile, gettempdir
+from typing import TYPE_CHECKING
 from weakref import finalize
 
 import numpy as np
@@ -13,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import indices, whole
 from ..files import room_for, save_arrays
 from .motion import Motion
-from .verlet import DrivenVerlet
+
+if TYPE_CHECKING:
+    from .verlet import DrivenVerlet
 
 MEMORY = 2**26  # number of bytes of frames kept in memory; more frames go to a temporary file
 

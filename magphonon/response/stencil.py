@@ -13,7 +13,7 @@ slots together, each a run or more behind the one before, while their vectors ar
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 from ..dynamics.kernels_numba import GAP, OPTIONS, kept, unrolled, vectorise
 from ..dynamics.memory_layout import LINE, aligned_zeros, arrange
 from ..stiffness.bloch_bound import multiples, no_wave_grows
-from ..stiffness.rest import LinearSystem
+
+if TYPE_CHECKING:
+    from ..stiffness.rest import LinearSystem
 
 MOST_GROUPS = 9  # three shells of the triangular lattice; each number of groups is compiled by itself, ever longer
 ALIKE = 1e-14

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import KDTree
 
-from .rest import LinearSystem
+if TYPE_CHECKING:
+    from .rest import LinearSystem
 
 SMALLEST = 500  # number of free directions from which halves save more than it takes to find them
 UNCHANGED = 1e-13  # change of the matrix, as a fraction of its largest entry, that is round-off
