@@ -129,7 +129,7 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
         return np.where(own.pbc, found % 1.0 % 1.0, found)  # twice: -1e-17 % 1 is 1
 
     here, sites = places(atoms), places(own)
-    site: Any = KDTree(sites, boxsize=own.pbc.astype(float)).query(here)[1]
+    site = np.asarray(KDTree(sites, boxsize=own.pbc.astype(float)).query(here)[1])
     back = here - sites[site]
     away = lengths_of((back - np.rint(back) * own.pbc) @ own.cell.complete().array)
     u = calc.displacements(own_cell(calc, atoms))
