@@ -556,7 +556,7 @@ def test_check_and_frf_judge_a_lattice_that_gyrates_to_the_end(tmp_path, capsys)
     (tmp_path / 'scene.toml').write_text(f'{text}\n{frf}')
     for command in (['check'], ['frf', '-o', str(tmp_path / 'out')]):
         assert main([*command, str(tmp_path / 'scene.toml')]) == 0
-        assert 'Nearest neighbours only (shells = 1): the others would shift' in capsys.readouterr().out
+        assert 'Nearest neighbours only (shells = 1): farther ones would shift' in capsys.readouterr().out
 
 
 def test_scenes_refuse_what_knows_no_gyration(tmp_path):

@@ -89,7 +89,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
         Where branches cross, their modes are arbitrary, so each gets the mean share of the crossing branches.
         """
         if self.vectors is None:
-            raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+            raise ValueError('these bands were computed without modes; compute them with vectors=True')
         k = self.path.kpts @ self.path.cell.reciprocal().array
         with np.errstate(invalid='ignore'):
             direction = (k / np.linalg.norm(k, axis=1)[:, None])[:, : self.vectors.shape[-1]]
@@ -270,8 +270,8 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
             return BandPath(atoms.cell, path.kpts[:, own], special, path.path)
     own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
     raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the atoms {own} '
-                     'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE chose another cell '
-                     'of the same lattice: use that cell, or give bandpath your own points as special_points=')
+                     'mm; get the path with atoms.cell.bandpath(..., pbc=atoms.pbc). If you did, ASE chose another cell of '
+                     'the same lattice: use that cell, or give bandpath your own points as special_points=')
 
 
 def _path_through(atoms, q):
@@ -465,7 +465,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
         raise ValueError(f'only a ribbon, periodic in one direction, has edges, but these atoms have {atoms.pbc.sum()} '
                          f'periodic directions; lattices.ribbon cuts one out of a lattice')
     if bands.vectors is None:
-        raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+        raise ValueError('these bands were computed without modes; compute them with vectors=True')
     if bands.vectors.shape[2] != len(atoms):
         raise ValueError(f'the bands are those of {bands.vectors.shape[2]} particles, but the ribbon has {len(atoms)}; compute '
                          'them with analytic_bands(atoms, path, vectors=True)')

@@ -78,7 +78,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     if branches is not None:
         count = whole('branches', branches)
         if count > every:
-            raise ValueError(f'the cell has {every} branches, not {count}')
+            raise ValueError(f'the cell has only {every} branches, not {count}; ask for fewer')
         if len(q) and calc.pairwise and not system.turning and _inverse_pays(every, count):
             parts = _lowest_by_inverse(system, q, model, count, vectors)
     squares, columns = zip(*parts, strict=True)

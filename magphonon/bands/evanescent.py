@@ -228,12 +228,12 @@ def _exponents(steps):
     fractions = [Fraction(float(step)).limit_denominator(LARGEST_DENOMINATOR) for step in steps]
     for step, fraction in zip(steps, fractions, strict=True):
         if abs(step - fraction) > 1e-9:
-            raise ValueError(f'a bond bridges {step:.6g} steps along the direction, '
-                             'which is not a fraction with a denominator up to '
+            raise ValueError(f'along this direction a bond spans {step:.6g} steps, and this number '
+                             'is no fraction with a denominator of at most '
                              f'{LARGEST_DENOMINATOR}; choose a direction of symmetry, such as (0, 1, 0) or (1/2, 1, 0)')
     if not any(fractions):
-        raise ValueError('no bond has a component along the direction; give it in fractions of the reciprocal vectors of the '
-                         'periodic directions')
+        raise ValueError('no bond has a component along the direction; give the direction in fractions of the reciprocal vectors '
+                         'of the periodic directions')
     d = lcm(*(fraction.denominator for fraction in fractions))
     exponents = np.array([int(d * fraction) for fraction in fractions])
     common = gcd(*exponents.tolist())

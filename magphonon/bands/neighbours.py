@@ -270,6 +270,6 @@ def _continued(law, low):
         low, high = (middle, high) if is_known(law, middle) else (low, middle)
     force, a = -float(law.dphi(low)), float(local_exponent(law, low))
     if a <= 0:
-        raise ValueError(f'law: at its end, {low:.4g} mm, the force does not fall with the distance, so the effect of farther '
-                         'neighbours cannot be estimated; check its last points')
+        raise ValueError(f'law: at the end of the table, {low:.4g} mm, the force does not fall with the distance, so the effect '
+                         'of farther neighbours cannot be estimated; check the last points of the table')
     return _Continued(law, InversePower(force * low**a, a), low)

@@ -77,7 +77,7 @@ def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDA
             return np.rint(turn * flux.sum(axis=(0, 1)) / (2 * np.pi)).astype(int)
         if gaps.min() <= TOUCHING or steps >= FINE:
             band = int(gaps.argmin())
-            raise ValueError(f'the bands {band} and {band + 1} (from 0) touch, or nearly so, and have no Chern numbers of their '
+            raise ValueError(f'the bands {band} and {band + 1} (counted from 0) nearly touch and have no Chern numbers of their '
                              f'own: they come within {gaps[band]:.2g} of the highest frequency; change foundation, gyration or '
                              f'law until a gap opens between them')
         steps *= 2

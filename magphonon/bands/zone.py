@@ -144,6 +144,6 @@ def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.floa
     k = complete.wavevectors
     if complete.omega.shape != conventional.omega.shape or not np.allclose(k, conventional.wavevectors, rtol=1e-9, atol=0):
         raise ValueError(f'the two maps belong to different meshes, {complete.omega.shape} and {conventional.omega.shape}, '
-                         'or lattices; compute both from the same atoms and steps')
+                         'or to different lattices; compute both from the same atoms and steps')
     zero = abs(conventional.omega) <= ROUND_OFF * abs(conventional.omega).max()
     return np.divide(complete.omega, conventional.omega, out=np.full(zero.shape, np.nan), where=~zero)

@@ -54,7 +54,7 @@ def share(text: str) -> float:
         return found
     from argparse import ArgumentTypeError
 
-    raise ArgumentTypeError(f'{text!r} is not from 0 up to 1; write 3 percent as 0.03 or 3%')
+    raise ArgumentTypeError(f'{text!r} is not at least 0 and below 1; write 3 percent as 0.03 or 3%')
 
 
 def _quantity(text, units):
@@ -103,7 +103,7 @@ def default_folder(options: Namespace) -> str:
 def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[str]]:
     """The lattice of a scene, its patch or finite structure, and lines that say what is left out."""
     if scene.single:
-        raise ValueError('the oscillator is one particle and has no bands or modes to count; use "magphonon frf"')
+        raise ValueError('the oscillator is one particle and has no bands or modes; use "magphonon frf"')
     left = left_out(scene)
     if scene.finite:
         return None, scene.patch_atoms(), left
@@ -114,7 +114,7 @@ def left_out(scene: Scene) -> list[str]:
     """A line that says which keys of [bands] are for the command `bands` alone, if any are given."""
     given = '' if scene.bands is None else scene.bands.beyond
     return [f'{given} ignored here: this command computes linear motion without losses or heat; "magphonon bands" includes '
-            'them'] if given else []
+            'both'] if given else []
 
 
 def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
@@ -123,7 +123,7 @@ def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
     group.add_argument('--pdf', action='store_true', help='write each picture as PDF too')
     group.add_argument('--title', metavar='TEXT', help="title of the pictures (default: the title of the scene); '' for none")
     if frequencies:
-        group.add_argument('--fmax', metavar='HZ', type=float, help='upper end of the frequency axes in Hz')
+        group.add_argument('--fmax', metavar='HZ', type=float, help='upper end of the frequency axes, in Hz')
     group.add_argument('--style', metavar='FILE', help='style sheet of matplotlib, whose settings replace those of the package')
 
 

@@ -74,9 +74,9 @@ def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> li
         grows = found.growth.max() > 1e-9 * abs(found.omega).max()
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
-    return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics on '
-            'either side. Growing waves fill narrow ranges of wavevectors, so some may lie between these: "magphonon check" '
-            'searches everywhere.']
+    return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics '
+            'above each frequency and as many below. Waves grow in narrow ranges of wavevectors, so some may have been missed: '
+            '"magphonon check" searches everywhere.']
 
 
 def _in_words(value):
@@ -111,7 +111,7 @@ def effect(case: Case) -> str:
     if abs(f - f0) <= ZERO_FRACTION * complete.max():
         return f'D* changes no branch at {", ".join(at)}.{words}'
     to = (f'{units.in_words("Hz", f0, f)} ({100 * (f / f0 - 1):+.2g} %)' if f > 0 else
-          f'{units.in_words("Hz", f0)} to below zero: it buckles')
+          f'{units.in_words("Hz", f0)} to below zero: the lattice buckles')
     kind = mode_names(case.bands['complete'])[at[name], branch]
     return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.{words}'
 
@@ -123,7 +123,7 @@ def lattice(case: Case) -> Iterator[str]:
     yield case.scene.title
     if given.kind == 'file':
         held = len(atoms) - int(freedom(atoms)[0].sum())
-        yield f'{len(atoms)} particles from {given.file}, {held} of them held, the nearest {given.spacing_m:g} m apart'
+        yield f'{len(atoms)} particles from {given.file}, {given.spacing_m:g} m or more apart; {held} of them are held'
     else:
         force = repulsion(atoms.calc.law, given.spacing_m * units.m)
         yield (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
@@ -207,10 +207,10 @@ def topology(case: Case) -> Iterator[str]:
         at = bloch_modes(case.atoms, np.zeros((1, 3)), model)[0][0]
         for low, high in band_gaps(case.atoms, model=model):
             net = int(numbers[at <= (low + high) / 2].sum())  # of the bands below
-            side = (f'{abs(net)} more along an edge with the rim on {"the right" if net > 0 else "the left"} than in the '
-                    'opposite direction')
-            yield (f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz; waves: '
-                   f'{side if net else "none that runs only one way along an edge"}')
+            side = (f'{abs(net)} more edge wave{"s run" if abs(net) > 1 else " runs"} with the rim on '
+                    f'{"the right" if net > 0 else "the left"} than the opposite way')
+            yield (f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz: '
+                   f'{side if net else "as many edge waves run one way as the other"}')
 
 
 @REPORT.remark
@@ -218,22 +218,22 @@ def by_phonopy(case: Case) -> Iterator[str]:
     """The foundation in the sums of phonopy's force constants, and how far its bands are from the exact ones."""
     if case.phonon is None:
         if not case.turned:
-            yield '\nphonopy is not installed, so its bands are left out: pip install phonopy'
+            yield '\nphonopy is not installed, so its bands are omitted: pip install phonopy'
         return
     atoms, k = case.atoms, np.asarray(case.phonon.force_constants)
     sums = np.einsum('ixx->x', foundation_recovered(case.phonon)) / len(case.phonon.unitcell) / (units.N / units.m)
     along_z = f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
-    held = ', which contain the bonds to the held particles' if atoms.constraints else ''
+    held = ' (these sums contain the bonds to the held particles)' if atoms.constraints else ''
     yield (f"\nfoundation: {_spring_in_plane(atoms):.6g} N/m in the scene; phonopy's force constants sum to "
            f'{sums[: 2 if along_z else atoms.calc.dim].mean():.6g} N/m{held}{along_z}')
     squares = [np.sign(case.bands[name].omega) * case.bands[name].omega ** 2 for name in ('complete', 'phonopy')]
     off = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
-    line = f'phonopy differs from complete by at most {off.max():.1e} of the highest squared frequency'
+    line = f'squared frequencies by phonopy and of the complete model differ by at most {off.max():.1e} of the highest one'
     if case.scene.law.shells == ALL:
         waves = case.path.kpts * case.scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
-        line += (f', and by {off[fits].max(initial=0):.1e}\n  at wavevectors commensurate with the supercell; it interpolates '
-                 'between them, because no finite supercell holds all neighbours')
+        line += (f', and by {off[fits].max(initial=0):.1e}\n  at wavevectors commensurate with the supercell; phonopy '
+                 'interpolates between these, because no finite supercell holds all neighbours')
     yield line
     if abs(k).max() <= LEAST_WRITTEN_N_per_mm:
         yield f'phonopy_params.yaml is not written: its 15 decimals are too few for force constants of {abs(k).max():.0e} N/mm'
@@ -272,8 +272,8 @@ def buckling(case: Case) -> Finding | None:
         return Finding(needed, f'Stable{place}{why}.')
     where = ', '.join(f'{x:.3g}' for x in softest)
     return Finding(needed, f'\nUNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).\n'
-                   f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as\n'
-                   'negative frequencies. The conventional model does not show this.', fault=True)
+                   f'The lattice needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and '
+                   'saved as\nnegative frequencies. The conventional model does not show this.', fault=True)
 
 
 def _spring_in_plane(atoms):

@@ -30,7 +30,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
                                                        'a burst that has already run there, on this machine or on a cluster, is '
                                                        'read and not run again')
-    parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
+    parser.add_argument('--threads', metavar='N', type=int,
+                        help='threads for compiled time steps (default: chosen by the size of the patch)')
     parser.add_argument('--animation', action='store_true',
                         help='also a GIF of each burst crossing the patch, both models side by side')
 
@@ -166,11 +167,11 @@ def _conclusion(records):
             if here:
                 bins = [sorted(misfits[which, name].bins for misfits in here) for which in (model, other)]
                 near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
-                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges agree with its {name} branch: they are '
-                             f'{near} bins off it, and {far} bins off that of the {other} model')
+                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges agree with its {name} branch, at {near} '
+                             f'bins from it; the same branch of the {other} model is {far} bins away')
     lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
-        lines.append(f'{astray} of the ridges lie on no branch of the row: --verbose lists possible reasons')
+        lines.append(f'{astray} of the ridges agree with no branch: --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']
 
 
@@ -184,8 +185,8 @@ def _amplitudes(cell, largest, loud):
     for record, u in largest.items():
         lines.append(f'{record}: largest displacement {_metres(u)}, {u / spacing:.2%} of the spacing')
         if loud and u > bound:
-            lines[-1] += (f'; WARNING: beyond the linear range ({_metres(bound)} = {LINEAR_ERROR:.0%} frequency error); '
-                          'lower force_N')
+            lines[-1] += (f'; WARNING: beyond the linear range, up to {_metres(bound)} for a frequency error of '
+                          f'{LINEAR_ERROR:.0%}; lower force_N')
     return lines
 
 
@@ -206,7 +207,7 @@ def _decays(plan, cell, records):
                 reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
                 if np.isfinite(reach):
                     lines.append(f'{name}_{model}: {carrier:g} Hz lies in a band gap along R2; the wave that decays most slowly '
-                                 f'falls to 1/e in {reach:.3g} steps')
+                                 f'falls to 1/e in {reach:.3g} steps of the row')
     return ['', *lines] if lines else []
 
 
@@ -225,6 +226,6 @@ def _unstable(cell):
         return []
     needed, given = (k / (units.N / units.m) for k in (needed, given))
     return ['', 'UNSTABLE: the static forces buckle this lattice. In the complete simulation the growth may hide the burst.',
-            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Lowering force_N does not help, because the '
+            f'The lattice needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Lowering force_N does not help: the '
             'growth does not depend on the force.',
             'The conventional model does not show this.']

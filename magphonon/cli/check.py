@@ -211,7 +211,7 @@ def leaning(case: Case) -> str | None:
         return None
     shifts = [f'at {name} from {a:.6g} to {b:.6g} Hz' for name, a, b in zip(points, here, there, strict=True)
               if abs(b - a) > SEEN * abs(a)]
-    return (f'Pillars lean, and the magnets with them: this would shift the lowest branch {", ".join(shifts)}. '
+    return (f'Not modelled: pillars lean, and the magnets with them. This would shift the lowest branch {", ".join(shifts)}. '
             'Write lean = true in [foundation.pillar] to include it.') if shifts else None
 
 
@@ -235,10 +235,10 @@ def _large(patch, perfect):
     """
     from ..dynamics.engine import highest_frequency
 
-    many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged separately. '
+    many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not checked separately. '
     if perfect:
         return (many + 'Every particle inside its rim has all of its neighbours, so the results for the lattice are valid for '
-                'the patch: foundation, spacing, supports and time steps. The fixed rim may make it stable even where the '
-                'lattice buckles. The linear amplitude is that of waves far from the rim.')
+                'the patch: foundation, spacing, supports and time steps. The fixed rim may make the patch stable even where the '
+                'lattice buckles. The linear amplitude is given for waves far from the rim.')
     return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). Its spacing, its '
-            'supports and its linear amplitude are not judged: for these, give a smaller patch with as many defects.')
+            'supports and its linear amplitude are not checked: for these, give a smaller patch with as many defects.')

@@ -68,7 +68,7 @@ def estimate(memory: Callable[[Scene], dict[str, float] | None]) -> None:
             value = scene.supercell() if key == 'supercell' else scene.wanted('bands') if key == 'bands' else getattr(value, key)
         return Finding(size, f'{largest} = {list(value) if isinstance(value, tuple) else value!r} makes [{memory.__name__}] need '
                        f'{amount(size)} of memory, more than {USABLE_FRACTION:.0%} of the {free / GIGABYTE:.3g} GB that are '
-                       'free; lower it', fault=True)
+                       f'free; lower {largest}', fault=True)
 
     COSTS.check(judge)
 

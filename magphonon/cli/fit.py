@@ -55,7 +55,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'or a=3.8+-10%%; units may be left out of names; may be given several times')
     parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
                         help='with --bands: omit a ridge, such as --without "60Hz, longitudinal"; the intervals are widened by '
-                             'as much as the fit misses it')
+                             'as much as the fit then misses this ridge')
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, such as 10mm (default: the middle of the '
                                                                     'measured distances)')
     for name, reader, metavar, words in (
@@ -71,13 +71,14 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--pair-sigma', metavar='X', type=share,
                         help='standard deviation of the force from one pair to the next, as a fraction (default: the scatter of '
                              'several pairs in one table, else 0)')
-    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: the known shape '
+    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of your magnets: their known shape '
                                                           'narrows the intervals; if the data contradict it, a free curve is '
                                                           'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact: measurements below it are refused (default: that of --magnet)')
+                        help='distance of the centres at contact; smaller distances in the table are refused (default: that of '
+                             'the magnet of --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',
-                        help='directory for the picture and the entry for a scene file (default: none, the entry is printed)')
+                        help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_pictures(parser, frequencies=False)
 
 
@@ -108,8 +109,8 @@ def _refuse_copies(names):
             known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
     for (first, one), (name, other) in combinations(known, 2):
         if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
-            raise ValueError(f'{first} and {name} hold the same numbers, and their noise would count as independent; give one of '
-                             'them')
+            raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
+                             'of them')
 
 
 def _with_scene(options):
@@ -246,7 +247,7 @@ def _fit_bands(options):
 
     for name in OF_FORCES:
         if getattr(options, name) is not None:
-            raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; leave it or --bands out')
+            raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; omit it or --bands')
     scene, points = read_scene(options.scene), read_ridges(*options.files)
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
@@ -301,7 +302,7 @@ def _fit_frf(options):
     for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
         if getattr(options, name):
             option = 'bands' if name == 'scene' else name.replace('_', '-')
-            raise ValueError(f'--{option} belongs to other fits; leave it or --frf out')
+            raise ValueError(f'--{option} belongs to other fits; omit it or --frf')
     if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
         options.files, options.frf = [options.frf], options.files[0]
     options.scene = source_of(options.frf)
@@ -310,7 +311,7 @@ def _fit_frf(options):
     fixed = _fixed(options, KEYS)
     gain = GAIN if options.gain_sigma is None else options.gain_sigma
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
-        print(f'These look like {doubt}: correct that before believing what follows.\n')
+        print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
     _told(options, scene, options.files, partial(frf_report, found, fixed), 'frf_fit',
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

@@ -98,10 +98,10 @@ def what_makes_the_slope_uncertain(case):
 def which_law(case):
     if case.options.magnet is None:
         near, far = case.forces.r.min(), case.forces.r.max()
-        return (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm do not decide between the laws; the intervals hold for any '
+        return (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm do not determine the kind of law; the intervals hold for any '
                 f'smooth law.')
     lost = '; the data contradict it.' if case.fit.weight < SHAPE_WEIGHT / 5 else '.'
-    return f'The shape of {case.options.magnet} has the weight {case.fit.weight:.2g} against a free curve{lost}'
+    return f'The shape of {case.options.magnet}, rather than a free curve, has the probability {case.fit.weight:.2g}{lost}'
 
 
 @FORCES.check
@@ -189,7 +189,7 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     return '\n'.join([*lines, *_table(fits, rows), '',
-                      '95 % intervals; force and bond stiffness -df/dr are those at the spacing.', *RIDGES.lines(found)])
+                      '95 % intervals; force and bond stiffness -df/dr are given at the spacing.', *RIDGES.lines(found)])
 
 
 def _called(found, branch):
@@ -227,8 +227,8 @@ def allowed(found):
     """What the intervals contain of shifts that all ridges of a branch share."""
     sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
     kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
-    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins ({count} points of waves from a {kind})' for kind, count in kinds)
-    lines = [f'The intervals allow for a shift in wavenumber that all ridges of a branch share, of {told}.']
+    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
+    lines = [f'The intervals allow for a common shift of all ridges of a branch in wavenumber: {told}.']
     strayed = found.fits['complete'].strayed
     if strayed:
         lines.append(f'{strayed} of the points from a point source are closer to the other branch than to the branch of their '
@@ -419,13 +419,13 @@ def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
     rows = [(with_unit(name, UNITS), *(interval(*values[model][name]) if fit.follows else f'({values[model][name][0]:.4g})'
                                  for model, fit in fits.items())) for name in values['complete']]
     stated = any(one.sigma is not None for one in found.functions)
-    rows.append(('residual in the noise' if stated else 'residual (% of the peak)',
+    rows.append(('residual / noise' if stated else 'residual (% of the peak)',
                  *(f'{fit.misfit:.4g}' if stated else f'{100 * fit.noise:.3g}' for fit in fits.values())))
     return '\n'.join([
         *_answer(found), '', found.scene.title, '',
         f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '', *_table(fits, rows), '',
-        '95 % intervals; values in brackets are of a model that does not fit the data; force and '
-        'bond stiffness -df/dr are those at the spacing.', *RESPONSES.lines(found)])
+        '95 % intervals; a model whose values stand in brackets does not fit the data. Force and '
+        'bond stiffness -df/dr are given at the spacing.', *RESPONSES.lines(found)])
 
 
 @RESPONSES.check
@@ -433,7 +433,7 @@ def not_this_lattice(found):
     better = found.better
     strengths = 100 * better.site_scatter[0]
     why = (f'the data would need strengths that scatter by {strengths:.0f} % from site to site' if np.isfinite(strengths) else
-           f'the residual is {better.misfit:.3g} times the noise, whatever the sites are')
+           f'the residual is {better.misfit:.3g} times the noise, even if each site has its own strength and springs')
     return None if better.follows else (
         f'The lattice does not follow this model: {why}, so no intervals are given. Check mass, '
         'spacing, shells, units, and the positions and directions of the points.')
@@ -471,7 +471,7 @@ def which_model(found):
     worse = 'conventional' if found.ratio >= 1 else 'complete'
     return f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {
         'complete': 'the data speak for D0 + D*.',
-        'conventional': 'D0 alone follows the data and D0 + D* does not; they speak for D0 alone'
+        'conventional': 'D0 alone follows the data and D0 + D* does not. The data speak for D0 alone'
                         + (', and the fit of the complete model ends without static forces.' if found.endless else '.'),
         None: 'this cannot decide between the models.'}[found.verdict]
 

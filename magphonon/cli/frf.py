@@ -74,8 +74,8 @@ def _responses(scene, plan, folder, save):
         system = LinearSystem.of(atoms, *LINEAR)
         if plan.wall is not None and model == 'complete':
             moved = np.count_nonzero(source.any(axis=1))
-            lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees: all those beyond the free '
-                         f'particles in the direction of {plan.wall.side_deg:g} degrees')
+            lines.append(f'the wall: {moved} held particles on the side at {plan.wall.side_deg:g} degrees, moved along '
+                         f'{plan.wall.direction_deg:g} degrees')
         result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
@@ -100,8 +100,8 @@ def _beside(scene, measured, save):
     curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
     save(plot_transfer(measured, curves), 'frf_measured')
     lines, doubt = ['', *_compared(measured, curves)], suspect_units(scene, measured)
-    return lines if doubt is None else [*lines[:-1], f'They look like {doubt}: correct the table, or the name of its column, '
-                                                     'first.']
+    return lines if doubt is None else [*lines[:-1], f'The measurements look like {doubt}: correct the table, or the name '
+                                                     'of its column, first.']
 
 
 def _compared(functions, curves):

@@ -43,7 +43,8 @@ def joint_report(found, verbose: bool = True) -> str:
             rows.append((f'{name}, branch {branch + 1} (Hz)', interval(u.hertz(omega[k, branch]), sigma[k, branch])))
     rows = [(*row, *[''] * (len(rows[0]) - len(row))) for row in rows]
     return '\n'.join([first, '', found.specimen.scene.title, '', *in_columns(rows, left=2), '',
-                      '95 % intervals, then the half widths of those that each record alone would give.', *JOINT.lines(found)])
+                      '95 % intervals from all records together; then the half width of the interval that each record alone '
+                      'would give.', *JOINT.lines(found)])
 
 
 @JOINT.remark
@@ -54,7 +55,7 @@ def contradictions(found):
         others = [(other, joint.contradiction(name, other)) for other in names[k + 1:]] if len(names) > 2 else []
         told = [f'{"all others" if other is None else other} {sigmas:.1f}' for other, sigmas in
                 [(None, joint.contradiction(name)), *others] if np.isfinite(sigmas)]
-        yield f'  {name} against {", ".join(told) or "nothing that others know"}'
+        yield f'  {name} against {", ".join(told)}' if told else f'  {name}: the others determine nothing that this record does'
 
 
 @JOINT.check
@@ -66,8 +67,8 @@ def faults(found):
         return
     for pull in pulls[:3]:
         if pull.sigmas >= PULL:
-            yield (f'{pull.record}: {pull.fault} would have to be off by {abs(pull.shift):.1f} times what was stated '
-                   f'({pull.sigmas:.1f} standard deviations).')
+            yield (f'{pull.record}: {pull.fault} would have to be off by {abs(pull.shift):.1f} times its stated '
+                   f'uncertainty; the evidence for this is {pull.sigmas:.1f} sigma.')
     yield 'Begin with the first one: when it is corrected, the others may vanish.'
 
 
@@ -87,8 +88,8 @@ def responses(found):
     complete, alone = (found.responses[model].square for model in ('complete', 'conventional'))
     yield f'Transfer functions: the residual without D* is {np.sqrt(alone / complete):.2g} times that with it.'
     if not found.joints['complete'].alone(RESPONSES).records[0].information.any():
-        yield ('They are given no weight, because even a scatter of 10 % from site to site would not explain them: use '
-               '"magphonon fit --frf" to check whether positions, units or neighbours are wrong.')
+        yield ('The transfer functions are given no weight, because even a scatter of 10 % from site to site would not explain '
+               'them: use "magphonon fit --frf" to check whether positions, units or neighbours are wrong.')
 
 
 @JOINT.check
@@ -102,7 +103,7 @@ def laws(found):
 @JOINT.check
 def springs(found):
     weight = found.one_spring
-    return None if weight is None else f'One spring for both directions, rather than two, has the probability {weight:.2g}.'
+    return None if weight is None else f'The probability that one spring constant holds for both directions is {weight:.2g}.'
 
 
 @JOINT.check

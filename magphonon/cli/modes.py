@@ -60,7 +60,7 @@ def run(options: Namespace) -> None:
     lattice, patch, left = lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
-            raise ValueError(f'--{option} {given}: the scene has no patch, so there are no modes to use; add a table [patch]')
+            raise ValueError(f'--{option} {given}: the scene has no patch, so there are no modes of one; add a table [patch]')
     with answering(options, scene) as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
         if lattice is not None:
@@ -191,7 +191,7 @@ def count(case: Case) -> str:
         return f'modes of the lattice at {", ".join(case.at)}: from {units.in_words("Hz", lowest, f.max(), digits=6)}'
     f, name = case.found.frequencies_Hz, 'structure' if case.scene.finite else 'patch'
     every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands,', 0.0 if case.free[0] else f[0]
-    outside = f'; {len(case.local) or "none"} of them lie outside the bands of the lattice' if len(case.ranges) else ''
+    outside = f'; outside the bands of the lattice: {len(case.local) or "none"}' if len(case.ranges) else ''
     return f'modes of the {name}: {every} {len(f)}, from {units.in_words("Hz", lowest, f[-1], digits=6)}{outside}'
 
 
@@ -225,7 +225,7 @@ def without_energy(case: Case) -> Finding | None:
         return None
     alone = LinearSystem.about(case.patch.calc.about(case.patch, model='conventional'), case.patch).moving()
     blind = _of_no_stiffness(_modes(alone, case.ranges)[0].omega)
-    return Finding(blind, f'  {case.free.sum()} of them cost no energy; with D0 alone {blind.sum()} would',
+    return Finding(blind, f'  modes that cost no energy: {case.free.sum()}; with D0 alone there would be {blind.sum()}',
                    fault=True) if (case.free | blind).any() else None
 
 
@@ -261,9 +261,9 @@ def scatter(case: Case) -> Finding | None:
     columns, lost = case.spread
     words = '  +- is the standard deviation due to all tolerances in [uncertainty], to first order'
     if 'drawn_std_Hz' in columns:
-        words = ('  +- is the larger of two standard deviations: one follows to first order from the scatter of the sites, the '
-                 f'other is that of the same mode in {round(DRAWN * (1 - lost))} structures drawn at random, about these '
-                 'frequencies; both are in modes.csv')
+        words = ('  +- is the larger of two standard deviations from these frequencies: one follows to first order from the '
+                 f'scatter of the sites, the other comes from the same mode in {round(DRAWN * (1 - lost))} structures drawn at '
+                 'random. Both are in modes.csv')
     unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
     return Finding(lost, words + unstable, fault=bool(unstable))
 
@@ -358,7 +358,7 @@ def _with_others(scene, system, found, shown):
     if scene.finite and cutoff and system.directions <= MOST_REPEATED and system.atoms.calc.pairwise:
         farther = scene.lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
         every = LinearSystem.of(scene.model_copy(update={'lattice': farther}).atoms()).moving()
-        return _shifted(system, every, found, shown, f'cutoff_m = {FARTHER * cutoff:.3g}')
+        return _shifted(system, every, found, shown, f'neighbours up to cutoff_m = {FARTHER * cutoff:.3g}')
     if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
         return []
     enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
@@ -386,8 +386,8 @@ def _shifted(system, every, found, shown, how):
     for k, row in zip(shown, mac, strict=True):
         f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
         told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
-                    f'no mode is like mode {k + 1}')
-    return [f'  with {how}: {"; ".join(told)}']
+                    f'mode {k + 1} beyond recognition')
+    return [f'  {how} would shift: {"; ".join(told)}']
 
 
 def matches(comparison, found) -> list[str]:
@@ -395,7 +395,7 @@ def matches(comparison, found) -> list[str]:
     from ..response.measured_shapes import FAR
 
     f = found.frequencies_Hz
-    lines = ['measured shapes (a MAC of 1 means the same shape; mac.csv has its columns in this order):']
+    lines = ['measured shapes (a MAC of 1 means the same shape; the columns of mac.csv have this order):']
     for name, omega, mac, least, best in zip(comparison.names, comparison.omega, comparison.mac, comparison.least,
                                              comparison.best, strict=True):
         measured, alike = units.hertz(omega), np.flatnonzero(mac > least)
@@ -407,7 +407,7 @@ def matches(comparison, found) -> list[str]:
             others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
             lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
                          + (', too far apart in frequency for one mode: are u_x and u_y exchanged, or is the law wrong?' * far)
-                         + (f'; mode {", ".join(others)} looks the same at so few points (aliasing): measure particles between '
+                         + (f'; at so few points mode {", ".join(others)} looks the same (aliasing): measure particles between '
                             'them' if others else ''))
         else:
             lines.append(f'{what}no mode matches; the most similar is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC '

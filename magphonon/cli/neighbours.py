@@ -53,11 +53,11 @@ class Case:
         lattice: Any = self.scene.lattice
         if self.scene.finite:
             chosen = lattice.cutoff_m is None and not isinstance(self.scene.law.asked, int)
-            return '.' if chosen else '. Leave law.shells and lattice.cutoff_m out to count all pairs.'
+            return '.' if chosen else '. Omit law.shells and lattice.cutoff_m to count all pairs.'
         if not self.atoms.calc.pairwise:
             return '.'
         large = isinstance(lattice, FileLattice) and len(self.atoms) > MOST_IN_A_CELL
-        return '; the effect of the others is not computed for so large a cell.' if large else None
+        return '; the effect of farther ones is not computed for so large a cell.' if large else None
 
     @cached_property
     def found(self) -> NeighbourShifts:
@@ -70,7 +70,7 @@ class Case:
 
     @property
     def end(self) -> str:
-        return '' if self.found.known else ', if the forces keep falling as at the end of their table'
+        return '' if self.found.known else ', if the forces keep falling as they do at the end of the table'
 
     @cached_property
     def shifts(self) -> list[tuple[float, str, str, tuple[str, int]]]:
@@ -109,13 +109,13 @@ def shifts(case: Case) -> str:
     if case.unknown is not None:
         return case.counted + case.unknown
     if not case.matters:
-        return (f'{case.counted}: the others would shift no frequency at {", ".join(case.q)} by more than {100 * TOLERANCE:g} %'
+        return (f'{case.counted}: farther ones would shift no frequency at {", ".join(case.q)} by more than {100 * TOLERANCE:g} %'
                 f'{case.end}.')
     least = sorted((abs(x) for x, *_ in case.shifts), reverse=True)[:MOST_SHOWN][-1]
     shown = [f'{place} by {words}' for x, place, words, _ in case.shifts if abs(x) >= max(least, TOLERANCE)]
     others = max((abs(x) for x, *_ in case.shifts if TOLERANCE < abs(x) < least), default=0.0)
-    rest = f'; others by up to {100 * others:.2g} %' if others else ''
-    return f'{case.counted}: the others would shift {"; ".join(shown)}{rest}{case.end}.'
+    rest = f'; other branches by up to {100 * others:.2g} %' if others else ''
+    return f'{case.counted}: farther ones would shift {"; ".join(shown)}{rest}{case.end}.'
 
 
 @REPORT.check
@@ -124,8 +124,8 @@ def not_enough(case: Case) -> Finding | None:
     exceeding = [place for x, place, _, which in case.shifts if abs(x) > max((case.within or {}).get(which, np.inf), TOLERANCE)
                  ] if case.matters else []
     few = 'Nearest neighbours' if case.scene.law.shells == 1 else 'So few neighbours'
-    return Finding(exceeding, f'{few} are not enough here: the others shift {" and ".join(exceeding)} by more than {case.limit}.',
-                   fault=True) if exceeding else None
+    return Finding(exceeding, f'{few} are not enough here: farther ones shift {" and ".join(exceeding)} by more than '
+                   f'{case.limit}.', fault=True) if exceeding else None
 
 
 @REPORT.remark
@@ -134,9 +134,9 @@ def advice(case: Case) -> str | None:
     if not case.matters:
         return None
     if not case.found.known:
-        return 'Measure the force farther away, or give the shape of the magnets.'
+        return 'Measure the force at larger distances, or give the shape of the magnets.'
     counts = isinstance(case.scene.law.asked, int)
-    return 'Omit law.shells, or write shells = "auto", to count as many as matter.' if counts else None
+    return 'Omit law.shells, or write shells = "auto", to count as many shells as matter.' if counts else None
 
 
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
@@ -156,8 +156,8 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     if not brief:
         return [' '.join(REPORT.lines(case))]
     most = [max(case.shifts, key=lambda shift: abs(shift[0]))] if case.matters else []
-    return [f'{case.counted}: the others would shift {place} by {words}{case.end}. "magphonon check --verbose" names all shifts.'
-            for _, place, words, _ in most]
+    return [f'{case.counted}: farther ones would shift {place} by {words}{case.end}. "magphonon check --verbose" names all '
+            'shifts.' for _, place, words, _ in most]
 
 
 def omitted(scene: Scene, points: Mapping[str, ArrayLike] | None = None) -> Finding:
@@ -191,5 +191,5 @@ def speeds(scene: Scene) -> str | None:
         return None
     told = ', '.join(f'the speed of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
                      for k, (x, c) in enumerate(zip(shifts, all_, strict=True)) if np.isfinite(c))
-    return ('Long waves feel neighbours much farther away: all of them together would shift '
+    return ('Long waves feel neighbours much farther away: all neighbours together would shift '
             f'{told or "the speeds above without bound"}.')

@@ -58,7 +58,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     from matplotlib.collections import LineCollection
 
     if bands.vectors is None:
-        raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+        raise ValueError('these bands were computed without modes; compute them with vectors=True')
     where = _wavevector(bands.path, q)
     if not 0 <= mode < bands.omega.shape[1]:
         raise ValueError(f'mode must be 0 to {bands.omega.shape[1] - 1}, not {mode!r}')

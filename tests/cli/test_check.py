@@ -101,7 +101,7 @@ def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
     assert main(['check', '--verbose', str(file)]) == FINE
     said = capsys.readouterr().out
     assert 'Lattice: OK\n' in said
-    assert 'particles, more than 20000, and is not judged separately' in said
+    assert 'particles, more than 20000, and is not checked separately' in said
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -138,7 +138,7 @@ def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
     assert main(['check', str(tmp_path / 'my.toml')]) == FINE
     first, second = capsys.readouterr().out.splitlines()
     assert first == short.strip()
-    assert second.startswith('Nearest neighbours only (shells = 1): the others would shift branch 1 at X by -0.91 %')
+    assert second.startswith('Nearest neighbours only (shells = 1): farther ones would shift branch 1 at X by -0.91 %')
 
 
 def test_faults_are_told_without_being_asked_for(tmp_path, capsys):

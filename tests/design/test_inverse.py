@@ -43,7 +43,7 @@ def test_prototype_is_found_from_its_cut_off_and_its_shear(tmp_path, capsys):
     assert_allclose(found['lattice']['spacing_m'], 0.01, rtol=1e-10)
     assert_allclose(found['foundation']['pillar']['height_m'], 0.15, rtol=1e-10)
     assert found['foundation']['pillar']['radius_m'] == 7.9375e-4
-    assert '# branch 1 at M: 1 % more spacing changes it by -1.29 Hz' in shown
+    assert '# 1 % more spacing changes branch 1 at M by -1.29 Hz' in shown
     assert 'branch 1 at M at 58.2327 Hz, cut-off 26.5507 Hz' in shown.splitlines()[0]
     # and the pasted scene has the bands of the paper
     data = tomllib.loads(ready_scene('prototype').read_text()) | found

@@ -64,7 +64,7 @@ def test_commands_run_on_what_was_written(tmp_path, capsys):
     assert main(['bands', '--verbose', scene, '-o', str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert 'particles from mine.traj' in said
-    assert 'phonopy differs from complete' in said
+    assert 'squared frequencies by phonopy and of the complete model differ' in said
     assert (tmp_path / 'out' / 'mine.traj').read_bytes() == (tmp_path / 'mine.traj').read_bytes()  # a copy that runs
     assert main(['bands', '--verbose', str(tmp_path / 'out' / 'scene.toml'), '-o', str(tmp_path / 'again')]) == 0
     assert ((tmp_path / 'out' / 'bands_complete.npz').read_bytes() == (tmp_path / 'again' / 'bands_complete.npz').read_bytes())
