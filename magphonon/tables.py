@@ -410,7 +410,7 @@ def _numbers(path, rows, name, cells, blank, signs):
     signs |= {sign for sign in '.,' if sign in text}
     if len(signs) > 1:
         k = next(k for k, cell in enumerate(cells) if '.' in cell or ',' in cell)
-        raise ValueError(f'line {rows[k][0]} of {path}: {name} is {shown(cells[k])}, and other numbers have the other decimal '
+        raise ValueError(f'line {rows[k][0]} of {path}: {name} is {shown(cells[k])}, but other numbers use the other decimal '
                          'sign; write all with a point, or all with a comma')
     values[missing] = np.nan
     return values

@@ -126,11 +126,11 @@ def _refuse_unknown(scene: Scene) -> None:
         raise ValueError('lattice.kind = "file": positions from a file may lose their balance when the spacing or the exponent '
                          'changes; the explorer needs a lattice given by its name, such as kind = "triangular"')
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
-        raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or use '
+        raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; omit this table, or use '
                          '"magphonon bands"')
     if scene.foundation is not None and scene.foundation.leans:
         raise ValueError('foundation.pillar.lean: leaning softens the foundation by an amount that depends on the spacing, '
-                         'which the explorer does not compute; leave lean out, or use "magphonon bands"')
+                         'which the explorer does not compute; omit lean, or use "magphonon bands"')
     if scene.cell().pbc.all():
         raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, but the explorer draws planar ones; use '
                          '"magphonon bands"')

@@ -36,7 +36,7 @@ MOST_WORDS = 6  # different words of a column that are listed
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('file', metavar='FILE', help='text, .npz, .mat, .h5, .tdms, .xlsx or universal file of an instrument')
     parser.add_argument('--contact', metavar='R', type=length, default=0.0,
-                        help='for a table of forces over gaps: size of the magnets along the line between them, such as 6.35mm')
+                        help='for a table of forces over gaps: size of a magnet along the line between the two, such as 6.35mm')
     add_output(parser, default=None)
     add_pictures(parser, frequencies=False)
 
@@ -76,7 +76,7 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
         except ValueError as error:
             faults.append(f'as {kind}: {error}')
     content(file, MOST_BYTES)  # what cannot be read at all is told once
-    raise ValueError(f'{file} is not a known kind of record;\n  ' + '\n  '.join(faults))
+    raise ValueError(f'{file} is no kind of record that can be read:\n  ' + '\n  '.join(faults))
 
 
 def _understood(file, kind, clean):

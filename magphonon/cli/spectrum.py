@@ -29,19 +29,20 @@ RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('tables', metavar='SCAN', nargs='+',
-                        help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or one of them, or '
-                             'velocities v_y_m_per_s; also in mm or um (u_y_um); or a universal file (.uff, '
-                             '.unv) with records of dataset 58; several are analysed one after the other')
+                        help='table (.csv) with the columns time_s, point, x_m, y_m and one or both of u_x_m, u_y_m, or '
+                             'velocities such as v_y_m_per_s; also in mm or um, as u_y_um; or a universal file (.uff, '
+                             '.unv) with records of dataset 58; several scans are analysed one after the other')
     add_scene(parser)
     parser.add_argument('--geometry', metavar='POINTS.csv',
-                        help='places of the points, columns point, x_m, y_m, if the scan has none; without them its points are '
-                             'particles, numbered as in the row.csv that "magphonon burst" writes')
+                        help='table of the positions of the points, with the columns point, x_m, y_m, if the scan has none; '
+                             'without it points are particles, numbered as in the row.csv of "magphonon burst"')
     parser.add_argument('--source', choices=('row', 'point'),
-                        help='how the waves were driven: row, with fronts along R1, or point (default: the source of [burst], '
-                             'otherwise point; for points that cover the plane, noise if the motion does not decay)')
+                        help='how the waves were driven: by a row of sources, with fronts along R1, or by a point source '
+                             '(default: as in [burst]; point without it; for points that cover the plane, noise if the '
+                             'motion does not decay)')
     parser.add_argument('--at', metavar='HZ', type=float,
-                        help='for points that cover the plane: also draw the motion at this frequency, over the wavevectors '
-                             '(with contours of the bands) and over the points')
+                        help='for points that cover the plane: draw the motion at this frequency too, over the wavevectors '
+                             '(with contours of the bands) and at the points')
     add_output(parser)
     add_pictures(parser)
 

@@ -166,7 +166,7 @@ def _lead(options, workers):
     if own:  # this process made it; another one that took it up may have seen the end of it
         journal.unlink(missing_ok=True)
     else:
-        options.notes.append(f'{journal} of an earlier command is still there; it is complete, and may be removed')
+        options.notes.append(f'{journal} of an earlier command is still there; the sweep is complete, so you may remove it')
 
 
 def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> list[str]:
@@ -177,7 +177,7 @@ def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> li
         if np.isfinite(values).any():
             first.append(f'{name} is {np.nanmin(values):.6g} to {np.nanmax(values):.6g} {unit} at {np.isfinite(values).sum()} of '
                          f'{values.size} points'.replace(' 1 at', ' at'))
-        lines.append(f'\n{name} ({unit}): {np.isfinite(values).sum()} points answered')
+        lines.append(f'\n{name} ({unit}): {np.isfinite(values).sum()} points have an answer')
         for word, place in (('lowest', np.nanargmin), ('highest', np.nanargmax)) if np.isfinite(values).any() else ():
             at = np.unravel_index(place(values), values.shape)
             where = ', '.join(f'{key} = {float(answers[key][k]):.6g}' for key, k in zip(axes, at, strict=True))

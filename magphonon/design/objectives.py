@@ -449,7 +449,7 @@ class LocalMode(Objective):
         x, m = np.asarray(system.free @ v), system.masses
         share = m[:, None] * (x.reshape(len(m), system.dim, -1) ** 2).sum(1)  # of each particle in the energy of each mode
         if not 0 <= self.site < len(m) or not system.mobile[self.site]:
-            raise ValueError(f'particle {self.site} has no mode: choose one of the {len(m)}, counted from 0, that can move')
+            raise ValueError(f'particle {self.site} moves in no mode: choose a free one of the {len(m)}, counted from 0')
         at = int(share[self.site].argmax())
         if self.quantity == 'frequency':
             omega = _frequency(squares[at])

@@ -91,13 +91,13 @@ class Plan:
                 return method
         best = min(self.methods, key=lambda method: method.error)
         raise ValueError(f'no model here gives {self.quantity[0].lower()}{self.quantity[1:]} to {percent(self.tolerance)}: '
-                         f'the best, {best.name}, is off by {percent(best.error)}; allow more '
+                         f'the best, {best.name}, has an error of {percent(best.error)}; allow a larger one '
                          '(--tolerance on the command line)' + ''.join(f'; {fact}' for fact in self.evidence))
 
     @property
     def first(self) -> str:
         """The choice in a line."""
-        return (f'{self.quantity}: the {self.choice.name} model is enough ({self.choice.algorithm}), with an error of at most '
+        return (f'{self.quantity}: the {self.choice.name} model is enough ({self.choice.algorithm}); its error is at most '
                 f'{percent(self.choice.at_most)}.')
 
     def report(self) -> str:

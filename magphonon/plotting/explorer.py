@@ -73,7 +73,7 @@ class Explorer:
     def __post_init__(self) -> None:
         if np.ndim(self.atoms.calc.foundation):
             raise ValueError('the foundation differs from particle to particle or has a part along z, but the page has a single '
-                             'slider for it; give one number')
+                             'slider for the foundation; give one number')
         if not self._force(1.0) > 0:
             raise ValueError(f'at the spacing of {self.spacing:g} mm no force acts between nearest neighbours, so that there is '
                              'nothing to explore; change the spacing')
@@ -231,7 +231,7 @@ def _structure(atoms, here):
     feet, springs, apart = calc.anchors[:, :2], np.broadcast_to(calc.foundation, (len(atoms), 2)), pdist(calc.anchors)
     reach = float(np.linalg.norm(feet[bonds.j] - feet[bonds.i], axis=1).max()) * (1 + ROUNDED)
     if (apart < reach).sum() != len(bonds.i) or np.any(springs[:, 0] != springs[:, 1]):
-        raise ValueError('the page joins all pairs of particles within one cutoff, on springs that are alike along x and y; '
+        raise ValueError('the page needs bonds between all pairs within one cutoff, and supports as stiff along x as along y; '
                          '"magphonon frf" takes every structure')
     x, y = ((feet - (feet.max(axis=0) + feet.min(axis=0)) / 2) / here).T.tolist()
     return {'x': x, 'y': y, 'mass_kg': (atoms.get_masses() / units.kg).tolist(), 'strength': calc.strengths.tolist(),

@@ -106,7 +106,7 @@ def plot_fit(forces: Forces, fit: Fit) -> Figure:
     f = shown.f - zero - shown.direction * hysteresis
     positive = f > 0
     upper.errorbar(r[positive] / u.m, f[positive] / u.N, fit.noise[positive] / u.N, fmt='o', color='k', markersize=3,
-                   linewidth=0.7, markerfacecolor='white', label='measured, zeros taken out')
+                   linewidth=0.7, markerfacecolor='white', label='measured, corrected for zero errors')
     line = np.geomspace(fit.law.r[0], fit.law.r[-1], 300)[1:-1]
     upper.plot(line / u.m, repulsion(fit.law, line) / u.N, color=COLOURS[0], label='smooth curve')
     ends = fit.intervals[0] / u.N

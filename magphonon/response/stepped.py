@@ -58,7 +58,8 @@ def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, d
     """
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
-        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; turn [frf.response]')
+        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; change direction_deg in '
+                         '[frf.response]')
     many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
     first = len(atoms) * np.arange(len(omega))
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
@@ -196,7 +197,7 @@ def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float
     """
     amplitudes = np.asarray(amplitudes)
     if len(amplitudes) < 3:
-        raise ValueError(f'steady state is judged by at least 3 windows, not {len(amplitudes)}')
+        raise ValueError(f'at least 3 windows are needed to recognise a steady state, not {len(amplitudes)}')
     if not 0 < decay < 1:
         raise ValueError(f'the decay per window must lie between 0 and 1, not {decay!r}; '
                          'without damping there is no steady state')

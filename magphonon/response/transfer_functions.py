@@ -173,7 +173,7 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
 
     x, y = np.atleast_2d(drive), np.atleast_2d(answer)
     if x.shape != y.shape or x.shape[1] < 16:
-        raise ValueError(f'drive and answer are records of one length, 16 frames or more, not {x.shape} and {y.shape}')
+        raise ValueError(f'drive and answer must be records of equal length, 16 frames or more, not {x.shape} and {y.shape}')
     settings: dict[str, Any]
     if len(x) > 1:
         settings, averages = {'nperseg': x.shape[1], 'window': 'boxcar', 'detrend': False}, len(x)

@@ -106,8 +106,8 @@ def _modulation(scene: Scene) -> None:
         raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
                          'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python support it)')
     if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
-        raise ValueError('foundation.modulation: only chains and planar lattices support it, with a number of '
-                         'shells that is not "all"; remove it')
+        raise ValueError('foundation.modulation: only chains and planar lattices support it, and law.shells must be a number, '
+                         'not "all"; remove the modulation, or change shells')
 
 
 def _title(scene: Scene) -> None:
@@ -210,16 +210,16 @@ def _file(scene: Scene) -> None:
         does = 'takes the law from the file of the particles' if saved else 'joins the numbered nodes of a file'
         raise ValueError(f'law.kind = "{scene.law.kind}" {does}; it belongs to lattice.kind = "file"')
     if scene.members and lattice.cutoff_m is not None:
-        raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove it')
+        raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove cutoff_m')
     of_sites = scene.design is not None and bool(scene.design.targets)
-    _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, which '
-            'particles from a file do not have; remove the table [{0}]')
+    _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, but '
+            'particles from a file have neither; remove the table [{0}]')
     if lattice.finite:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
                 'periods, and [{0}] needs a lattice; remove the table, or give the file a cell')
     if scene.patch is not None and (lattice.cell().constraints or np.ptp(lattice.cell().get_tags())):
-        raise ValueError(f'patch: the cell in {lattice.file} holds particles or has several kinds of them, but a patch uses '
-                         f'constraints and tags for its rim; cut the patch in Python, and save it with magphonon.write_scene')
+        raise ValueError(f'patch: the cell in {lattice.file} has held particles or several kinds of particles, but a patch needs '
+                         f'constraints and tags to mark its rim; cut the patch in Python, and save it with magphonon.write_scene')
     for name, given in (('foundation', scene.foundation is not None), ('lattice.mass_kg', lattice.mass_kg is not None),
                         ('lattice.cutoff_m', lattice.cutoff_m is not None), ('patch', scene.patch is not None)) if saved else ():
         if given:
@@ -267,7 +267,7 @@ def _kinds(scene: Scene) -> None:
     _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
                                                   '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
-        raise ValueError('laws_of_kinds: tags tell the kinds of particles apart, but this patch marks its rim by tags; choose '
+        raise ValueError('laws_of_kinds: the tags of particles are their kinds, but this patch uses tags to mark its rim; choose '
                          'patch.kind = "supercell", or cut the patch in Python and save it with magphonon.write_scene')
 
 
@@ -283,7 +283,7 @@ def _bands(scene: Scene) -> None:
         leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
         if scene.law.shells == ALL or leaves or scene.turns:
             raise ValueError('bands.temperature_J needs time steps, for planar lattices with a number of shells, without '
-                             'gyration or motion out of the plane; remove it, or what contradicts it')
+                             'gyration or motion out of the plane; remove temperature_J, or what contradicts it')
     if scene.bands.path is None:
         return
     known = scene.special_points

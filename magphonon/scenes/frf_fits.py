@@ -178,8 +178,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     for one in own:
         first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)
         if first is not one:
-            raise ValueError(f'{first.name} and {one.name} hold the same numbers, and their noise would count as independent; '
-                             'give one of them')
+            raise ValueError(f'{first.name} and {one.name} hold the same numbers, whose noise would count as independent; '
+                             'give only one of them')
     fits, start = {}, None
     build = {model: partial(_built, scene, model) for model in MODELS}
     for model in MODELS:  # D0 alone starts where the complete model ends

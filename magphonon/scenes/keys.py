@@ -162,7 +162,7 @@ def _types(annotation: Any) -> Iterator[str]:
     if origin is Literal:
         yield 'text'
     elif origin is tuple:
-        yield (f'list of {next(_types(parts[0]))}s'.replace(']s', ']') if parts[-1] is Ellipsis
+        yield (f'list of {next(_types(parts[0]))}s'.replace(']s', ']').replace('of place', 'of places') if parts[-1] is Ellipsis
                else 'two whole numbers' if parts == (int, int) else 'nodes [i, j]' if parts[:2] == (int, int) else 'place [x, y]')
     elif annotation in TYPES:
         yield TYPES[annotation]

@@ -63,8 +63,8 @@ class Lattice(Table):
     relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = Field(
         None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: that of gyroscopes, twice the rate '
-                         'of a bench that rotates anticlockwise, or charge times magnetic field over mass', examples=[15.0])
+        0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: the rate of gyroscopes, twice the '
+                         'rate of a bench that rotates anticlockwise, or charge times magnetic field over mass', examples=[15.0])
 
     @model_validator(mode='after')
     def _one_mass_each(self):
@@ -108,9 +108,9 @@ class Oscillator(Table):
 
     kind: Literal['oscillator']
     theta0_deg: Annotated[float, BeforeValidator(_right_angle), Allowed('0 to 90')] = Field(
-        description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
-    spacing_m: Spacing = Field(description='the length of its three bonds in m')
-    mass_kg: Mass = Field(description='the mass of the free particle in kg')
+        description='the angle in degrees below the horizontal at which the free magnet sees the two outer ones')
+    spacing_m: Spacing = Field(description='the length in m of the three bonds of the oscillator')
+    mass_kg: Mass = Field(description='the mass in kg of the free magnet of the oscillator')
 
     @property
     def spacing_given(self) -> str:
@@ -156,18 +156,18 @@ class OutOfPlane(Table):
     stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] = Field(
         description='the stiffness in N/m of the support of each particle along z', examples=[800.0])
     upright_magnets: Flag = Field(description='true for magnets that stand upright on the plane, whose energy obeys '
-                                              "Laplace's equation; false for a force along the line between two particles")
+                                              "Laplace's equation; false for forces along the line between two particles")
 
 
 class Modulation(Table):
     """A wave that modulates the springs, k [1 + depth cos(2 pi (f t - n.R/wavelength))], as coils under the particles do."""
 
     depth: Annotated[Positive, within(0, 1, 'shares of the stiffness')] = Field(
-        description='the amplitude of the modulation, as a share of the stiffness, up to 1', examples=[0.05])
-    frequency_Hz: Frequency = Field(description='its frequency in Hz', examples=[8.0])
-    wavelength_m: Length | None = Field(None, description='its wavelength in m; without it all springs change together',
+        description='the amplitude of the modulation, as a fraction of the stiffness, up to 1', examples=[0.05])
+    frequency_Hz: Frequency = Field(description='the frequency of the modulation in Hz', examples=[8.0])
+    wavelength_m: Length | None = Field(None, description='its wavelength in m; without it all springs change in phase',
                                         examples=[0.03])
-    direction_deg: Angle = Field(0.0, description='the direction in which it runs, in degrees from the x axis', examples=[90.0])
+    direction_deg: Angle = Field(0.0, description='the direction of the wave, in degrees from the x axis', examples=[90.0])
 
     def of(self, springs: Any) -> Travelling:
         """These springs, so modulated."""
@@ -246,17 +246,18 @@ class Foundation(Table):
 
 
 class Trap(Table):
-    """One trap for all particles of a finite structure, as of ions: springs that are slack at its centre, in place of
-    [foundation]; the particles move to rest in it.
+    """One trap for all particles of a finite structure, such as ions, in place of [foundation].
+
+    Its springs are slack at its centre; the particles move to rest in it.
     """
 
     stiffness_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] = Field(
-        description='the stiffness in N/m that draws each particle to the centre', examples=[2.6e-12])
+        description='the stiffness in N/m of the springs that draw each particle to the centre', examples=[2.6e-12])
     stiffness_y_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] | None = Field(
-        None, description='the same along y, where stiffness_N_per_m is that along x', examples=[2e-11])
-    centre_m: Point = Field((0.0, 0.0), description='its place [x, y] in m', examples=[[0.0, 0.0]])
+        None, description='the stiffness in N/m along y; stiffness_N_per_m is then that along x', examples=[2e-11])
+    centre_m: Point = Field((0.0, 0.0), description='the centre [x, y] of the trap in m', examples=[[0.0, 0.0]])
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='charge times magnetic field over mass in rad/s, as of a Penning trap', examples=[1e6])
+        0.0, description='charge times magnetic field over mass in rad/s, as in a Penning trap', examples=[1e6])
 
     def sites(self, atoms: Atoms) -> dict[str, Any]:
         """Foundation, anchors and gyration, as arguments of the calculator."""

@@ -45,14 +45,14 @@ class Members(Table):
     stiffness_N_per_m: Annotated[Positive, within(1e-15, 1e15, 'N/m')] | None = Field(
         None, description='the stiffness of a member in N/m', examples=[1000.0])
     rest_length_m: Length | None = Field(
-        None, description='its length without load in m; without it and tension_N the member gets the tension that balances the '
-                          'others',
+        None, description='the length of a member without load in m; if tension_N is omitted too, the member gets the tension '
+                          'that balances the others',
         examples=[0.09])
     tension_N: Annotated[Number, within(-1e12, 1e12, 'newtons')] | None = Field(
-        None, description='its tension in N at the positions of the file, below zero if it pushes, in place of rest_length_m',
+        None, description='the tension in N at the positions of the file, negative if it pushes; in place of rest_length_m',
         examples=[5.0])
-    slack: Flag = Field(False, description='whether it is a cable, which goes slack rather than push', examples=[True])
-    law: Law | None = Field(None, description='any law of two particles, a table like [law], in place of these keys')
+    slack: Flag = Field(False, description='whether a member is a cable, which goes slack instead of pushing', examples=[True])
+    law: Law | None = Field(None, description='any law between two particles, as a table like [law]; replaces the keys above')
 
     @model_validator(mode='after')
     def _one_law(self):

@@ -81,10 +81,10 @@ class BandPlan(Damped):
     points: AtLeastTwo = Field(200, description='the number of wavevectors along the path')
     supercell: Counts | None = Field(None, description="phonopy's supercell, one number for each periodic direction; by "
                                                        'default the smallest in which no bond spans half of it')
-    damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s; with it the bands of the '
-                                                         'complete model are computed once more, with the decay of each mode',
+    damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s; if given, the bands of '
+                                                         'the complete model are computed again, with the decay of each mode',
                                        examples=[4.0])
-    temperature_J: Energy | None = Field(None, description='kT in J; with it the motion of the supercell in a bath of this '
+    temperature_J: Energy | None = Field(None, description='kT in J; if given, the motion of the supercell in a bath of this '
                                                            'temperature is computed, which gives the stiffness of waves in '
                                                            'thermal motion', examples=[2.4e-5])
 
@@ -116,9 +116,9 @@ class Pick(Table):
 class MovingWall(Table):
     """A side of the held rim that moves to and fro, on a shaker, in place of a force."""
 
-    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the side lies: the held particles '
-                                        'farther in this direction than all free ones move', examples=[270.0])
-    direction_deg: Angle = Field(description='the direction in degrees from the x axis in which they move', examples=[0.0])
+    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the wall lies: it consists of the '
+                                        'held particles that lie farther in this direction than all free ones', examples=[270.0])
+    direction_deg: Angle = Field(description='the direction in degrees from the x axis in which the wall moves', examples=[0.0])
 
     def of(self, patch: Atoms) -> NDArray[np.float64]:
         """Displacements of the wall per unit of its amplitude, zero for all other particles; shape (particles, 3)."""
@@ -145,7 +145,7 @@ class FrfPlan(Damped):
                                    'from the floor', examples=[90.0])
     gyration_seen_from: Annotated[str, BeforeValidator(partial(one_of, '', choices=GYRATION_SEEN_FROM))] | None = Field(
         None, description='with base_deg and particles that gyrate: "bench" if gyration turns the motion relative to the bench, '
-                          'as with gyroscopes on pillars, or "floor" if it turns all motion including that of the bench, as on '
+                          'as with gyroscopes on pillars, or "floor" if it turns all motion, that of the bench included, as on '
                           'a rotating bench or for charges in a field', examples=['floor'])
     force: Pick | None = None
     wall: MovingWall | None = None
@@ -186,7 +186,7 @@ class BurstPlan(Table):
         description='the number of carrier periods in a burst')
     force_N: Force = Field(description='the largest force on a particle in N')
     damping_ratio: Annotated[NotNegative, within(0, 1, 'shares of critical damping')] = Field(
-        description='the damping, as a share of critical at the carrier')
+        description='the damping, as a fraction of the critical damping at the carrier frequency')
     duration_s: Duration = Field(description='the length of the record in s')
     tolerance: Annotated[Positive, within(1e-9, 0.1, 'of the largest displacement')] | None = Field(
         None, description='the allowed error of the displacements due to time steps and arithmetic, as a fraction of the '
@@ -273,7 +273,7 @@ class GapPlan(Table):
     """Gap between a branch and the next one, over the whole zone."""
 
     above_branch: Count = Field(description='the branch below the gap, counted from 1 by frequency', examples=[1])
-    width_Hz: Frequency = Field(description='the wanted width in Hz', examples=[10.0])
+    width_Hz: Frequency = Field(description='the wanted width of the gap in Hz', examples=[10.0])
 
     key: ClassVar = 'design.gap.width_Hz'
     name = property(lambda self: f'gap above branch {self.above_branch}')
@@ -347,10 +347,12 @@ class SiteRanges(Table):
 class SiteParts(Table):
     """Parts that can be bought, as factors; what is not listed may have any value within its range."""
 
-    strength: Annotated[tuple[Positive, ...], listed] = Field((), description='the grades of magnets', examples=[[0.9, 1.0, 1.1]])
-    spring: Annotated[tuple[Positive, ...], listed] = Field((), description='the stiffnesses of pillars',
+    strength: Annotated[tuple[Positive, ...], listed] = Field((), description='the factors of the strength that magnets may have',
+                                                              examples=[[0.9, 1.0, 1.1]])
+    spring: Annotated[tuple[Positive, ...], listed] = Field((), description='the factors of the stiffness that pillars may have',
                                                             examples=[[0.8, 1.0, 1.2]])
-    mass: Annotated[tuple[Positive, ...], listed] = Field((), description='the masses', examples=[[0.5, 1.0, 2.0]])
+    mass: Annotated[tuple[Positive, ...], listed] = Field((), description='the factors of the mass that particles may have',
+                                                          examples=[[0.5, 1.0, 2.0]])
 
 
 class SiteScatterPlan(Table):
@@ -359,7 +361,7 @@ class SiteScatterPlan(Table):
     strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths in percent', examples=[1.0])
     stiffness_percent: Percent = Field(0.0, description='the standard deviation of the stiffnesses in percent', examples=[1.0])
     mass_percent: Percent = Field(0.0, description='the standard deviation of the masses in percent', examples=[1.0])
-    draws: Count = Field(8, description='the number of specimens that are drawn; 24 or more for a design to be built',
+    draws: Count = Field(8, description='the number of specimens drawn at random; take 24 or more for a design to be built',
                          examples=[24])
 
 
@@ -369,11 +371,12 @@ class DesignPlan(Table):
     The foundation follows from the cut-off, the spacing from an edge or a gap; with targets every site of the patch is designed.
     """
 
-    cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; the foundation follows')
+    cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; it determines the '
+                                                            'foundation')
     edge: EdgePlan | None = None
     gap: GapPlan | None = None
     spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = Field(
-        None, description='the smallest and the largest spacing in m between which the spacing for an edge or a gap is sought')
+        None, description='the smallest and the largest spacing in m; the spacing for an edge or a gap is sought between them')
     targets: Annotated[tuple[SiteTarget, ...], listed] = ()
     over: SiteRanges | None = None
     parts: SiteParts | None = None

@@ -81,7 +81,7 @@ class Scene(Table):
     ('GMKG', 'complete')
     """
 
-    title: Text = Field(description='a line that says what it is')
+    title: Text = Field(description='a line that says what the scene is')
     lattice: AnyLattice = Field(description='a table [lattice]')
     law: Law = Field(description='a table [law]')
     laws_of_kinds: Annotated[tuple[LawOfKinds, ...], listed] = ()

@@ -103,20 +103,20 @@ class FileLattice(Table):
         PACKAGE_UNIT_m, description='the length in m of one unit in an ASE file; files that Python wrote with this package '
         'are in mm, with masses in g', examples=[0.001])
     mass_kg: Mass | None = Field(None, description='the mass of every particle in kg, where the file has none', examples=[0.0007])
-    cell_m: Points | None = Field(None, description='the one or two lattice vectors [x, y] of a table .csv in m; without them it '
-                                  'is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
+    cell_m: Points | None = Field(None, description='the one or two lattice vectors [x, y] of a table .csv in m; without them '
+                                  'the table is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
     planar: Flag = Field(False, description='true if the third vector of an ASE file is not a period, as for a layer in a .cif',
                          examples=[True])
-    cutoff_m: Length | None = Field(None, description='the distance within which particles interact, in place of the shells of '
-                                    'the law, which scattered positions do not have', examples=[0.012])
+    cutoff_m: Length | None = Field(None, description='the distance within which particles interact, in place of shells of '
+                                    'neighbours, which irregular positions do not have', examples=[0.012])
     positions: Annotated[Literal['anchors', 'rest'], BeforeValidator(partial(one_of, '', choices=('anchors', 'rest')))] | None = (
         Field(None, description='what the positions are: "anchors", the feet of the pillars, from which the particles first '
-                                'move to rest, or "rest", the places of the particles in a photo: they stay there, and constant '
-                                'forces represent the bent pillars', examples=['rest']))
+                                'move to rest, or "rest", the positions of the particles in a photo: they stay there, and '
+                                'constant forces represent the bent pillars', examples=['rest']))
     points_px: Points | None = Field(None, description='for a table with x_px,y_px: two points [x, y] in the photo, far apart, '
                                      'in pixels from its upper left corner', examples=[[[212, 1810], [2840, 1790]]])
-    points_m: Points | None = Field(None, description='the places [x, y] of these two points in m, which give the scale and the '
-                                                      'rotation of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
+    points_m: Points | None = Field(None, description='the positions [x, y] in m of the two points in points_px, which give the '
+                                                      'scale and the rotation of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
     relaxed: Flag = Field(False, description='true if the particles first move to where their forces balance, as with '
                           'positions = "anchors"', examples=[True])
 
@@ -308,14 +308,14 @@ def _read_by_ase(path):
 class Guest(Table):
     """Another particle, by its mass, strength and stiffness relative to the particle with which it is compared."""
 
-    at_m: Point = Field(description='the place [x, y] in m', examples=[[0.0, 0.0]])
+    at_m: Point = Field(description='the position [x, y] of the particle in m', examples=[[0.0, 0.0]])
     relative_mass: Factor = Field(1.0, description='factor of the mass', examples=[0.5])
     relative_strength: SignedFactor = Field(1.0, description='factor of the strength, for example of its magnetic moment; '
-                                            'a negative one means a magnet upside down, attracting its neighbours',
+                                            'a negative one means a magnet upside down, which attracts its neighbours',
                                                  examples=[0.5])
-    relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of its foundation', examples=[0.0])
+    relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of the foundation', examples=[0.0])
 
-    kind: Kind | None = Field(None, description='its kind, which chooses among [[laws_of_kinds]]', examples=[1])
+    kind: Kind | None = Field(None, description='its kind, which selects its laws in [[laws_of_kinds]]', examples=[1])
 
     @property
     def properties(self) -> dict[str, Any]:

@@ -59,8 +59,8 @@ class _Uncertainty(Table):
     exponent: Positive | None = Field(
         None, description='for a table of forces: the standard deviation of its exponent, -d ln f/d ln r at the spacing')
     each_position_m: Positive | None = Field(
-        None, description='the standard deviation of each coordinate from site to site: of the feet of pillars and of held '
-        'particles, or, with lattice.positions = "rest", of positions measured in a photo', examples=[1e-4])
+        None, description='the standard deviation of each coordinate of the feet of pillars and of held particles, from site to '
+        'site; with lattice.positions = "rest", of each position measured in a photo', examples=[1e-4])
     scale_percent: Positive | None = Field(
         None, description='for particles from a file: the standard deviation of the scale of all lengths, in percent')
     correlation_forces_exponent: Correlation | None = Field(
@@ -152,10 +152,10 @@ class _Uncertainty(Table):
 
 
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all
-_KEYS = {key: Field(None, description='the standard deviation, in the unit of the parameter') for key in _ABSOLUTE} | {
-    f'{name}_percent': Field(None, description='the standard deviation in percent', examples=[1.0]) for name in PLACES} | {
-    f'each_{name}_percent': Field(None, description='the standard deviation from site to site in percent', examples=[1.0])
-    for name in SITES}
+_KEYS = {key: Field(None, description=f'the standard deviation of {key}, in its unit') for key in _ABSOLUTE} | {
+    f'{name}_percent': Field(None, description=f'the standard deviation of {name} in percent', examples=[1.0]) for name in PLACES
+    } | {f'each_{name}_percent': Field(None, description=f'the standard deviation of {name} from site to site in percent',
+                                       examples=[1.0]) for name in SITES}
 if TYPE_CHECKING:
     Uncertainty = _Uncertainty  # with more keys
 else:

@@ -118,7 +118,7 @@ class Verdict:
         if self.unjudged:
             *others, last = self.unjudged
             named = f'{", ".join(others)} and {last}' if others else last
-            said.append(f'Not computed for so many particles: {named}. Check the lattice without its patch, or a smaller patch.')
+            said.append(f'Not computed for so many particles: {named}. Check a smaller patch, or the lattice without [patch].')
         return tuple(said)
 
     @property
@@ -399,7 +399,7 @@ def buckling(case: Case) -> Finding:
     search = case.balanced and case.listed and not case.touching
     searched = search and case.large <= (SPACED if case.finite else 0)
     scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
-    unjudged = 'the spacing at which they buckle' if search and case.large > (SPACED if case.finite else 0) else ''
+    unjudged = 'the spacing at which the structure buckles' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
@@ -416,7 +416,7 @@ def buckling(case: Case) -> Finding:
         room = f' A spacing above {at} would also make it stable.' if at else ''
         words = f'It buckles{where}{_growth(found)}. It needs a foundation of {needed} and has {spring}{own}.{room}'
         if case.gyrating is not None:
-            words += (' Whether gyration holds so many particles was not judged.' if case.large else
+            words += (' Whether gyration holds so many particles was not computed.' if case.large else
                       ' Gyration is too slow to hold it.')
     elif not case.held:
         words = (f'Stable{where} only without losses: without gyration it would need a foundation of {needed} and '
@@ -424,13 +424,13 @@ def buckling(case: Case) -> Finding:
     elif found.needed:
         room = f' It would be stable down to a spacing of {at}.' if at else ''
         more = _times(found.spring / found.needed)
-        words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} that it needs.{room}'
+        words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} needed.{room}'
     elif uneven:
         words = f'Stable{where}, and it would stay so if all springs were softer by {spring}, the stiffness of the softest one.'
     else:
         words = f'Stable{where}, even without a foundation.' + (f' It would buckle below a spacing of {at}.' if at else '')
     if case.large and case.atoms.pbc.any():
-        words += (' The periodic cell is so large that only waves that fit into one or two cells were judged; another wave may '
+        words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
                   'be softer. Check a smaller cell of the same lattice, or another number of repeats.')
     return Finding(found, words, not found.stable, unjudged)
 
@@ -443,7 +443,7 @@ def out_of_plane(case: Case) -> Finding:
     found, _ = case.above
     have, need = _stiffness(found.spring), _stiffness(found.needed)
     if found.stable:
-        margin = f'{_times(found.spring / found.needed)} the {need} that they need' if found.needed else 'more than they need'
+        margin = f'{_times(found.spring / found.needed)} the {need} needed' if found.needed else 'stiffer than needed'
         return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
     if found.verge:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
@@ -465,9 +465,9 @@ def pumping(case: Case) -> Finding:
         return Finding(found, f'{what} makes no wave grow{against}.')
     where = f' with the wavevector ({", ".join(f"{x:.4f}" for x in found.q)})' if case.pumped.pbc.any() else ''
     needed = np.max(case.damping) + 2 * found.rate
-    return Finding(found, f'{what} makes waves grow, fastest{where} by {found.rate * u.s:.4g} per s: linear waves have no bound. '
-                   f'Take a damping of more than about {needed * u.s:.4g} per s, a shallower modulation or another frequency.',
-                   fault=True)
+    return Finding(found, f'{what} makes waves grow, fastest{where} by {found.rate * u.s:.4g} per s, without bound in linear '
+                   f'theory. Take a damping of more than about {needed * u.s:.4g} per s, a shallower modulation or another '
+                   'frequency.', fault=True)
 
 
 @check
@@ -519,7 +519,7 @@ def timestep_limit(case: Case) -> Finding:
     losses = SPLITTINGS[2].damped / max(float(np.max(case.damping)), np.finfo(float).tiny)
     if losses < 2 / highest:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
-                       f'that is accurate to 0.3 %; up to {u.in_words("s", 2 / highest / u.s)} they would be stable.')
+                       f'that is accurate to 0.3 %. Steps up to {u.in_words("s", 2 / highest / u.s)} would still be stable.')
     of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.held)
     return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
                    f'highest frequency of {of}); a tenth of that is accurate.')
@@ -540,8 +540,8 @@ def contact(case: Case) -> Finding:
     """Shortest present distance of bonded particles, as a fraction of that in the reference."""
     if case.closest >= CONTACT:
         return Finding(case.closest)
-    return Finding(case.closest, f'Particles are in contact: two of them are at {case.closest:.3g} times their distance at rest. '
-                   'Start with a larger distance.', fault=True)
+    return Finding(case.closest, f'Particles are in contact: the distance of two of them is {case.closest:.3g} times that at '
+                   'rest. Start with a larger distance.', fault=True)
 
 
 @check

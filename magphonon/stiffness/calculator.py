@@ -419,9 +419,9 @@ def stress_per_volume(calc: PairCalculator, atoms: Atoms) -> NDArray[np.float64]
                          'vectors (the length of the one across a planar lattice only divides the stress)')
     before, after = (abs(np.linalg.det(at.cell.array)) / measure(at) for at in (calc.reference, atoms))
     if abs(after - before) > ACROSS * before:
-        raise ValueError(f'across its periodic directions the cell changes from {before:.6g} to {after:.6g} mm (mm^2 for '
-                         'a chain), which has no meaning and would change the stress. Keep these vectors: give filters of ASE '
-                         'mask=(1, 1, 0, 0, 0, 1) for a planar lattice, (1, 0, 0, 0, 0, 0) for a chain along x, and no '
+        raise ValueError(f'perpendicular to its periodic directions the cell changes from {before:.6g} to {after:.6g} mm (mm^2 '
+                         'for a chain), which has no meaning and would change the stress. Keep these vectors: give filters of '
+                         'ASE mask=(1, 1, 0, 0, 0, 1) for a planar lattice, (1, 0, 0, 0, 0, 0) for a chain along x, and no '
                          'hydrostatic_strain')
     here = calc if same_cell(calc, atoms) else calc.about(atoms)
     stress = np.zeros((3, 3))

@@ -110,8 +110,8 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     scales = atomic_masses[atoms.numbers] / masses
     if np.ptp(scales) > SAME_MASS * scales[0]:
         warnings.warn('the masses are not in the ratio of those of the symbols: tools that look masses up by symbol, such as '
-                      'matcalc, are wrong until you set theirs to atoms.get_masses(); others are '
-                      'right', UserWarning, stacklevel=2)
+                      'matcalc, are wrong until you give them atoms.get_masses(); other tools '
+                      'are right', UserWarning, stacklevel=2)
     found = atoms.copy()
     found.set_masses(scales[0] * masses)
     found.calc = _Rescaled(calc, scales[0])

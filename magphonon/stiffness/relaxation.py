@@ -88,8 +88,8 @@ class Relaxation:
         if self.before <= nothing:
             force = 'No force is left on any particle'
         else:
-            left = f'{self.after:.3g} N' if self.after > nothing else 'balanced'
-            force = f'The largest force on a particle was {self.before:.3g} N before, and is {left} now'
+            left = f'it is {self.after:.3g} N' if self.after > nothing else 'all forces balance'
+            force = f'The largest force on a particle was {self.before:.3g} N before; now {left}'
         return f'The structure {moved}{off}. {force}; the lowest frequency is {lowest:.4g} Hz.'
 
 

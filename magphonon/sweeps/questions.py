@@ -171,7 +171,7 @@ class Question(NamedTuple):
 QUESTIONS = {
     'bands.gap.BRANCH': Question('Hz', 'gap above a branch along the path of [bands], negative where branches overlap', _gap,
                                  'gap above branch {}', _branch_below),
-    'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch at a special point, counted from 1', _frequency,
+    'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch, counted from 1, at a special point', _frequency,
                                    'frequency at {}, branch {}', _point_and_branch),
     'stability.needed': Question('N/m', 'foundation that the perfect lattice needs',
                                  lambda situation: situation.needed / (u.N / u.m),
@@ -180,7 +180,8 @@ QUESTIONS = {
                                  lambda situation: situation.margin / (u.N / u.m), 'foundation minus what is needed'),
     'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its '
                                  'defects are stable', _growth, 'growth rate'),
-    'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
+    'stability.spacing': Question('m', 'spacing at which the lattice begins or ceases to buckle', _spacing,
+                                  'spacing at buckling'),
     'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
                                  'amplitude for an error of 1 %'),
     'timestep.limit': Question('s', 'longest stable time step',

@@ -162,7 +162,8 @@ def test_comparing_two_windows_takes_slow_change_for_none():
 
 
 @pytest.mark.parametrize(('windows', 'decay', 'message'), [
-    (2, 0.5, 'at least 3 windows, not 2'), (3, 1.0, 'without damping there is no steady state'), (3, np.nan, 'between 0 and 1')])
+    (2, 0.5, 'at least 3 windows are needed to recognise a steady state, not 2'),
+    (3, 1.0, 'without damping there is no steady state'), (3, np.nan, 'between 0 and 1')])
 def test_steady_state_needs_windows_and_damping(windows, decay, message):
     with pytest.raises(ValueError, match=message):
         remaining_transient(np.ones(windows), decay)

@@ -319,4 +319,4 @@ def test_files_are_recognised_by_what_they_hold(tmp_path, capsys):
     assert "the scene 'lab' has no table [frf]" in capsys.readouterr().err
     (tmp_path / 'c.csv').write_text('colour,size\nred,2\n')
     assert main(['fit', lab, a, str(tmp_path / 'c.csv')]) != 0
-    assert 'c.csv is not a known kind of record' in capsys.readouterr().err
+    assert 'c.csv is no kind of record that can be read' in capsys.readouterr().err
