@@ -109,8 +109,8 @@ def _named(path, columns):
         whole = np.asarray(values)
         for own, column in [(field, np.asarray(whole[field].tolist())) for field in whole.dtype.names or ()] or [(name, whole)]:
             if column.size > 1 and own in found and not np.array_equal(found[own], column):
-                raise Refused(f'{path} holds {shown(own)} several times, with other numbers; put each group into a file of its '
-                              'own, or all groups into the same columns')
+                raise Refused(f'{path} holds {shown(own)} several times, with different numbers; put each group into a file of '
+                              'its own, or all groups into the same columns')
             found[own] = column
     return found
 

@@ -323,7 +323,7 @@ def test_groups_that_name_their_columns_alike_are_refused_where_one_would_replac
             if name == 'same':
                 assert_allclose(read_forces(tmp_path / f'same.{suffix}').f, f[0])
             else:
-                with pytest.raises(ValueError, match="holds 'f_N' several times, with other numbers; put each"):
+                with pytest.raises(ValueError, match="holds 'f_N' several times, with different numbers; put each"):
                     read_forces(tmp_path / f'other.{suffix}')
 
 

@@ -118,7 +118,7 @@ def _send(scene, k, cell, patch, engine):
     except Diverged as error:
         what = f'burst {scene.burst.names[k]}, {patch.calc.parameters.model} simulation'
         if unstable := _unstable(cell):
-            raise ValueError(f'{what}: at {error.time:g} ms particles leave their cells. ' + ' '.join(unstable[1:])) from error
+            raise ValueError(f'{what}: at {error.time:g} ms particles leave their sites. ' + ' '.join(unstable[1:])) from error
         raise ValueError(f'{what}: it diverged at {error.time:g} ms (particle {error.particle}); lower burst.force_N') from error
     if scene.vibrometer is not None:
         passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))

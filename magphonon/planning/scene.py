@@ -44,7 +44,7 @@ def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
     scene = scene.with_lean(False)  # which hardly changes what a method costs and how far it is off
     if scene.frf is None and scene.burst is None:
         raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [frf] or [burst] (bands need no plan: '
-                         'shells = "auto" counts as many neighbours as matter)')
+                         'shells = "auto" counts as many shells of neighbours as matter)')
     if scene.frf is not None:
         yield _peak(scene, tolerance)
     if scene.burst is not None:

@@ -194,17 +194,17 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
         raise ValueError('the record holds no motion along x or y, in the plane; name its columns u_x_m and u_y_m')
     sites, member, notes = _sites(np.asarray(scan.places), cell)
     if len(lacking := np.setdiff1d(np.arange(len(cell)), member)):
-        raise ValueError(f'no point is particle {lacking[0] + 1} of a cell of {len(cell)}; measure all kinds of sites')
+        raise ValueError(f'no point lies on particle {lacking[0] + 1} of the {len(cell)} in a cell; measure points of every kind')
     faces, spacing = ConvexHull(sites).equations[:, :2], _spacing(cell)
     across = float(np.ptp(sites @ faces.T, axis=0).min() / spacing + 1)
     if across < FEWEST:
         raise ValueError(f'the points are {across:.2g} spacings wide at their narrowest, and a map of the plane needs {FEWEST}; '
-                         'measure more rows, or give one row alone')
+                         'measure more rows, or only one row')
     top = bloch_modes(cell, _zone(12), 'complete')[0].max()
     frames, wanted = len(scan.times), int(np.ceil(across * 2 * np.pi / top / scan.dt))
     if frames < max(wanted, FEWEST):
         raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; record '
-                         f'{scan.dt * max(wanted, FEWEST) / units.s:.3g} s to resolve frequencies as well as its points '
+                         f'{scan.dt * max(wanted, FEWEST) / units.s:.3g} s to resolve frequencies as well as the points '
                          'resolve wavenumbers')
     own = Field(sites, np.stack([scan.motions.get(axis, np.zeros((frames, len(sites)))) for axis in 'xy'], axis=2),
                 ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), member,
@@ -212,9 +212,9 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     _refuse_ghosts(own, cell)
     half = np.pi / own.dt
     notes += [_half_seen(own).removeprefix('. ')] * (not all(own.measured))
-    notes += [f'{len(sites)} points, {across:.1f} spacings across: wavenumbers to 2 pi/{across:.1f} per spacing; '
-              f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s: frequencies '
-              f'to {units.hertz(own.bin_omega):.3g} Hz']
+    notes += [f'{len(sites)} points, {across:.1f} spacings across, resolve wavenumbers to 2 pi/{across:.1f} per spacing; '
+              f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s resolve '
+              f'frequencies to {units.hertz(own.bin_omega):.3g} Hz']
     if half < top:
         notes.append(f'sampled at {units.hertz(2 * half):.4g} Hz: the bands of the scene reach {units.hertz(top):.4g} Hz, and '
                      f'waves above {units.hertz(half):.4g} Hz appear at wrong frequencies, unless the instrument has a filter')
@@ -241,9 +241,10 @@ def _sites(places, cell):
     turn, stretch = np.arctan2(A[0, 1] - A[1, 0], A[0, 0] + A[1, 1]), np.sqrt(abs(np.linalg.det(A)))
     if abs(turn) > TURNED or abs(stretch - 1) > STRETCHED:
         raise ValueError(f'the points stand on a lattice turned by {np.degrees(turn):.3g} degrees against that of the scene, '
-                         f'with {stretch:.4g} times its spacing; give positions in its frame (R1 lies along x), and its spacing')
+                         f'with {stretch:.4g} times its spacing; give positions in the frame of the scene (R1 along x), or '
+                         'correct the spacing')
     return n @ vectors + basis[member], member, [
-        f'the points say that the spacing is {stretch * near:.4g} mm (scene: {near:.4g} mm); they are '
+        f'the points say that the spacing is {stretch * near:.4g} mm (scene: {near:.4g} mm); they lie '
         f'{np.sqrt(np.mean(off**2)):.2g} mm off their sites (root mean square)']
 
 
@@ -284,7 +285,8 @@ def _refuse_ghosts(field, cell):
         raise ValueError(f'{len(h)} points are so far apart that waves look the same when their wavevectors differ '
                          f'by ({at[0]:.2g}, '
                          f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the '
-                         f'amplitude, allowed {100 * GHOST:.0f} %); measure particles in between, above all neighbours')
+                         f'amplitude, at most {100 * GHOST:.0f} % are allowed); measure particles in between, above all next '
+                         'to each other')
 
 
 def _zone(steps):
@@ -479,7 +481,7 @@ def _half_seen(field):
         return ''
     axis = 'xy'[field.measured.index(True)]
     return (f'. The record has the motion along {axis} alone, which shows a branch only where its waves move along {axis}, '
-            'on some lines of the path: measure the other component too, and give both as one record')
+            'on some lines of the path: measure the other component too, and put both into one record')
 
 
 def _scatter(field, off, variance, three):

@@ -109,7 +109,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     table = read_table(path, NAMES | {'x': LENGTH, 'y': LENGTH}, ['x'])
     names = _names(table)
     if names is None:
-        raise ValueError(f'{path} must name each point and its place in the columns particle (or point), x_m and y_m')
+        raise ValueError(f'{path} must have the columns particle (or point), x_m and y_m: name and position of each point')
     found = {}
     for line, name, *place in zip(table.lines, names.tolist(), table['x'].tolist(), table.get('y', 0.0).tolist(), strict=True):
         if found.setdefault(name, tuple(place)) != tuple(place):

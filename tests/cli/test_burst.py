@@ -101,7 +101,7 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, run_of, tmp_pa
     for name, model in zip(NAMES, ('complete', 'conventional'), strict=True):
         own = {line.split(',')[7] for line in table if line.startswith(f'{name},transverse,')}
         assert own == {f'{model} shear'}
-        assert f'{name}, transverse motion: agrees with {model} shear (' in shown
+        assert f'{name}, transverse motion: agrees with the {model} shear branch (' in shown
 
     burst = ridges(out)
     for name in NAMES:
@@ -191,7 +191,7 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
     assert main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 2  # what grows takes the particles out of their cells
     shown = capsys.readouterr().err
     assert 'UNSTABLE: the static forces buckle this lattice.' in shown
-    assert 'It needs a foundation of 40000 N/m and has 0 N/m. Lowering force_N does not help' in shown
+    assert 'The lattice needs a foundation of 40000 N/m and has 0 N/m. Lowering force_N does not help' in shown
     assert 'lower force_N' not in shown
     assert 'lower burst.force_N' not in shown
     assert not (tmp_path / 'out').exists()

@@ -414,7 +414,7 @@ def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
     assert main([*words, '--geometry', str(tmp_path / 'points.csv')]) == 0
     shown = capsys.readouterr().out
     assert 'scan.csv: 17 points on 20 places of the row, 400 frames\nvelocities were integrated over time' in shown
-    assert 'scan, measured motion: agrees with complete shear (0.0' in shown
+    assert 'scan, measured motion: agrees with the complete shear branch (0.0' in shown
     assert (tmp_path / 'out' / 'spectrum_scan_measured.png').exists()
 
 
