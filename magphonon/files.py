@@ -145,9 +145,9 @@ def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple
     except FileNotFoundError:
         raise FileNotFoundError(f'there is no file {path}; compute {kind} and save() them there') from None
     except Exception as error:
-        raise not_saved(path, kind, 'it cannot be read as one') from error
+        raise not_saved(path, kind, 'it cannot be read') from error
     if told is not None and not isinstance(told, dict):
-        raise not_saved(path, kind, 'its units are none')
+        raise not_saved(path, kind, 'its units are missing')
     needed = {*units} - {*optional} | {*(told or ())}
     for name in sorted(needed - arrays.keys()):
         raise not_saved(path, kind, f'it lacks the array {name}')

@@ -167,7 +167,7 @@ CASES = {
     'position NaN': (lambda: find_bonds(magnets([(0, 0, 0), (1, NAN, 0)])), 'particle 1', 'must be a finite number'),
     'alone': (lambda: find_bonds(magnets([(0, 0, 0)])), '1 particles', 'add particles'),
     'bond outside': (lambda: explicit_bonds(magnets(), [(0, 3)]), '(0, 3)', 'counted from 0'),
-    'bond to itself': (lambda: explicit_bonds(magnets(), [(1, 1)]), '(1, 1)', 'name another one'),
+    'bond to itself': (lambda: explicit_bonds(magnets(), [(1, 1)]), '(1, 1)', 'name another particle'),
     'bond twice': (lambda: explicit_bonds(magnets(), [(0, 1), (1, 0)]), '(1, 0)', 'list each pair once'),
     'bond across': (lambda: explicit_bonds(magnets(), [(0, 1, (1, 0, 0))]), '(1, 0, 0)', 'keep its shift 0'),
     'bond between points': (lambda: explicit_bonds(magnets(), [(0, 0.5)]), '0.5', 'whole numbers'),
@@ -214,7 +214,7 @@ CASES = {
     # phonopy
     'displace without law': (lambda: finite_displacements(lattices.square(1, 1)), 'None', 'attach atoms.calc'),
     'displace a patch': (lambda: finite_displacements(with_cell(magnets(), (9, 9, 9))), 'not periodic', 'displace the unit cell'),
-    'displace held particles': (lambda: finite_displacements(held(cell())), 'hold every particle', 'free one'),
+    'displace held particles': (lambda: finite_displacements(held(cell())), 'hold every particle', 'free at least one'),
     'supercell narrow': (lambda: finite_displacements(cell(), (2, 2, 1)), '(2, 2, 1)', 'give supercell=(3, 3, 1)'),
     'supercell tall': (lambda: finite_displacements(cell(), (3, 3, 2)), '(3, 3, 2)', 'give supercell=(3, 3, 1)'),
     'supercell planar': (lambda: finite_displacements(cell(), (3, 3)), '(3, 3)', 'as (3, 3, 1)'),

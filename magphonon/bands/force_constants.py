@@ -138,8 +138,8 @@ def _cell_calculator(atoms):
         raise ValueError(f"phonopy refuses the symbol 'X' of particle {atoms.symbols.search('X')[0]}; "
                          "name an element, atoms.symbols = 'Nd', and set the masses again")
     if not calc.reference.cell.rank == 3:
-        raise ValueError(f'phonopy needs three lattice vectors, not {calc.reference.cell.rank}; give the cell one of about two '
-                         'spacings along each direction that is not periodic, then make the calculator')
+        raise ValueError(f'phonopy needs three lattice vectors, not {calc.reference.cell.rank}; along each direction that is not '
+                         'periodic, give the cell a vector of about two spacings, then make the calculator')
     return calc, freedom(atoms)[0]
 
 

@@ -222,8 +222,8 @@ def _check_options_of_forces(options):
             raise ValueError(f'{name} belongs to a fit of ridges; name the scene with --bands SCENE')
     (options.file, *more) = options.files
     if more:
-        raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one, in any '
-                         'order; if these are ridges, name their scene with --bands')
+        raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one table, '
+                         'in any order; if these are ridges, name their scene with --bands')
     if options.output is None and (options.pdf or options.title is not None or options.style is not None):
         raise ValueError('--pdf, --title and --style apply to the picture; say with -o DIR where to write it')
 

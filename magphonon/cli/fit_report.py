@@ -143,7 +143,7 @@ def few_rows(case):
 @FORCES.check
 def scatter(case):
     return (f'The rows scatter {case.fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened '
-            'accordingly: look for an outlier, or leave the column out.') if case.fit.scatter > 1 else None
+            'accordingly: look for an outlier, or remove the column.') if case.fit.scatter > 1 else None
 
 
 @FORCES.remark

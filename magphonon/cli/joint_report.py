@@ -55,7 +55,8 @@ def contradictions(found):
         others = [(other, joint.contradiction(name, other)) for other in names[k + 1:]] if len(names) > 2 else []
         told = [f'{"all others" if other is None else other} {sigmas:.1f}' for other, sigmas in
                 [(None, joint.contradiction(name)), *others] if np.isfinite(sigmas)]
-        yield f'  {name} against {", ".join(told)}' if told else f'  {name}: the others determine nothing that this record does'
+        yield (f'  {name} against {", ".join(told)}' if told else
+               f'  {name}: the other records determine nothing that this one does')
 
 
 @JOINT.check

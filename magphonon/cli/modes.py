@@ -60,7 +60,7 @@ def run(options: Namespace) -> None:
     lattice, patch, left = lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
-            raise ValueError(f'--{option} {given}: the scene has no patch, so there are no modes of one; add a table [patch]')
+            raise ValueError(f'--{option} {given}: the scene has no patch whose modes could be computed; add a table [patch]')
     with answering(options, scene) as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
         if lattice is not None:

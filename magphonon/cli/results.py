@@ -204,7 +204,7 @@ class _Run:
         """Let the new files and copies of the scene take their names; return those of earlier runs that stay beside them."""
         for path in (stage, *stage.iterdir()):
             if path.is_symlink():
-                raise ValueError(f'{path} was made a link by another program while the command ran; nothing was written')
+                raise ValueError(f'another program replaced {path} by a link while the command ran; nothing was written')
         if self.scene is not None:
             (stage / SCENE).write_bytes(self.source.content)
         for name, path in self.tables.items():

@@ -43,7 +43,7 @@ def run(options: Namespace) -> None:
     bands = scene.bands is not None or scene.frf is None
     if bands and (scene.single or scene.finite):
         raise ValueError(f'the scene {scene.title!r} has no [frf], so there is no response whose uncertainty could be computed; '
-                         f'add one')
+                         'add [frf]')
     with answering(options, scene) as (folder, save, told):
         if bands:
             told += _bands(folder, save, scene, tolerances, options.verbose) if tolerances.changes else []

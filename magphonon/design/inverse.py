@@ -78,8 +78,8 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     masses = masses_of(atoms)
     if np.ptp(masses) > EQUAL_MASSES * masses.max():
         raise ValueError(f'the masses range from {masses.min():g} to {masses.max():g} g: on a common foundation they swing at '
-                         'different frequencies, and no motion is uniform; give all particles one mass, or look for the '
-                         'foundation at which analytic_bands begin at the cut-off')
+                         'different frequencies, and no motion is uniform; give all particles one mass, or vary the foundation '
+                         'until analytic_bands begin at the cut-off')
     return float(atoms.get_masses()[0] * positive('cut-off', cut_off, 'rad/ms') ** 2)
 
 

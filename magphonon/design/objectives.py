@@ -96,7 +96,7 @@ class Rest:
             force = system.free.T @ place.force(len(system))[:, : system.dim].ravel()
             if not force.any():
                 raise ValueError(f'particle {place.particle} is held, or held along the direction in which it is driven or seen; '
-                                 'choose one that can move')
+                                 'choose a particle that can move')
             return (system.free @ self.once((omega, damping), solver)(force + 0j)).reshape(-1, system.dim)
 
         return self.once((place.particle, *place.direction, omega, damping), displacements)
@@ -325,8 +325,8 @@ class BandEdge(Objective):
         branches, sign = (np.s_[: self.below], 1) if self.side == 'top' else (np.s_[self.below :], -1)
         squares, x = squares[:, branches], x[..., branches]
         if not squares.size or (sign > 0 and squares.shape[1] < self.below):
-            raise ValueError(f'the cell has {rest.system.directions} branches, so one of the sides of a gap above {self.below} '
-                             'branches is empty; choose another number of branches below the gap')
+            raise ValueError(f'the cell has {rest.system.directions} branches, so a gap above {self.below} branches has branches '
+                             'on one side only; choose another number of branches below the gap')
         omega = np.sign(squares) * np.sqrt(abs(squares))
         soft, share = soft_minimum(-sign * omega.ravel(), max(1 / self.sharp, HARD * abs(omega).max()))
         c = share.reshape(omega.shape) / (2 * np.maximum(abs(omega), np.finfo(float).tiny ** 0.5))
@@ -558,7 +558,7 @@ class BurstEnergy(Objective):
         system = rest.system
         push = system.free.T @ self.source.force(len(system))[:, : system.dim].ravel()
         if not push.any():
-            raise ValueError(f'the source drives particle {self.source.particle}, which is held; choose one that can move')
+            raise ValueError(f'the source drives particle {self.source.particle}, which is held; choose a particle that can move')
         counted = system.free.power(2).T @ np.repeat(np.isin(np.arange(len(system)), self.region) / 2, system.dim) * rest.masses
         if not counted.any() or not np.isin(self.region, np.arange(len(system))).all():
             raise ValueError(f'the region {shown(self.region)} must consist of some of the {len(system)} particles, counted '

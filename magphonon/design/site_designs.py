@@ -116,7 +116,7 @@ class Variables:
         self.springs = np.broadcast_to(self.calc.foundation, (len(atoms), self.calc.dim))
         self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(indices('sites', sites, len(atoms)))
         if not over or not (len(self.sites) or set(over) & set(LATTICE)):
-            raise ValueError('nothing may vary: name a parameter in over=, and at least one free site')
+            raise ValueError('nothing can vary: name a parameter in over=, and at least one free site')
         self.groups, group = groups, self.sites if groups is None else finite('groups', groups, (len(atoms),))[self.sites]
         self._group = np.unique(group, return_inverse=True)[1]
         self.over, self._parts, low, high = dict(over), {}, [], []
@@ -138,9 +138,11 @@ class Variables:
             raise ValueError(f'the bounds of {name} must be two increasing {what}, not {low:g} and {high:g}; leave '
                              f'{name} out if it is not to vary')
         if name in ('spring', 'spring_x', 'spring_y', 'height') and not self.springs[self.sites].any():
-            raise ValueError(f'{name} varies the springs of a foundation, and there is none; give one, or leave {name} out')
+            raise ValueError(f'{name} varies the springs of a foundation, and there is none; give a foundation, or leave {name} '
+                             'out')
         if name == 'exponent' and not isinstance(self.calc.laws, InversePower):
-            raise ValueError(f'exponent varies one inverse-power law for all particles, not {self.calc.laws!r}; leave it out')
+            raise ValueError(f'exponent varies one inverse-power law for all particles, not {self.calc.laws!r}; leave exponent '
+                             'out')
         return (low, high) if name == 'foot' else (np.log(low), np.log(high))
 
     def __len__(self) -> int:

@@ -49,7 +49,7 @@ class Tolerances:
         n = len(self.changes)
         C = finite('covariance', self.covariance, (n, n))
         if not (n or self.scatter):
-            raise ValueError('neither parameters nor sites have a tolerance; name one')
+            raise ValueError('neither parameters nor sites have a tolerance; give at least one tolerance')
         if not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C).min(initial=0) < -ROUND_OFF * np.trace(C):
             raise ValueError(f'covariance must be symmetric without negative eigenvalues, with a row for each of the {n} '
                              f'parameters, not {C.tolist()}; check the correlations')

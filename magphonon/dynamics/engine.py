@@ -71,7 +71,7 @@ def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitt
     gamma = float(damping.max(initial=0.0))
     if gamma * dt > splitting.damped:
         raise ValueError(f'damping {gamma:.6g} 1/ms times the time step {dt:.6g} ms is {gamma * dt:.3g}; beyond '
-                         f'{splitting.damped:g} each step is too long by 2 % or more; take a time step of at most '
+                         f'{splitting.damped:g} overdamped motion is wrong by 2 % or more; take a time step of at most '
                          f'{splitting.damped / gamma:.6g} ms{", order=4 or 6" if splitting.stages == 1 else ""}, or '
                          'magphonon.propagate; allow_unstable=True runs anyway')
 

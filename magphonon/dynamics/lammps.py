@@ -213,8 +213,8 @@ def _scene(atoms):
     if not isinstance(calc, PairCalculator):
         raise ValueError(f'atoms.calc must be a PairCalculator, not {calc!r}')
     if atoms.pbc.any():
-        raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
-                         'cut one, for instance with lattices.parallelogram')
+        raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; cut a '
+                         'patch, for instance with lattices.parallelogram')
     law = calc.law
     if not len(calc.bonds):
         raise ValueError('no two particles are bonded, so there is nothing for LAMMPS to compute')
@@ -415,7 +415,7 @@ def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
         for file in (directory / name for name in names + outputs if os.path.lexists(directory / name)):
             ours = file.is_file() and not file.is_symlink() and bool(there)
             if not ours or (file.name in names and file.read_bytes() != (stage / file.name).read_bytes()):
-                raise ValueError(f'{file} belongs to another run; name another folder, or remove this one')
+                raise ValueError(f'{file} belongs to another run; name another folder, or remove this file')
         directory.mkdir(parents=True, exist_ok=True)
         for name in set(names) - set(there):
             shutil.copyfile(stage / name, directory / name)

@@ -135,7 +135,7 @@ class DrivenVerlet(VelocityVerlet):
         self.splitting = SPLITTINGS[2 if order is None else one_of('order', order, tuple(SPLITTINGS))]
         self.asked_order, self.tolerance = order, 0.0 if tolerance is None else positive('tolerance', tolerance)
         if tolerance and not isinstance(atoms.calc, PairCalculator):
-            raise ValueError('a tolerance needs PairCalculator, whose highest frequency is known; leave it out')
+            raise ValueError('a tolerance needs PairCalculator, whose highest frequency is known; leave the tolerance out')
         self._drives = tuple(drives)
         self._sum_of_drives, self._walls = forces_and_walls(self._drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms), self.splitting)

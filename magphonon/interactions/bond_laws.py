@@ -52,7 +52,7 @@ def checked_laws(laws: Laws) -> Laws:
         low, high = sorted(map(int, pair))
         if ordered.setdefault((low, high), law) is not law:
             raise ValueError(f'the kinds {low} and {high} have two laws, {ordered[low, high]!r} and {law!r}: the order of a pair '
-                             'does not matter; give one of them')
+                             'does not matter; give only one of the laws')
     return ordered
 
 

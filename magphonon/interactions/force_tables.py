@@ -183,7 +183,7 @@ def _fault(table, name, unit, spelled, least, most, mend):
         return ''
     lines = ', '.join(f'{values[k]:.6g} {spelled} in line {table.lines[k]}' for k in wrong[:MOST_NAMED])
     more = f' and {len(wrong) - MOST_NAMED} more' if len(wrong) > MOST_NAMED else ''
-    return (f'{table.header[name]} must lie between {least:g} and {most:g} {spelled}, and is {lines}{more}: {mend}')
+    return (f'{table.header[name]} must lie between {least:g} and {most:g} {spelled}, but is {lines}{more}: {mend}')
 
 
 def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:

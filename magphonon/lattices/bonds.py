@@ -194,7 +194,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
                 raise ValueError(
                     f'the shells of neighbours are not clear: one ends at {distances[split]:.9g} mm, and the next distance is '
                     f'{distances[split + 1]:.9g} mm, {100 * gaps[split]:.2g} % longer; if rounded or measured positions split '
-                    'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
+                    'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or set the largest distance with cutoff= '
                     f'({_widest_gap(atoms, distances[split]):.4g} mm lies in the widest gap)')
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
             return _in_shells(pairs, both, end), end
@@ -335,8 +335,8 @@ class Bonds:
         changed = lengths_of(found.vectors - self.vectors)
         for b in np.flatnonzero(changed > self.lengths / 2)[:1]:
             raise ValueError(f'the bond of the particles {self.i[b]} and {self.j[b]} has the length {self.lengths[b]:g} mm, but '
-                             f'they are {found.lengths[b]:g} mm apart in the reference: it belongs to another structure; find '
-                             'bonds in this one, or give the pairs as (i, j)')
+                             f'they are {found.lengths[b]:g} mm apart in the reference: the bond belongs to another structure; '
+                             'find the bonds of this structure, or give pairs as (i, j)')
         return found
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -479,7 +479,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
         if not (0 <= i < n and 0 <= j < n):
             raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}; particles are counted from 0')
         if i == j and shift == (0, 0, 0):
-            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another one, or the shift of its image')
+            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another particle, or the shift of its image')
         if any(shift[k] and not atoms.pbc[k] for k in range(3)):
             raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic; keep its shift 0 there')
         reverse = (j, i, tuple(-k for k in shift))

@@ -57,8 +57,8 @@ def _peak(scene, tolerance):
     from .peak import plan_peak
 
     if scene.cell().has('relative_damping'):
-        raise ValueError('lattice.file has the column relative_damping, but a plan of [frf] has one damping for all particles; '
-                         'remove the column or [frf]')
+        raise ValueError('lattice.file has the column relative_damping, but a plan of [frf] supports only one damping for all '
+                         'particles; remove the column or [frf]')
     force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)

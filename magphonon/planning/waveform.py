@@ -90,7 +90,7 @@ def _run(atoms, drive, row, damping, times, dt, order):
     try:
         dyn.run(round(times[-1] / dt))
     except Diverged as error:
-        raise ValueError(f'particles collide or leave their cages, so there is nothing to plan: {error}') from None
+        raise ValueError(f'particles collide or leave their sites, so there is nothing to plan: {error}') from None
     return record.displacements[1:]
 
 

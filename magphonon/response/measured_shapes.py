@@ -111,7 +111,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
         rows = np.flatnonzero(table['mode'] == name)
         at, a = particle[rows], shape[rows].ravel()
         if len(np.unique(at)) < len(at):
-            raise ValueError(f'{path}: the mode {name} has one particle twice; give each particle one row')
+            raise ValueError(f'{path}: the mode {name} has two rows for one particle; give each particle one row')
         if not a.any():
             raise ValueError(f'{path}: nothing moves in the mode {name}; leave it out')
         b = found.shapes[:, at][..., axes].reshape(len(found.omega), -1)

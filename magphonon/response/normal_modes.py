@@ -88,7 +88,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
 def _refuse_all(system):
     size, turning = system.K.shape[0], bool(system.turning)
     refuse_memory(f'all {size} modes', MATRICES * 8 * size**2 * (4 if turning else 1),
-                  'take a smaller structure' if turning else 'ask for the lowest ones, modes(atoms, count=...)')
+                  'take a smaller structure' if turning else 'ask for the lowest modes, modes(atoms, count=...)')
 
 
 def _fixed(squares, shapes, system):
@@ -221,7 +221,7 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     dim = found.shapes.shape[2]
     if found.shapes.shape[1] != len(rest):
         raise ValueError(f'the modes are those of {found.shapes.shape[1]} particles, but the structure has {len(rest)}; give the '
-                         'one from which they were computed')
+                         'structure from which they were computed')
     energy = rest.get_masses()[:, None] * abs(found.shapes) ** 2
     share = energy.sum(axis=2)
     centre, spread = np.empty((len(share), dim)), np.empty(len(share))

@@ -98,7 +98,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
         freedom(atoms)
         for what in _differing(structures[0], atoms):
             raise ValueError(f'structure {which} differs from structure 0 in its {what}: all replicas must share one law, model '
-                             'and cell; run this one separately')
+                             'and cell; run this structure separately')
     calcs, first = [atoms.calc for atoms in structures], np.cumsum([0, *(len(atoms) for atoms in structures)])
     rest = Atoms(numbers=np.concatenate([calc.reference.numbers for calc in calcs]), pbc=structures[0].pbc,
                  positions=np.concatenate([calc.reference.positions for calc in calcs]),

@@ -116,8 +116,8 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
         order = np.argsort(one.omega)
         omega = one.omega[order]
         if len(omega) < 2 or (np.diff(omega) == 0).any():
-            raise ValueError(f'{one.name}: a transfer function has two frequencies or more, each once; name different points in '
-                             'x_m, y_m and direction_deg, or keep one measurement')
+            raise ValueError(f'{one.name}: a transfer function needs at least two frequencies, each only once; if there are '
+                             'several points, name them in x_m, y_m and direction_deg, otherwise keep one measurement')
         if not one.response.any():
             raise ValueError(f'{one.name} is zero at every frequency; was the answer recorded?')
         inside = order[omega > 0]  # no acceleration tells a displacement at zero
@@ -237,7 +237,7 @@ def _from_records(table, estimator, name, rows, place, source):
     split = [rows[number == one] for one in np.unique(number)]
     frames, most = min(map(len, split)), max(map(len, split))
     if frames < MOST_CUT * most:
-        raise ValueError(f'{name}: its records have from {frames} to {most} frames; leave out those that were cut')
+        raise ValueError(f'{name}: its records have from {frames} to {most} frames; omit the records that were cut short')
     t = np.array([table['time'][own[:frames]] for own in split])
     dt = float(np.median(np.diff(t))) if frames > 1 else 0.0
     if not dt > 0 or abs(np.diff(t) - dt).max() > 0.01 * dt:
@@ -284,7 +284,7 @@ def _of_datasets(path, sets):
         found.append(TransferFunction(name, omega, unit * data, None, order, *ends, shaken=shaken))
     if len(somewhere) > 1:
         raise ValueError(f'{path} does not say where its nodes are, and all of {", ".join(sorted(somewhere))} would be taken for '
-                         'the point of [frf.response]; export the geometry too (dataset 15), or one function a file')
+                         'the point of [frf.response]; export the geometry too (dataset 15), or one function per file')
     if not found:
         types = sorted({one['func_type'] for one in sets if one['type'] == 58})
         raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; '

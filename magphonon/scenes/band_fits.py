@@ -329,7 +329,7 @@ def _divided(points, without):
 def _refuse_two_springs(points, free):
     if {'foundation_x', 'foundation_y'} <= {*free} and points.from_points.all():
         raise ValueError('ridges of a point source are shifted and cannot determine two springs, along x and along y; state what '
-                         'is known of them (--prior foundation_x_N_per_m=20+-2), fix one, remove '
+                         'is known of them (--prior foundation_x_N_per_m=20+-2), fix one of the springs, remove '
                          'foundation.stiffness_y_N_per_m, or drive a row of sources')
 
 

@@ -138,7 +138,7 @@ def _mass_kg(scene: Scene) -> float:
 
 def _burst(scene: Scene) -> None:
     if isinstance(scene.patch, Supercell):
-        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has none; choose another patch.kind')
+        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has no edge; choose another patch.kind')
 
 
 def _vibrometer(scene: Scene) -> None:

@@ -162,8 +162,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     """
     have, priors = (*band_fits.parameters_in(scene), 'damping'), dict(priors or {})
     if scene.cell().has('relative_damping'):
-        raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions has one damping for all '
-                         'particles; remove the column')
+        raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions supports only one '
+                         'damping for all particles; remove the column')
     scene = band_fits.of_remanence(scene.counted())
     for name in fixed:
         one_of('the fixed parameter', name, have)

@@ -262,8 +262,8 @@ class Trap(Table):
     def sites(self, atoms: Atoms) -> dict[str, Any]:
         """Foundation, anchors and gyration, as arguments of the calculator."""
         if np.ptp(atoms.positions[:, 2]):
-            raise ValueError('trap: it acts in a plane, and the particles of the file stand at different heights; give them one '
-                             'z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
+            raise ValueError('trap: it acts in a plane, but the particles of the file stand at different heights; give all the '
+                             'same z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
         k = np.array([[self.stiffness_N_per_m, self.stiffness_y_N_per_m or self.stiffness_N_per_m]]) * u.N / u.m
         return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (len(atoms), 1)),
                 'gyration': self.gyration_rad_per_s / u.s}

@@ -26,8 +26,8 @@ UNBALANCED = 1e-6  # of the largest tension: larger forces that are left at node
 def _joined(value):
     """Two nodes, counted from 0 as in the file, and the cell of the second one if it is another: (i, j, (n1, n2, n3))."""
     if not isinstance(value, list) or not 2 <= len(value) <= 5:
-        raise ValueError(' must be two nodes, as [0, 1], in a periodic net with the cell of the second one, as [0, 1, 1, 0], '
-                         f'not {shown(value)}')
+        raise ValueError(' must be two nodes, as [0, 1], or in a periodic net two nodes and the cell of the second, as [0, 1, '
+                         f'1, 0], not {shown(value)}')
     i, j = (whole(f'[{k}]', node, least=0) for k, node in enumerate(value[:2]))
     shift = [whole(f'[{k + 2}]', n, least=-1000) for k, n in enumerate(value[2:])]
     return i, j, (*shift, *[0] * (3 - len(shift)))
@@ -40,8 +40,8 @@ class Members(Table):
     """Members of one kind: springs, which push and pull, cables, or any other law."""
 
     between: Annotated[tuple[Joined, ...], listed] = Field(
-        description='the two nodes of each member, counted from 0 as in the file; of a periodic net also the cell of the second '
-        'one, as [0, 1, 1, 0]', examples=[[[0, 1], [1, 2], [2, 0]]])
+        description='the two nodes of each member, counted from 0 in the order of the file; in a periodic net also the cell of '
+        'the second node, as [0, 1, 1, 0]', examples=[[[0, 1], [1, 2], [2, 0]]])
     stiffness_N_per_m: Annotated[Positive, within(1e-15, 1e15, 'N/m')] | None = Field(
         None, description='the stiffness of a member in N/m', examples=[1000.0])
     rest_length_m: Length | None = Field(
@@ -64,7 +64,7 @@ class Members(Table):
         if len(own) == 3:
             raise ValueError(' has both rest_length_m and tension_N; keep one of them')
         if isinstance(self.law, SavedLaw) or 'shells' in getattr(self.law, 'model_fields_set', ()):
-            raise ValueError('.law is the law of one member: its kind cannot be "saved", and it has no shells; remove these')
+            raise ValueError('.law is the law of one member: it cannot have kind = "saved" or shells; remove them')
         return self
 
     def law_at(self, r: float, tension: float) -> Any:
@@ -115,7 +115,7 @@ def _balanced(bare, tensions, known):
     share, *_ = np.linalg.lstsq(states[:, known].T, tensions[known], rcond=None)
     left = abs(share @ states[:, known] - tensions[known]).max(initial=0.0)
     if left > UNBALANCED * abs(tensions).max(initial=0.0):
-        raise ValueError(f'members: the other members cannot balance the given tensions: the nearest balanced ones differ by '
+        raise ValueError('members: the other members cannot balance the given tensions: the nearest balanced tensions differ by '
                          f'{left:.3g} N ({len(states)} states of self-stress); change them')
     undecided = len(states) - (np.linalg.matrix_rank(states[:, known]) if known.any() else 0)
     if undecided:

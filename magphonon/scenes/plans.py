@@ -97,7 +97,7 @@ class BandPlan(Damped):
 class Pick(Table):
     """A particle of a patch, given by its position, and a direction in the plane."""
 
-    at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken',
+    at_m: Point = Field(description='the position [x, y] in m; the particle nearest to it is taken',
                         examples=[[0.03, 0.035]])
     direction_deg: Angle = Field(description='the direction in degrees from the x axis', examples=[0.0])
 
@@ -109,7 +109,8 @@ class Pick(Table):
         if distance[particle] > patch.calc.bonds.lengths.min():
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if not freedom(patch)[0][particle]:
-            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose one inside')
+            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose a particle '
+                             'inside')
         return Dof(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 

@@ -51,9 +51,9 @@ MOVED = 1e-3
 are: a bond that is longer by so much is softer by half a percent."""
 PACKAGE_UNIT_m = 1e-3
 """The unit of length of this package's own Atoms, mm."""
-Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
-SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of that of its neighbours')]
-NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of that of its neighbours')]
+Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]
+SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of the value of its neighbours')]
+NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of the value of its neighbours')]
 Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')]
 Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 

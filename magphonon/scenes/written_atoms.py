@@ -19,7 +19,8 @@ def checked_atoms(atoms: Atoms) -> Atoms:
     """The atoms, if a scene can hold them."""
     calc: Any = getattr(atoms, 'calc', None)
     if not isinstance(calc, Repulsion):
-        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach one')
+        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach such a '
+                         'calculator')
     laws_from_dict(laws_to_dict(calc.laws))
     calc.displacements(atoms)  # refuses atoms that are not those of the calculator
     return atoms

@@ -109,7 +109,7 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
                          'smaller patch, whose rim does not affect local modes')
     squares, vectors = system.spectrum
     if not (mode < n and squares[mode] > 0):
-        raise ValueError(f'mode must be the number of one that vibrates, from 0 to {n - 1}, not {mode}')
+        raise ValueError(f'mode must be the number of a mode that vibrates, from 0 to {n - 1}, not {mode}')
     largest = np.linalg.norm((system.shapes @ vectors[:, mode]).reshape(len(system), -1), axis=1).max()
     balance = _Balance(system, float(np.sqrt(squares[mode])), amplitude / largest)
     z, tangent = np.append(np.zeros(n * (HARMONICS + 1)), 1.0), np.zeros(n * (HARMONICS + 1) + 1)

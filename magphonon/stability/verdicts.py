@@ -410,8 +410,8 @@ def buckling(case: Case) -> Finding:
         words = (f'It is on the verge of buckling{where}: waves of finite length cost no energy, so round-off would decide. Give '
                  'it a foundation.')
     elif found.verge:
-        words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, '
-                 'and round-off would decide. Take a stiffer one.')
+        words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, and '
+                 'round-off would decide. Take a stiffer foundation.')
     elif not found.stable:
         room = f' A spacing above {at} would also make it stable.' if at else ''
         words = f'It buckles{where}{_growth(found)}. It needs a foundation of {needed} and has {spring}{own}.{room}'
@@ -447,7 +447,7 @@ def out_of_plane(case: Case) -> Finding:
         return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
     if found.verge:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
-                       'just what it needs, and round-off would decide. Take stiffer ones.', True)
+                       'just what it needs, and round-off would decide. Take stiffer supports.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
 
 

@@ -398,7 +398,7 @@ def carried(calc: PairCalculator, atoms: Atoms) -> tuple[Atoms, Bonds]:
     for b in np.flatnonzero(bonds.lengths > STRETCHED * calc.bonds.lengths)[:1]:
         raise Unstable(f'the cell has grown until the particles {bonds.i[b]} and {bonds.j[b]} are {bonds.lengths[b]:.4g} mm '
                        f'apart instead of {calc.bonds.lengths[b]:.4g} mm and no longer neighbours: only a pressure holds a '
-                       'lattice of repelling particles together; give one, as scalar_pressure= to FrechetCellFilter')
+                       'lattice of repelling particles together; give a pressure, as scalar_pressure= to FrechetCellFilter')
     return rest, bonds
 
 
@@ -416,7 +416,7 @@ def stress_per_volume(calc: PairCalculator, atoms: Atoms) -> NDArray[np.float64]
     """
     if not (atoms.pbc.any() and atoms.cell.rank == 3):
         raise ValueError('a stress as defined by ASE is a force per area of a periodic cell with a volume; give the cell three '
-                         'vectors (the length of the one across a planar lattice only divides the stress)')
+                         'vectors (the length of the vector normal to a planar lattice only divides the stress)')
     before, after = (abs(np.linalg.det(at.cell.array)) / measure(at) for at in (calc.reference, atoms))
     if abs(after - before) > ACROSS * before:
         raise ValueError(f'perpendicular to its periodic directions the cell changes from {before:.6g} to {after:.6g} mm (mm^2 '

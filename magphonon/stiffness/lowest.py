@@ -201,8 +201,8 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
             values, vectors = sparse.linalg.eigsh(D, k=count, sigma=middle, OPinv=inverse, v0=_start(size))
             order = np.argsort(values)
             if not ((low <= values) & (values <= high)).all():
-                raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but those found do not '
-                                      'match; move the ends of the range')
+                raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but the eigenvalues found '
+                                      'do not match; move the ends of the range')
             return values[order], vectors[:, order]
     values, vectors = np.linalg.eigh(D.toarray())
     within = (low <= values) & (values <= high)

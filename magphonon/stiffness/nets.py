@@ -70,7 +70,7 @@ def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms
                              f'{shown(member)}') from None
         if laws.setdefault((min(i, j), max(i, j)), law) != law:
             raise ValueError(f'two members of different laws join the nodes {i} and {j}; a pair of nodes has one law: repeat the '
-                             'cell, or put a node between')
+                             'cell, or put a node between them')
     nodes.calc = PairCalculator(nodes, laws, bonds=[member[:-1] for member in members], **sites)
     return nodes
 

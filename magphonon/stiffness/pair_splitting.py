@@ -109,7 +109,7 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
     [1.389, 1.431]
     """
     if atoms.calc is None:
-        raise ValueError('the atoms carry no calculator to split; attach one of ASE that is a sum over pairs')
+        raise ValueError('the atoms carry no calculator to split; attach a calculator of ASE that is a sum over pairs')
     symbols = atoms.get_chemical_symbols()
     kinds = sorted(set(symbols))
     finite('positions', atoms.positions)
@@ -188,6 +188,6 @@ def _refuse_many_bodies(atoms, tags, laws, reach):
     largest, apart = abs(forces).max(), abs(forces - sums)[probed].max()
     if apart > SAME * largest:
         raise ValueError(f'{type(atoms.calc).__name__} is not a sum over pairs: when the atoms are shaken by {SHAKEN:.0%} of '
-                         f'their '
-                         f'distance, its forces differ from those of all pairs within {reach / MM:.4g} Angstrom by up to '
-                         f'{apart / largest:.2g} of the largest. D* is defined for energies written in lengths of pairs only')
+                         f'their distance, its forces differ from those of all pairs within {reach / MM:.4g} Angstrom by up to '
+                         f'{apart / largest:.2g} of the largest. D* is defined only for energies that are functions of the '
+                         'distances of pairs')

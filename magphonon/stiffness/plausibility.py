@@ -56,7 +56,7 @@ def warn_of_units(calc: Repulsion) -> None:
                       'magphonon.units', stacklevel=3)
     if (ratio := heaviest / lightest) > UNEQUAL:
         warnings.warn(f'masses of {lightest:.3g} and {heaviest:.3g} g: the low frequencies, those of the heavy particles, are '
-                      f'accurate only to {EPS * ratio:.0e}; hold these with FixAtoms, or take masses of at most '
+                      f'accurate only to {EPS * ratio:.0e}; hold the heavy particles with FixAtoms, or take masses of at most '
                       f'{UNEQUAL * lightest:.3g} g',
                       stacklevel=3)
     bond, spring = _stiffest(calc)

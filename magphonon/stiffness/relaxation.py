@@ -148,9 +148,9 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
 def _refuse_verge(lowest, highest, atoms):
     """Refuse a foundation so close to the buckling limit that the buckled rest cannot be distinguished from the saddle."""
     if -VERGE * highest < lowest < 0:
-        raise Unstable('the structure is on the verge of buckling, with a lowest squared frequency of '
-                         f'{lowest:.3g} rad^2/ms^2: its buckled state is so close to the present positions that '
-                         f'round-off hides it; {-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation hold it there')
+        raise Unstable(f'the structure is on the verge of buckling, with a lowest squared frequency of {lowest:.3g} rad^2/ms^2: '
+                         'its buckled state is so close to the present positions that round-off hides it; '
+                         f'{-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation would hold it at these positions')
 
 
 class _Descent:

@@ -110,8 +110,8 @@ class LinearSystem:
         sums: Any = atoms.calc
         away = np.linalg.norm(sums.displacements(atoms), axis=1).max()
         if away > ROUND_OFF * sums.bonds.lengths.min():
-            raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold '
-                            'only there; make another one at these positions')
+            raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
+                            'there; make a new AllNeighbours at these positions')
         return cls.about(sums, atoms).balanced()
 
     @classmethod
@@ -170,7 +170,7 @@ class LinearSystem:
         if self.atoms.constraints:
             freedom(self.atoms)  # refuses those that are not supported
         if not self.directions:
-            raise ValueError('the constraints hold every particle; free one')
+            raise ValueError('the constraints hold every particle; free at least one')
         return self
 
     def without_B(self) -> LinearSystem:

@@ -194,8 +194,8 @@ def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
     """Vectors from the reference of a calculator to the positions of `atoms` in mm, shape (particles, 3), in any image."""
     reference = calc.reference
     if len(atoms) != len(reference):
-        raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; '
-                         'make one for this structure, or use calculator.on(supercell)')
+        raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; make a calculator for this '
+                         'structure, or use calculator.on(supercell)')
     if not (np.array_equal(atoms.cell.array, reference.cell.array) and np.array_equal(atoms.pbc, reference.pbc)):
         raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; make a '
                          'calculator for this cell, or, where neither foundation nor load holds them, atoms.calc.about(atoms)')

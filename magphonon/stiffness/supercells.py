@@ -142,5 +142,5 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
     if len(others) and not together and away.max() <= AT_SITE * calc.near and len(np.unique(site)) == len(own):
         k = others[0]
         raise ValueError(f'the particles are in another order than in the calculator: particle {k} is at the site of particle '
-                         f'{site[k]}; put them into its order, or make a calculator for these, PairCalculator(atoms, law, ...)'
-                         ', or for a periodic cell atoms.calc.on(atoms)')
+                         f'{site[k]}; put the particles into the order of the calculator, or make a calculator for these '
+                         'positions, PairCalculator(atoms, law, ...), or for a periodic cell atoms.calc.on(atoms)')

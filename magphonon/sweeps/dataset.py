@@ -257,8 +257,8 @@ def _read(path, text, head, points):
     first, *lines = text.splitlines(keepends=True) or [b'']
     if first != head:
         another = first[:16].decode(errors='replace') == _checksum(first[17:].rstrip(b'\n'))
-        raise ValueError(f'{path} is the journal of another sweep: of another scene or function, other axes or questions, or by '
-                         'another version; give that sweep again, or name another place' if another else
+        raise ValueError(f'{path} is the journal of a different sweep: its scene or function, axes, questions or version differ; '
+                         'repeat that sweep, or name another place' if another else
                          f'{path} is not the journal of a sweep; name another place for the journal')
     known, damaged = {}, 0
     for line in lines:

@@ -124,7 +124,7 @@ def _faults(situation: Situation) -> float:
 def _spacing(situation: Situation) -> float:
     scale = critical_spacing(situation.atoms, 'complete')
     if scale is None:
-        raise ValueError('no spacing from a tenth to ten times the present one is at the border of buckling')
+        raise ValueError('between a tenth and ten times the present spacing, the lattice neither begins nor ceases to buckle')
     return float(scale * situation.atoms.calc.bonds.lengths.min() / u.m)
 
 

@@ -282,11 +282,10 @@ def _refuse_ghosts(field, cell):
     ghosts[away < LOBE_bins * field.bin_k] = 0
     if ghosts.max() > GHOST:
         at = q[ghosts.argmax()] - np.rint(q[ghosts.argmax()])
-        raise ValueError(f'{len(h)} points are so far apart that waves look the same when their wavevectors differ '
-                         f'by ({at[0]:.2g}, '
-                         f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the '
-                         f'amplitude, at most {100 * GHOST:.0f} % are allowed); measure particles in between, above all next '
-                         'to each other')
+        raise ValueError(f'{len(h)} points are so far apart that waves look the same when their wavevectors differ by '
+                         f'({at[0]:.2g}, {at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has '
+                         f'{100 * ghosts.max():.0f} % of the amplitude, at most {100 * GHOST:.0f} % are allowed); measure '
+                         'particles in between, some of them next to each other')
 
 
 def _zone(steps):
@@ -406,8 +405,8 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     found = (height > LEAST_POWER * height.max(axis=0)) & resolved
     branch, at = np.nonzero(found.T)
     if not len(branch):
-        raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct the '
-                         f'scene: crests are sought beside its bands{_half_seen(field)}')
+        raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct '
+                         f'the scene: crests are sought near its bands{_half_seen(field)}')
     three = np.arange(max(len(at) - 2, 0))[:, None] + np.arange(3)
     three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[at][three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
     own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))

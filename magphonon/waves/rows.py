@@ -84,8 +84,8 @@ def _direction(places, spacing):
                  'points of one of them')
     else:
         k = int(abs(off).argmax())
-        words = (f'point {k + 1} at ({_mm(places[k, 0])}, {_mm(places[k, 1])}) is {_mm(abs(off[k]))} off the line through all; '
-                 'leave out what is not on the row')
+        words = (f'point {k + 1} at ({_mm(places[k, 0])}, {_mm(places[k, 1])}) is {_mm(abs(off[k]))} off the line through all '
+                 'points; omit points that are not on the row')
     raise ValueError(f'the measured points do not lie on one straight row: {words}')
 
 

@@ -81,12 +81,13 @@ class Scan:
         """The points for which `places` gives x and y in mm, by name; the others are left out."""
         kept = [k for k, name in enumerate(self.names) if name in places]
         if not kept:
-            raise ValueError(f'the positions of the points {_listed(self.names)} are missing; known are those of the points '
-                             f'{_listed(list(places))}')
+            raise ValueError(f'the positions of the points {_listed(self.names)} are missing; only those of the points '
+                             f'{_listed(list(places))} are known')
         names = tuple(self.names[k] for k in kept)
         motions = {part: u[:, kept] for part, u in self.motions.items()}
         left_out = [name for name in self.names if name not in places]
-        notes = (*self.notes, *([f'left out, as their places are unknown: points {_listed(left_out)}'] if left_out else []))
+        notes = (*self.notes, *(['points left out because their positions are unknown: '
+                                 f'{_listed(left_out)}'] if left_out else []))
         return Scan(self.times, names, np.array([places[name] for name in names]), motions, notes)
 
 
@@ -163,10 +164,10 @@ def _unclipped(path, times, points, clipped, notes):
     try:
         _at_equal_times(path, times, kept, [])
     except ValueError:
-        notes.append(f'{told}they are too many to be interpolated, so amplitudes are wrong: drive less, '
-                     'or set a wider range')
+        notes.append(f'{told}these samples are too many to be interpolated, so amplitudes are wrong: drive less, or set a wider '
+                     'range')
         return points
-    notes.append(f'{told}these are taken as missing: drive less, or set a wider range')
+    notes.append(f'{told}these samples are taken as missing: drive less, or set a wider range')
     return kept
 
 
@@ -201,11 +202,12 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
     still = [name for name, point in points.items() if name not in short
              and not any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())]
     if short:
-        notes.append(f'left out, as they miss more than {100 * (1 - LEAST_TIME):.0f} % of the record: points {_listed(short)}')
+        notes.append(f'points left out because they miss more than {100 * (1 - LEAST_TIME):.0f} % of the record: '
+                     f'{_listed(short)}')
     kept = {name: point for name, point in points.items() if name not in short}
     if not still or len(still) == len(kept):  # a row at rest is refused by the map
         return kept
-    notes.append(f'left out, as they do not move (dead): points {_listed(still)}')
+    notes.append(f'points left out because they do not move (dead): {_listed(still)}')
     return {name: point for name, point in kept.items() if name not in still}
 
 
@@ -257,7 +259,7 @@ def _at_equal_times(path, times, points: Mapping[str, Samples], notes: list[str]
                              'out, or sample faster')
         off = f'with an error of up to {100 * max(errors, default=0):.2g} % of the largest displacement'
         if left_out:
-            notes.append(f'left out, because too many of their samples are missing: points {_listed(left_out)}')
+            notes.append(f'points left out because too many of their samples are missing: {_listed(left_out)}')
         if filled:
             notes.append(f'{filled} missing samples of {len(errors) - splined} points are interpolated, {off}')
         if splined:

@@ -183,8 +183,8 @@ def _refuse_aliasing(window, there):
         apart = 2 * np.pi * (3 * PAD + ghosts[beyond].argmax()) / (PAD * len(weights))
         raise ValueError(f'the {len(there)} measured points on {len(window)} places of the row are so far apart that waves look '
                          f'the same when their wavenumbers differ by {apart:.2f} rad per step (aliasing; the ghost has '
-                         f'{100 * worst:.0f} % of the amplitude, allowed {100 * GHOST:.0f} %); measure points in between, above '
-                         'all some that are one step apart')
+                         f'{100 * worst:.0f} % of the amplitude, at most {100 * GHOST:.0f} % are allowed); measure points in '
+                         'between, some of them one step apart')
 
 
 def without_drift(displacements: NDArray[np.float64]) -> NDArray[np.float64]:

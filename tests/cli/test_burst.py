@@ -252,7 +252,7 @@ def swinging(lines):
      'too far apart for motion at [0-9.]+ Hz: all points have gaps of 0.013 s or more'),
     (lambda a, row: [line for line in swinging(a) if not re.match(r'0\.(0[4-9]|1[0-4])', line)],
      'too far apart for motion at [0-9.]+ Hz: all points have gaps of 0.07 s or more'),
-    (lambda a, row: [re.sub(r',(\d+),', r',a\1,', line) for line in a], 'are missing; known are those of the points'),
+    (lambda a, row: [re.sub(r',(\d+),', r',a\1,', line) for line in a], 'are missing; only those of the points'),
     (lambda a, row: [re.sub(r'(,[^,]*){2}$', ',0,0', line) if k else line for k, line in enumerate(a)], 'at rest throughout'),
     (lambda a, row: a[: 1 + 6 * len(row)], 'at least 8 of each'),
 ])

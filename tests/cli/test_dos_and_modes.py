@@ -134,7 +134,7 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch
     chain.write_text(ready_scene('chain').read_text())
     for arguments, words in ((['dos', str(oscillator)], 'use "magphonon frf"'),
                              (['modes', str(oscillator)], 'use "magphonon frf"'),
-                             (['modes', str(chain), '--animate', '1'], 'has no patch, so there are no modes of one'),
+                             (['modes', str(chain), '--animate', '1'], 'has no patch whose modes could be computed'),
                              (['modes', str(prototype), '--animate', '99999'], '--animate must be the number of a mode, 1 to ')):
         assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
         assert words in capsys.readouterr().err

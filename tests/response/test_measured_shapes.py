@@ -109,7 +109,7 @@ def test_shapes_of_a_specimen_find_their_modes(seed, tmp_path, capsys):
 @pytest.mark.parametrize(('text', 'message'), [
     ('mode,x_mm,y_mm\n1,0,0\n', 'has neither u_x nor u_y'),
     ('mode,x_mm,y_mm,u_x\n1,0,0,1\n1,4,3,1\n', 'line 3 of .*: the nearest particle is 5 mm from x_mm, y_mm'),
-    ('mode,x_mm,y_mm,u_x\n1,0,0,1\n1,0.1,0,2\n', 'the mode 1 has one particle twice'),
+    ('mode,x_mm,y_mm,u_x\n1,0,0,1\n1,0.1,0,2\n', 'the mode 1 has two rows for one particle'),
     ('mode,x_mm,y_mm,u_x\n1,0,0,0\n1,10,0,0\n', 'nothing moves in the mode 1'),
     ('mode,frequency_Hz,x_mm,y_mm,u_x\n1,0,0,0,1\n', 'line 2 of .*: frequency_Hz must be positive; leave the column out'),
     ('mode,frequency_Hz,x_mm,y_mm,u_x\n1,-40,0,0,1\n', 'line 2 of .*: frequency_Hz must be positive'),
