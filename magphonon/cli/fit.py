@@ -54,8 +54,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='with --bands or --frf: what is already known about a parameter, in SI, such as force_N=0.288+-0.01 '
                              'or a=3.8+-10%%; units may be left out of names; may be given several times')
     parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
-                        help='with --bands: omit a ridge, such as --without "60Hz, longitudinal"; the intervals are widened by '
-                             'as much as the fit then misses this ridge')
+                        help='with --bands: omit a ridge, such as --without "60Hz, longitudinal"; the intervals are widened '
+                             'according to how far the fit misses this ridge')
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, such as 10mm (default: the middle of the '
                                                                     'measured distances)')
     for name, reader, metavar, words in (
