@@ -148,7 +148,7 @@ def _pieces(path):
         connected[-1:] = [False]
         start += 1
     if not pieces:
-        raise ValueError('the path names no special points; get it from atoms.cell.bandpath(...)')
+        raise ValueError('the path names no special points; get the path from atoms.cell.bandpath(...)')
     return pieces, names, connected
 
 

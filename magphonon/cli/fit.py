@@ -59,7 +59,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, such as 10mm (default: the middle of the '
                                                                     'measured distances)')
     for name, reader, metavar, words in (
-            ('distance', length, 'R', 'standard uncertainty of the zero of the distances, such as 0.1mm; it matters most '
+            ('distance', length, 'R', 'standard uncertainty of the zero of the distances, such as 0.1mm; this error matters most '
                                       '(default: 0.2mm)'),
             ('zero', force, 'F', 'standard uncertainty of the zero of the force, such as 5mN (default: a tenth of the largest '
                                  'force)'),

@@ -104,7 +104,7 @@ class Rest:
     def waves(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Squared frequencies of Bloch waves, shape (wavevectors, branches), and the modes x in columns, with x.M x = 1."""
         if not self.system.atoms.pbc.any():
-            raise ValueError('bands are those of a periodic cell, and this structure is finite; give atoms.pbc, or choose an '
+            raise ValueError('only a periodic cell has bands, but this structure is finite; set atoms.pbc, or choose an '
                              'objective of a finite structure, such as Level')
 
         def modes():

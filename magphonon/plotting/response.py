@@ -143,7 +143,7 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     >>> axes = plot_response(receptance(patch, Dof(18, up), Dof(12, up), np.linspace(0.5, 2, 40), damping=0.1))
     """
     shaken = response.per_bench
-    axes = response_axes(*['displacement / that of the shaker'] * shaken) if axes is None else axes
+    axes = response_axes(*['displacement / shaker displacement'] * shaken) if axes is None else axes
     f, natural = (np.asarray(w) / (2 * np.pi) / units.Hz for w in (response.omega, natural))
     unit = 1.0 if shaken else units.m / units.N
     (curve,) = axes[0].plot(f, abs(response.response) / unit, label=label, **line)

@@ -265,8 +265,8 @@ def _initial_state(atoms, system, walls):
     y = system.shapes.T @ (np.repeat(system.masses, system.dim) * u)
     outside = abs(system.shapes @ y - u)
     if outside.max() > 1e-9 * abs(u).max() + IN_PLACE * abs(atoms.positions).max():
-        raise ValueError(f'particle {outside.argmax() // system.dim} is {outside.max():g} mm away from rest in a direction '
-                         'in which it is held; start from rest there')
+        raise ValueError(f'particle {outside.argmax() // system.dim} is {outside.max():g} mm away from rest in a direction in '
+                         'which it is held; start without this displacement')
     return np.stack([y, system.shapes.T @ momenta], axis=1)
 
 

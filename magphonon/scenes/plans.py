@@ -172,7 +172,8 @@ class FrfPlan(Damped):
 class PlanTable(Table):
     """Settings of "magphonon plan" that the other tables do not hold."""
 
-    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it the force vanishes')
+    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it the plan is for a '
+                                                    'vanishing force')
 
 
 class BurstPlan(Table):
@@ -475,8 +476,8 @@ class DesignPlan(Table):
             stable = ' and '.join(f'from {a / u.m:.6g} to {b / u.m:.6g} m' for a, b in error.stable)
             least, most = (value / HERTZ for value in error.reach)
             raise ValueError(f'{self.spacing_from.key}, {self.spacing_from.name}: no spacing gives '
-                             f'{self.spacing_from.wanted / HERTZ:g} Hz; where the lattice is stable, {stable}, it reaches '
-                             f'{least:.6g} to {most:.6g} Hz') from None
+                             f'{self.spacing_from.wanted / HERTZ:g} Hz; where the lattice is stable, {stable}, the value goes '
+                             f'from {least:.6g} to {most:.6g} Hz') from None
 
     def _cut_off(self, scene, k):
         return np.sqrt(k / scene.perfect_cell().get_masses()[0]) / HERTZ

@@ -139,7 +139,7 @@ class _Uncertainty(Table):
                    if (value := getattr(self, f'{name}_percent')) and (of_file or name not in SITES)}
         for name, value in percent.items():
             if not of_file and name == 'scale':
-                raise ValueError('uncertainty.scale_percent belongs to particles from a file; say spacing_percent')
+                raise ValueError('uncertainty.scale_percent belongs to particles from a file; write spacing_percent instead')
             if 'stiffness' in name and not np.any(scene.perfect_cell().calc.foundation):
                 raise ValueError(f'uncertainty.{name}_percent belongs to a foundation, but the scene has none; leave it out')
             if value > 100 * LARGEST_TOLERANCE:

@@ -322,7 +322,7 @@ class OnSite(Springs):
             for name, shape in (('energy', (particles,)), ('slope', (particles, dim)), ('curvature', (particles, dim, dim))):
                 finite(f'{name} of the law of the sites at their anchors', getattr(self, name)(zero), shape)
         except (IndexError, TypeError) as error:
-            raise ValueError(f'the law of the sites does not take displacements of shape {zero.shape}: {error}') from None
+            raise ValueError(f'the law of the sites does not accept displacements of shape {zero.shape}: {error}') from None
         return super().of(particles, dim)
 
     def on(self, image: NDArray[np.intp]) -> Self:

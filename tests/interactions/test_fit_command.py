@@ -109,7 +109,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['# a comment', 'r_m,f_N', *GOOD, '0.02'], 'line 11 of '),
     (['r_m,f_N', '0,1', *GOOD], 'is 0 m in line 2: the particles touch at 0.00635 m; give distances of the centres'),
     (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], '0 N in line 5, 0 N in line 6 and 3 more: leave the column out'),
-    (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, and is 0.005 m in line 2: the particles touch at 0.00635 m; '
+    (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, but is 0.005 m in line 2: the particles touch at 0.00635 m; '
                                     'give distances of the centres'),
     (['r_m,f_N', *(f'{0.01 * k},{0.01 * k}' for k in range(1, 9))], 'the forces need not fall with the distance'),
     (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, but repulsion counts as positive'),

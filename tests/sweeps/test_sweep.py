@@ -248,8 +248,8 @@ def test_no_file_of_a_user_becomes_a_journal(tmp_path):
     (tmp_path / 'dangling').symlink_to(tmp_path / 'nothing')
     os.mkfifo(tmp_path / 'pipe')
     (tmp_path / 'folder').mkdir()
-    for name, words in (('notes', 'not the journal'), ('empty', 'no journal'), ('link', 'is a link'), ('dangling', 'is a link'),
-                        ('pipe', 'pipe'), ('folder', '.*'), ('none/there', 'cannot be written')):
+    for name, words in (('notes', 'not the journal'), ('empty', 'not the journal'), ('link', 'is a link'),
+                        ('dangling', 'is a link'), ('pipe', 'pipe'), ('folder', '.*'), ('none/there', 'cannot be written')):
         with pytest.raises((ValueError, OSError), match=words):
             sweep(formula, OVER, journal=tmp_path / name, name='formula')
     assert (notes.read_text(), empty.read_text()) == ('my notes', '')
