@@ -412,7 +412,7 @@ class GroupVelocity(Objective):
         calc, q = rest.system.calc, self.q
         squares, x = (part[0] for part in rest.waves(q[None]))
         if self.branch >= len(squares):
-            raise ValueError(f'branch is {self.branch}, but the {len(squares)} branches are counted from 0')
+            raise ValueError(f'branch must be 0 to {len(squares) - 1}, not {self.branch}')
         mode, omega, n = x[:, self.branch], _frequency(squares[self.branch]), len(rest.system)
         towards, cell = self.direction[: calc.dim], calc.reference.cell.array[:, : calc.dim]
         gradient = bloch_gradient(calc.bonds, calc.rest_stiffness(calc.model), q[None], cell)[:, 0]

@@ -235,7 +235,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     if not (max(zero, hysteresis) <= LARGEST and max(distance, backlash, shared.gain) <= 1):
         raise ValueError('a shared error is larger than what was measured: the zero of the distances and the backlash must be '
                          'below the nearest distance, the zero of the force and the hysteresis below a hundred times the largest '
-                         'force, the gain below 1; say how well they are known')
+                         'force, the gain below 1; give smaller standard uncertainties')
     shared = _with_pairs(forces, shared, spacing)
     laws = [_Model(forces, shared, LawFamily(spacing, one)) for one in ([None] if shape is None else [None, shape])]
     noises = NOISES if forces.sigma is None else (None,)

@@ -65,7 +65,7 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, Disper
     lower.axhspan(-1.96, 1.96, color='0.9', zorder=0)
     shifts = ', '.join(f'{shift:g}' for shift in np.unique((points.shift / points.bins).round(3)))
     upper.fill_between([], [], [], color='0.9', label='95 %')
-    lower.set_title(rf'without a shift of each branch ($\sigma$ = {shifts} bins)', loc='right', fontsize='medium')
+    lower.set_title(rf'common shifts removed ($\sigma$ = {shifts} bins)', loc='right', fontsize='medium')
     lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)
     lower.set(xlabel=r'phase per step $\xi = k\cdot R$ (rad)', ylabel=r'residual ($\sigma$)', xlim=(0, np.pi))
     lower.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
