@@ -209,8 +209,8 @@ def _known(found, fixed):
     shells = found.scene.law.shells
     return ['; '.join(['Known: spacing and mass', *known]) + '.',
             f'Neighbours: {shells} shell{"s" * (shells != 1)}.' + (
-                ' The others are omitted: a law fitted with one shell is not the pair law of the magnets; shells = "auto" '
-                'counts as many as matter.' if shells == 1 else '')]
+                ' Farther neighbours are omitted: a law fitted with one shell is not the pair law of the magnets; shells = '
+                '"auto" counts as many shells as matter.' if shells == 1 else '')]
 
 
 def _predicted(found):

@@ -90,7 +90,7 @@ class Relaxation:
         else:
             left = f'it is {self.after:.3g} N' if self.after > nothing else 'all forces balance'
             force = f'The largest force on a particle was {self.before:.3g} N before; now {left}'
-        return f'The structure {moved}{off}. {force}; the lowest frequency is {lowest:.4g} Hz.'
+        return f'The structure {moved}{off}. {force}. The lowest frequency is {lowest:.4g} Hz.'
 
 
 
