@@ -159,8 +159,8 @@ def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedS
 
 
 def whole_reach(atoms: Atoms, laws: Laws) -> float:
-    """Cutoff in mm between two distances that holds all pairs of a finite structure; or, if these are too many or the structure
-    is periodic, all as far as the law is known or becomes its tail.
+    """Cutoff in mm that includes all pairs of a finite structure. If there are too many pairs, or the structure is periodic, it
+    includes all pairs up to the distance to which the law is known or from which its tail is used.
     """
     nearest = nearest_distance(atoms)
     extent = 1.01 * float(np.linalg.norm(np.ptp(atoms.positions, axis=0)))
@@ -174,7 +174,7 @@ def whole_reach(atoms: Atoms, laws: Laws) -> float:
 
 
 def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
-    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds."""
+    """The bonds of each neighbour shell, as a list of Bonds, within `reach` spacings and as far as the law is known."""
     calc: Any = atoms.calc
     every = bonds_within(calc.reference, reach * calc.bonds.lengths.min())
     order = np.argsort(every.lengths, kind='stable')
@@ -185,7 +185,7 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
 
 
 def is_known(laws: Laws, r: float) -> bool:
-    """Whether all laws are known at a distance in mm; a measured table has a last one."""
+    """Whether all laws are known at a distance in mm; a measured table is not known beyond its last point."""
     try:
         for law in laws_of(laws):
             _planar(law).dphi(r)
@@ -195,12 +195,12 @@ def is_known(laws: Laws, r: float) -> bool:
 
 
 def _planar(law: Any) -> Any:
-    """The law of the distance, of upright magnets that in their plane."""
+    """The law as a function of the distance; for upright magnets, their law within the plane."""
     return law.central(2) if hasattr(law, 'central') else law
 
 
 def _in_plane(atoms):
-    """The atoms at the reference of their calculator, a layer without motion out of its plane."""
+    """The atoms at the reference of their calculator; a layer loses its motion out of the plane."""
     calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
     return LinearSystem.about(calc, atoms).atoms
 
@@ -222,7 +222,7 @@ def _omega(atoms, D):
 
 
 def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:
-    """The atoms of a plane with AllNeighbours, None where their law has no tail, and whether the law is known so far."""
+    """The atoms of a plane with AllNeighbours, or None if their law has no tail; and whether the law is known far enough."""
     calc: Any = atoms.calc
     if isinstance(calc.laws, Mapping):
         return None, True
@@ -238,7 +238,7 @@ def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:
 
 
 def _every(atoms, q):
-    """Frequencies with all neighbours, and whether the law is known as far as it has to be."""
+    """Frequencies with all neighbours, and whether the law is known at all distances that they need."""
     calc, (sums, known) = atoms.calc, with_all(atoms)
     if sums is not None:
         return _omega(atoms, sums.calc.bloch_matrix(q)), known
@@ -261,7 +261,7 @@ class _Continued(Composed):
 
 
 def _continued(law, low):
-    """A law that is known at `low` (mm), with the inverse power that it is at its end beyond it."""
+    """A law that is known at `low` (mm), continued beyond its last known distance by the inverse power that fits there."""
     high = 2 * low
     while is_known(law, high):
         high *= 2

@@ -116,6 +116,7 @@ class EdgeFlow(NamedTuple):
     velocity : ndarray, shape (waves,)
         Their group velocities along the period in mm/ms.
     at_right : ndarray of bool, shape (waves,)
+        Whether each wave runs along the right edge.
     """
 
     right: int

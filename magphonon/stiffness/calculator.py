@@ -105,10 +105,10 @@ class PairCalculator(Repulsion):
     bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
         The interacting pairs, instead of `shells` and `cutoff`.  Their vectors are computed at the reference.
     gyration : float or array_like, shape (particles,), or in space (3,) or (particles, 3)
-        g in rad/ms, of all particles or of each: the force `m u' x g` turns velocities about the vector g, or about z, as
-        gyroscopes, a rotating bench (twice its rate) or a magnetic field on charges do.  In the plane it is `m g J u'`,
-        J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work and is not among the `forces` that ASE asks for:
-        tools of this package either include it, as `DrivenVerlet` does, or refuse it; ASE's own dynamics ignores it.
+        g in rad/ms, for all particles or for each.  The force `m u' x g` turns velocities about the vector g, or about z if g
+        is a number: the force on gyroscopes, on a rotating bench (g is twice its rate) or on charges in a magnetic field.  In
+        the plane it is `m g J u'`, J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work and is not part of the ASE
+        `forces`: tools of this package include it, as `DrivenVerlet` does, or refuse it; ASE's own dynamics ignores it.
     dim : {2, 3}, optional
         Number of components of a displacement; by default it follows from the positions, the cell and the foundation.
 
@@ -269,7 +269,7 @@ class PairCalculator(Repulsion):
 
     @cached_property
     def _energy_at_rest(self):
-        """Of each bond."""
+        """Energy of each bond at rest in mJ."""
         return self.interaction.forces(self.bond_vectors)[0]
 
     @cached_property
@@ -351,7 +351,7 @@ class PairCalculator(Repulsion):
         return sparse.csr_array(to_space @ H @ to_space.T)
 
     def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
-        """`get_hessian` at displacements `u` from rest in mm, shape (particles, dim), of these components alone."""
+        """Like `get_hessian`, but at displacements `u` from rest in mm, shape (particles, dim), with `dim` components each."""
         vectors, _ = self._displaced(u)
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
