@@ -1,4 +1,4 @@
-"""What was fitted: values with their 95 % intervals, in words, and the entries for a scene."""
+"""Fitted values with their 95 % intervals, in words, and the entries that a scene needs for them."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ SIGMAS = 'as a guide, noise alone gives 2 sigma in one fit of 20, and 5 sigma in
 
 
 def in_a_line(values: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
-    """Parameters that are determined, each with its interval; `values` hold relative standard uncertainties."""
+    """The determined parameters with their intervals, in one line; `values` hold relative standard uncertainties."""
     return ', '.join(f'{spoken(name).removeprefix("the ")} {f"{value:.4g} {units[name]}".rstrip()} ({_ends(value, sigma)})'
                      for name, (value, sigma) in values.items() if sigma <= DETERMINED)
 
 
 def with_unit(name: str, units: Mapping[str, str]) -> str:
-    """A parameter as the head of its row."""
+    """The name of a parameter with its unit, as the first cell of its row."""
     return f'{name} ({units[name]})' if units[name] else name
 
 

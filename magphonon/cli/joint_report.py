@@ -23,8 +23,8 @@ JOINT = Findings()
 
 
 def joint_report(found, verbose: bool = True) -> str:
-    """The parameters by all records with their intervals, and how well each record alone knows them; or only the answer and what
-    must not be missed.
+    """The parameters from all records with their intervals, and how well each record alone determines them; or only the answer
+    and the warnings.
     """
     joint, values = found.joints['complete'], found.values()
     first = f'{in_a_line(values, UNITS)}, with 95 % intervals in brackets.'

@@ -63,9 +63,7 @@ def run(options: Namespace) -> None:
 
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
-    """What a file holds: its kind, and its contents as they were read; `contact` in mm is needed where a table of forces has
-    gaps.
-    """
+    """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
     if Path(file).suffix == '.toml':
         raise ValueError(f'{file} is a scene and holds no measurements')
     faults = []
@@ -80,7 +78,7 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
 
 
 def _understood(file, kind, clean):
-    """Which quantity each column holds, unless the clean table calls it the same, and what was done to read it."""
+    """Lines with the quantity of each column whose name the clean table changes, and notes on how the file was read."""
     module = import_module(f'magphonon.{KINDS[kind][0]}')
     found = content(file, MOST_BYTES)
     if isinstance(found, list):
@@ -103,7 +101,7 @@ def _range(name, column):
 
 
 def columns_of(kind: str, record: Any) -> Iterator[dict[str, Any]]:
-    """The columns of the clean tables of a record by their names, in SI."""
+    """Yield the clean tables of a record, each a dict of columns in SI by their names."""
     yield from {'forces': _of_forces, 'ridges': _of_ridges, 'transfer functions': _of_transfer, 'a scan': _of_scan}[kind](record)
 
 
@@ -125,7 +123,7 @@ def _of_ridges(points):
 
 
 def _of_transfer(functions):
-    """Functions that say where they are stand in one table, others each in its own."""
+    """Tables of transfer functions: those with known points share one table, the others have one each."""
     groups: dict[Any, list] = {}
     for k, one in enumerate(functions):
         placed = one.answer is not None

@@ -76,7 +76,7 @@ def _many(robust):
 
 
 def _draw(scene, design, patch, source, tolerances, folder, save):
-    """Parts, levels before and after, the way there, tolerances, and one film for each frequency."""
+    """Draw the parts, the levels before and after, the progress of the design, its tolerances, and a film for each frequency."""
     from ..design import Rest
     from ..plotting.animation import animate, mode_frames
     from ..plotting.designs import plot_convergence, plot_design, plot_levels, plot_sites

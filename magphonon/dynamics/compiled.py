@@ -1,4 +1,4 @@
-"""Whether compiled code runs here."""
+"""Whether compiled kernels can run with the numba that is installed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @cache
 def can_compile() -> bool:
-    """Whether kernels can be compiled; with a warning, once, where the numba that is installed does not serve."""
+    """Whether kernels can be compiled; if the numba that is installed does not work, this warns once."""
     try:
         from numba import config
 

@@ -73,7 +73,7 @@ part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
 class Spare:
-    """The cache of numba on disk, without which one can do: what cannot be read or written there is compiled again."""
+    """The disk cache of numba, made optional: code that cannot be read or written there is compiled again."""
 
     told = False  # whether the user knows
 
@@ -101,7 +101,7 @@ class Spare:
 
 
 def kept(function):
-    """Compile, and keep the result on disk where numba finds a folder that it may write."""
+    """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
     try:
         compiled = njit(cache=True, **OPTIONS)(function)
     except RuntimeError:
@@ -136,7 +136,7 @@ def unrolled(arguments, expression):
 
 
 def at(x, kind, i):
-    """X of a kind of bonds, shape (kinds,), or of bond i, shape (1, bonds); 1 where there is none."""
+    """The value of x for a kind of bonds if x has the shape (kinds,), or for bond i if (1, bonds); 1 if x is None."""
 
 
 @overload(at)
@@ -147,7 +147,7 @@ def _at(x, kind, i):
 
 
 def times_at(value, x, kind, i):
-    """`at(x, kind, i)` times a value, in the precision of the value where there is no x."""
+    """`at(x, kind, i)` times a value; in the precision of the value if x is None."""
 
 
 @overload(times_at)
@@ -169,7 +169,7 @@ def _bits(x):
 
 
 def of_bits(n):
-    """The number of these bits."""
+    """The floating-point number that has these bits."""
 
 
 @overload(of_bits)
@@ -183,9 +183,9 @@ def _of_bits(n):
 
 
 class Polynomial(NamedTuple):
-    """Coefficients of kinds, shape (kinds, count), or of bonds, shape (1, count, bonds), and how far they reach.
+    """Coefficients of kinds, shape (kinds, count), or of bonds, shape (1, count, bonds), and the limit of their range.
 
-    `count` is a tuple as long as there are coefficients: numba compiles for each length.
+    `count` is a tuple with one entry for each coefficient: numba compiles for each length.
     """
 
     count: tuple[float, ...]
@@ -195,7 +195,7 @@ class Polynomial(NamedTuple):
 
 
 class PiecesOfAll(NamedTuple):
-    """The `Pieces` of all kinds one after the other; `child` is None where no piece is halved."""
+    """The `Pieces` of all kinds one after the other; `child` is None if no piece is halved."""
 
     per_increment: np.ndarray
     low: np.ndarray
@@ -208,7 +208,7 @@ class PiecesOfAll(NamedTuple):
 
 
 def constants(law, kind):
-    """Coefficients of a kind.  Read before a loop they stay in registers; within it LLVM is sure of the first ones only."""
+    """Coefficients of a kind.  Read before a loop, they all stay in registers; read inside it, only the first ones do."""
 
 
 @overload(constants)
@@ -219,7 +219,7 @@ def _constants(law, kind):
 
 
 def quotient(law, c, kind, i, x):
-    """H/e of bond i at x."""
+    """The quotient H/e of bond i at the argument x of its law."""
 
 
 @overload(quotient)
@@ -257,7 +257,7 @@ def _halved_piece(law, c, kind, i, x):
 
 
 def beyond(law, kind, i, x):
-    """Whether x, or no number, is out of the reach of the law."""
+    """Whether x is beyond the range of the law, or NaN."""
 
 
 @overload(beyond)
@@ -276,9 +276,9 @@ def _beyond(law, kind, i, x):
 
 
 class Bonds(NamedTuple):
-    """Coefficients of the kinds of bonds, or of each bond, see `at`; on a grid bond i of group n is number `n x slots + i`.
+    """Coefficients of the kinds of bonds, or of each bond (see `at`); on a grid, bond i of group n is number `n x slots + i`.
 
-    `model` is (q, t); `unit` is 1/r0^2 where the argument of a law is e; `strength` is 0 where a grid has no bond.
+    `model` is (q, t); `unit` is 1/r0^2 if the argument of a law is e; `strength` is 0 where a grid has no bond.
     """
 
     model: tuple[float, float]
@@ -290,10 +290,10 @@ class Bonds(NamedTuple):
 
 
 def pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
-    """Forces of the bonds of a segment; whether one is beyond the law.
+    """Write the forces of the bonds of a segment into b; return whether a bond is beyond the range of the law.
 
-    On a grid, of the group that starts in the slots s to e, `pad` places later in b; of a table, of the bonds s to e on their far
-    ends, and as many places later as there are bonds on the near ends.
+    On a grid these are the bonds of a group that start in the slots s to e, stored `pad` places later.  In a table they are the
+    bonds s to e: forces on their far ends come first in b, forces on their near ends after those of all bonds.
     """
 
 
@@ -335,7 +335,7 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
 
 @njit(no_cpython_wrapper=True, forceinline=True, **OPTIONS)
 def pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, s, e):
-    """`pull` by the second or third law, which may be None, only where a bond is beyond the law before it."""
+    """Like `pull`, but a second and a third law, which may be None, are used if a bond is beyond the range of the law before."""
     few = e if wider is None else min(s + FEW, e)
     out = pull(work, b, bonds, law, near, far, places, pad, kind, s, few)
     if wider is not None:
@@ -350,7 +350,7 @@ def pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, s,
 
 
 def total(b, x, places, pad, i):
-    """Force of all bonds of slot i along x; `places` are the offsets of the groups, or columns of places in b."""
+    """Sum of the forces of all bonds on slot i along x; `places` are the offsets of the groups, or columns of places in b."""
 
 
 @overload(total)
@@ -364,9 +364,9 @@ def _total(b, x, places, pad, i):
 
 
 class Outer(NamedTuple):
-    """Forces that are no bonds: springs and static ones, see `at`, and those of each run on driven and guided slots.
+    """Forces other than bonds: springs and static forces (see `at`), and for each run the forces on driven and guided slots.
 
-    `waves`, shape (2, 2, slots), is what a modulation adds to the springs, times cos and sin of its phase; None without one.
+    `waves`, shape (2, 2, slots), are the amplitudes of a modulation of the springs, for cos and sin of its phase, or None.
     """
 
     springs: np.ndarray
@@ -381,7 +381,7 @@ class Outer(NamedTuple):
 
 
 def times(slots, turns, row, i, x, y):
-    """What is known of slot i times a vector, or by (slots + i turns) of it times x + i y where particles gyrate."""
+    """The vector (x, y) times the coefficient of slot i in `slots`; with `turns`, x + i y times (slots + i turns)."""
 
 
 @overload(times)
@@ -393,7 +393,7 @@ def _times(slots, turns, row, i, x, y):
 
 @part
 def modulate(now, k, waves, c, s, first, last):
-    """The springs of some slots at this moment."""
+    """Write the stiffness of modulated springs into `now`, for the slots from `first` to `last`."""
     vectorise()
     for x in range(2):
         row = np.uint64(x) * np.uint64(waves.shape[2])
@@ -402,7 +402,7 @@ def modulate(now, k, waves, c, s, first, last):
 
 
 def springs_of(outer, k, now, beat, s, e):
-    """The springs k of the slots s to e; if they change in time, they are written to memory of the thread."""
+    """The springs k of the slots s to e; if they change in time, their present values are written to memory of the thread."""
 
 
 @overload(springs_of)
@@ -418,7 +418,7 @@ def _springs_of(outer, k, now, beat, s, e):
 
 
 def move(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, kick, drift):
-    """Kick row v of the state by all forces but external ones, and drift."""
+    """Kick row v of the state by all forces except external ones, then let the slots drift."""
 
 
 @overload(move, jit_options=WITHIN)
@@ -449,7 +449,7 @@ def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, ki
 
 @part
 def correct(state, slots, turns, outer, force, v, row, r, kick, drift):
-    """Add external forces on the slots of run r, and take away what lines and planes bar."""
+    """Add external forces on the slots of run r, and remove the motion that lines and planes bar."""
     for n in range(outer.from_driven[r], outer.from_driven[r + 1]):
         i = outer.driven[n]
         kx, ky = times(slots, turns, row + 1, i, force[outer.row[n], 0], force[outer.row[n], 1])
@@ -482,7 +482,7 @@ def start(state, work, slots, turns, s, e, half, drift):
 
 @part
 def finish(work, slots, turns, s, e, half, before):
-    """Half a kick; the largest components of displacement and velocity then."""
+    """Apply half a kick; return the largest components of displacement and velocity after it."""
     vectorise()
     far = fast = bits(half - half)
     for i in range(s, e):
@@ -504,7 +504,7 @@ def _place(context, builder, array_type, array, index):
 
 @intrinsic
 def read(typing_context, array, index):
-    """What another thread has written there, and all that it wrote before."""
+    """Read an entry written by another thread, so that all that it wrote before is visible too."""
     def code(context, builder, signature, arguments):
         return builder.load_atomic(_place(context, builder, array, *arguments), 'acquire', 8)
 
@@ -513,7 +513,7 @@ def read(typing_context, array, index):
 
 @intrinsic
 def tell(typing_context, array, index, value):
-    """Write for another thread, after all that was written before."""
+    """Write an entry for another thread, which also sees all that was written before."""
     def code(context, builder, signature, arguments):
         builder.store_atomic(arguments[2], _place(context, builder, array, *arguments[:2]), 'release', 8)
         return context.get_dummy_value()
@@ -534,7 +534,7 @@ def leave_core(typing_context):
 
 @njit(no_cpython_wrapper=True, **OPTIONS)
 def wait(done, place, runs):
-    """Wait until so many runs are done."""
+    """Wait until the counter at `place` says that `runs` runs are done."""
     tries = 0
     while read(done, place) < runs:
         tries += 1
@@ -548,10 +548,10 @@ def wait(done, place, runs):
 @kept
 def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider, widest, near, far, places, pad, slots, turns,
             outer, forces, beats, half, before, drifts, keeps, kicks, kicked, together, done, me, threads):
-    """The kicks of a block of steps; the last makes accelerations.  Every `threads`-th sweep, of some kicks `together`, is mine.
+    """Do the kicks of a block of steps, of which the last computes accelerations.
 
-    The stages of a step take their turns, with the drift that follows each.  `done` counts the runs that have gone through each
-    sweep, a cache line for each.
+    A sweep does several kicks, as many as `together`; this thread, number `me`, does every `threads`-th sweep.  Kicks cycle
+    through the stages of a step, each followed by its drift.  `done` counts the finished runs of each sweep, a cache line each.
 
     Returns
     -------
@@ -598,7 +598,7 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
 
 @kept
 def follow(slot, u, v, anchors, masses, positions, momenta, moved):
-    """Set positions and momenta, shape (particles, 3), to anchors + u and m v if `moved`, else tell whether they are these."""
+    """Set positions and momenta, shape (particles, 3), to anchors + u and m v if `moved`; else return whether they are equal."""
     same = True
     for i in range(np.uint64(len(masses))):
         n = i if slot is None else slot[i]
@@ -619,11 +619,12 @@ class Order(NamedTuple):
     runs : ndarray of int, shape (runs, 2)
         First and last + 1 slot of each run.
     segments, within : ndarray of int, shapes (segments, 3) and (runs + 1,)
-        First and last + 1 slot, and group, or bond and kind, of what is evaluated together, and the first of each run.
+        Segments of bonds evaluated together: first and last + 1 slot, and group; in a table, first and last + 1 bond, and kind.
+        `within` holds the first segment of each run.
     reach : ndarray of int, shape (runs,)
         The highest slot at which a bond of the run ends, + 1.
     near, far : ndarray of int, or None
-        Of a table, lower and upper slot of each bond.
+        In a table, lower and upper slot of each bond.
     places, pad : tuple, int
         See `total` and `grid_pull`.
     room : tuple of int
@@ -648,9 +649,9 @@ class Order(NamedTuple):
 
 
 class CompiledKernel(Kernel):
-    """The same as `Kernel`, compiled; its law is given by coefficients of polynomials, or in `Pieces` for each kind.
+    """Compiled version of `Kernel`; its law is given by coefficients of polynomials, or by `Pieces` for each kind.
 
-    Blocks of steps are shared out to `threads`.
+    The work of a block of steps is divided among `threads`.
     """
 
     engine = 'compiled'
@@ -700,7 +701,7 @@ class CompiledKernel(Kernel):
         return (self.motion.site.beats(times) if self.motion.site else np.zeros((len(times), 2))).astype(self.dtype, copy=False)
 
     def _law(self, fitted, reach, order):
-        """A law as it is compiled: polynomials, or pieces; of kinds, or of each bond where these have their own."""
+        """The law in compiled form, polynomials or pieces: one for each kind, or for each bond if bonds have their own laws."""
         layout, own, kinds = self.layout, self.layout.own_laws, range(len(order.places) if self.layout.offset is not None else 1)
         if isinstance(fitted, np.ndarray):
             count = (0.0,) * fitted.shape[1]
@@ -767,12 +768,12 @@ class CompiledKernel(Kernel):
 
 
 def _as_ase_makes_them(u, v, anchors, masses, positions, momenta):
-    """Whether the atoms hold such arrays: a user may have put others in their place."""
+    """Whether positions and momenta are arrays as ASE makes them; a user may have put others in their place."""
     return all(x.flags.carray and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
 
 
 def _flat(x):
-    """Values of each bond or slot as `at` takes them."""
+    """Values of each bond or slot in the shape that `at` expects."""
     flat = aligned_zeros((1, x.size))
     flat[0] = x.ravel()
     return flat
@@ -798,7 +799,7 @@ def _grid(layout, run, part):
 
 
 def _table(layout, longest, part):
-    """Bonds in order of the part of a run in which their lower slot is, then of kind if laws are shared."""
+    """The `Order` of a table: bonds sorted by the part of a run that holds their lower slot, then by kind if laws are shared."""
     upwards = layout.i < layout.j
     i, j = np.where(upwards, layout.i, layout.j), np.where(upwards, layout.j, layout.i)
     R = np.where(upwards[:, None], layout.R, -layout.R)

@@ -36,14 +36,14 @@ FAR = 0.25  # relative distance in frequency beyond which shapes alike are no ma
 
 @dataclass(frozen=True)
 class Comparison:
-    """Measured shapes and all computed ones.
+    """Similarity of measured mode shapes to all computed ones.
 
     Attributes
     ----------
     names : tuple of str
         Names of the measured shapes.
     omega : ndarray, shape (measured,)
-        Their angular frequencies in rad/ms; NaN where not known.
+        Angular frequencies of the measured shapes in rad/ms; NaN where not known.
     mac : ndarray, shape (measured, modes)
         Modal assurance criterion with each computed mode.
     least : ndarray, shape (measured,)
@@ -71,13 +71,13 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     atoms : ase.Atoms
         The structure, in the frame of the measured places.
     found : Modes
-        Of it.
+        Modes of this structure.
 
     Raises
     ------
     ValueError
-        For a frequency that is not positive, a place farther than a quarter of the spacing from every particle, or one that
-        a mode has twice.
+        For a frequency that is not positive, a place farther than a quarter of the spacing from every particle, or a place that
+        appears twice in a mode.
 
     Examples
     --------
