@@ -1,8 +1,7 @@
-"""What a least-squares fit says of its parameters: covariance, chi2, and what the data do not determine.
+"""What a least-squares fit says about its parameters: covariance, chi2, and what the data do not determine.
 
-With the Jacobian J of the residuals by the logarithms of the parameters, J^T J is the inverse of their covariance.  What the data
-do not determine is seen in it: where an eigenvalue is nearly zero, its eigenvector is a change of parameters that leaves all data
-where they are.
+With the Jacobian J of the residuals by the logarithms of the parameters, J^T J is the inverse of their covariance.  It also shows
+what the data do not determine: if an eigenvalue is nearly zero, its eigenvector is a change of parameters that changes no data.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ FAINT = 1e-5
 
 
 class Before(NamedTuple):
-    """What is known of the logarithms x of all parameters together: half a chi2 of |root (x - centre)|^2/2."""
+    """Prior knowledge about the logarithms x of all parameters together: it adds |root (x - centre)|^2/2 to half of chi2."""
 
     centre: NDArray[np.float64]
     root: NDArray[np.float64]
 
     @classmethod
     def of(cls, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]] | Before | None) -> Before:
-        """From factors of parameters and their relative standard uncertainties."""
+        """The prior knowledge from factors of parameters and their relative standard uncertainties."""
         if isinstance(priors, Before):
             return priors
         known = [names.index(name) for name in priors or {}]
@@ -72,7 +71,7 @@ class ParameterFit:
     information : ndarray, shape (parameters, parameters)
         J^T J for the logarithms of the parameters, the inverse of their covariance.
     residuals : ndarray, shape (points,)
-        Measured less fitted values, over their uncertainties.
+        Measured minus fitted values, divided by their uncertainties.
     """
 
     model: Model
@@ -83,7 +82,7 @@ class ParameterFit:
 
     @property
     def by_name(self) -> dict[str, float]:
-        """The factors by the names of their parameters."""
+        """The factors of the parameters, by name."""
         return dict(zip(self.names, self.factors.tolist(), strict=True))
 
     @property
@@ -104,25 +103,25 @@ class ParameterFit:
 
     @property
     def chance(self) -> float:
-        """Probability of so large a chi2 if the model holds; 1 without degrees of freedom."""
+        """Probability of a chi2 at least as large if the model is true; 1 without degrees of freedom."""
         from scipy.special import chdtrc  # scipy.stats has it too, and takes most of a second to import
 
         return float(chdtrc(self.freedom, self.chi2)) if self.freedom else 1.0
 
     @property
     def scatter(self) -> float:
-        """Scatter of the points in their uncertainties, by which intervals are enlarged; 1 where chance explains it."""
+        """Scatter of the points in units of their uncertainties, by which intervals are enlarged; 1 if chance explains it."""
         return float(np.sqrt(self.chi2 / self.freedom)) if self.chance < FITS else 1.0
 
     @property
     def sigma(self) -> NDArray[np.float64]:
-        """Relative standard uncertainty of each parameter, the others unknown too; infinite where nothing determines it."""
+        """Relative standard uncertainty of each parameter if the others are unknown too; infinite if it is not determined."""
         sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
         return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
 
     def sigma_along(self, direction: NDArray[np.float64], added: NDArray[np.float64] | float = 0.0) -> float:
-        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`, with more
-        information `added`, in the uncertainties stated.
+        """Relative standard uncertainty of the product of the parameters to the powers `direction`, with the information `added`
+        to that of the data.
         """
         values, vectors = np.linalg.eigh(self.information + added)
         parts = vectors.T @ direction
@@ -132,7 +131,7 @@ class ParameterFit:
         return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
 
     def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-        """Information that is added if such a product is measured by other means, to a relative standard uncertainty."""
+        """Information added by another measurement of a product of powers, with the relative standard uncertainty `sigma`."""
         return (self.scatter / sigma) ** 2 * np.outer(direction, direction)
 
     @property
@@ -152,11 +151,11 @@ def best(fit: Any, along: Mapping[str, NDArray[np.float64]],
     Parameters
     ----------
     fit : ParameterFit or Joint
-        With `sigma_along` and `knowing`.
+        A fit with the methods `sigma_along` and `knowing`.
     along : dict
-        Quantities to know better, as powers of the parameters whose product they are.
+        Quantities to know better, each as the powers of the parameters whose product it is.
     plans : dict
-        For each plan in words, the information that its record would add.
+        The information that each plan would add, by its description in words.
     """
     known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': (fit.knowing(v, KNOWN), name)
              for name, v in along.items()}

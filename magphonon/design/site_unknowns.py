@@ -1,16 +1,16 @@
 """Transfer functions of a patch whose sites differ: a strength, springs and an anchor of its own for each site, in one fit.
 
-The mean lattice cannot follow such data, because the sites shift peaks by more than their width. So every site has unknowns z
-with a normal prior, whose standard deviation is the scatter, and all are fitted together with the parameters x of the lattice,
+A lattice of equal sites cannot fit such data, because the sites shift peaks by more than their width. So every site has unknowns
+z with a normal prior, whose standard deviation is the scatter. They are fitted together with the parameters x of the lattice:
 
-    |h - h(x, z)|^2/noise^2 + |z|^2 + what is known of x        dh/dz = -x.(dK/dz) y by bonds, as `transfer_fits`
+    |h - h(x, z)|^2/noise^2 + |z|^2 + prior of x        dh/dz = -x.(dK/dz) y by bonds, as in `transfer_fits`
 
-The sites are eliminated: with residuals r, J of the parameters, A of the sites and C = 1 + A A^T,
+The sites are eliminated. With the residuals r, their derivatives J by the parameters and A by the sites, and C = 1 + A A^T,
 
     information of x = J^T C^-1 J        z = A^T C^-1 (r - J dx)
 
-which describes the lattice of which the patch is one sample. The mean of the sites of this patch, x + M z, is known better: with
-it in place of x, J stays and A becomes A - J M. The scatter is found by maximising the evidence, with z and x integrated out.
+This describes the lattice of which the patch is one sample. The mean of the sites of this patch, x + M z, is known better: if it
+replaces x, J stays and A becomes A - J M. The scatter is found by maximising the evidence, with z and x integrated out.
 """
 
 from __future__ import annotations
@@ -63,20 +63,20 @@ BOUND = np.log(MOST_FACTOR)
 class Sites:
     """The unknowns of the sites of a structure, in standard deviations of their scatter.
 
-    They are the strengths of the particles that act on those that move, then the springs of those that move, then the anchors of
-    all that act.  Neighbours hold particles back: where they rest follows to first order, so that long waves of the
-    places are larger than short ones.
+    They are the strengths of all `acting` particles, then the springs of the movable ones, then the anchors of all `acting` ones.
+    The rest positions follow from them to first order. Because neighbours hold particles back, displacements of long wavelength
+    are larger than those of short wavelength.
 
     Attributes
     ----------
     acting : ndarray of bool, shape (particles,)
-        Which particles have unknowns: those that move, and those with a bond of FAINT of the stiffest to one of them.
+        Which particles have unknowns: those that can move, and those joined to one by a bond stiffer than FAINT of the stiffest.
     tied : ndarray of bool, shape (particles, dim)
         Which springs have an unknown.
     spacing : float
         Shortest bond in mm.
     rest : ndarray, shape (particles * dim, unknowns)
-        How the rest moves with strengths and springs, in mm, and with anchors.
+        Derivatives of the rest positions by strengths and springs, in mm, and by anchors.
     """
 
     acting: np.ndarray
@@ -99,28 +99,28 @@ class Sites:
 
     @property
     def ends(self) -> list[int]:
-        """Where the springs begin, the places, and the end."""
+        """Indices of the unknowns at which the springs and the anchors begin, and the total number."""
         n, dim = self.acting.sum(), self.tied.shape[1]
         return np.cumsum([n, self.tied.sum(), n * dim]).tolist()
 
     @property
     def kinds(self) -> NDArray[np.intp]:
-        """Of each unknown: 0 for a strength, 1 for a spring, 2 for an anchor."""
+        """Kind of each unknown: 0 for a strength, 1 for a spring, 2 for an anchor."""
         return np.repeat([0, 1, 2], np.diff([0, *self.ends]))
 
     def size(self, scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Standard deviation of each unknown: relative, of anchors in mm."""
+        """Standard deviation of each unknown: relative for strengths and springs, in mm for anchors."""
         return (scatter * [1.0, 1.0, self.spacing])[self.kinds]
 
     def parts(self, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Logarithms of strengths, shape (particles,), and of springs, and moves in mm, shape (particles, dim)."""
+        """Logarithms of strengths, shape (particles,), and of springs, and shifts of rest in mm, shape (particles, dim)."""
         strengths, springs, _ = np.split(self.size(scatter) * z, self.ends[:2])
         of_particles, each = np.zeros(len(self.tied)), np.zeros(self.tied.shape)
         of_particles[self.acting], each[self.tied] = strengths, springs
         return of_particles, each, (self.rest @ (self.size(scatter) * z)).reshape(self.tied.shape)
 
     def means(self, built: ParametricLattice, names: Sequence[str], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-        """By what the logarithm of each parameter of this patch is off, the mean of its sites: M, shape (names, unknowns)."""
+        """Matrix M, shape (names, unknowns): M z is the mean over the sites of this patch of the logarithm of each parameter."""
         M, moving = np.zeros((len(names), self.ends[2])), built.system.mobile
         for row, name in zip(M, names, strict=True):
             change = built.changes.get(name)
@@ -133,7 +133,7 @@ class Sites:
 
 
 def _rest(system, springs, tied):
-    """What `Sites.rest` says of particles at rest among their neighbours and springs."""
+    """The matrix `Sites.rest` for particles that are held at rest by their neighbours and springs."""
     calc, free = system.calc, np.repeat(system.mobile, system.dim)
     C, R, H = calc.bonds.incidence, calc.bond_vectors, calc.rest_hessian('complete').toarray()
     force = -(calc.law.dphi(calc.bonds.lengths) / calc.bonds.lengths)[:, None] * R
@@ -148,7 +148,7 @@ def _rest(system, springs, tied):
 
 
 def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> ParametricLattice:
-    """The lattice with sites of their own, where they were found: what holds them there is not asked."""
+    """The lattice with individual sites at their positions; whether the forces balance there is not checked."""
     calc = built.system.calc
     strengths, springs, moves = sites.parts(z, scatter)
     if max(abs(strengths).max(initial=0.0), abs(springs).max(initial=0.0)) > BOUND:
@@ -177,7 +177,7 @@ def _springs(calc: PairCalculator) -> Foundation:
 
 def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sites: Sites,
                 scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slopes of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
+    """Derivatives of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
     calc, (n, dim) = built.system.calc, sites.tied.shape
     bonds, R = calc.bonds, calc.bond_vectors
     C = bonds.incidence
@@ -198,13 +198,13 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
 
 
 def _by_site(blocks, ends):
-    """Change of each entry of the blocks of bonds by each site that ends them, a sparse matrix (bonds * dim * dim, sites)."""
+    """Change of each entry of the blocks of bonds by each site at their ends, a sparse matrix (bonds * dim * dim, sites)."""
     spread = sparse.kron(ends, np.ones((blocks[0].size, 1)), format='csr')
     return sparse.diags_array(blocks.ravel()) @ spread
 
 
 class Linear(NamedTuple):
-    """Residuals over the noise at some parameters x and sites z, and their slopes, with the signs of the responses."""
+    """Residuals divided by the noise at given parameters x and sites z, their slopes, and the signs of the responses."""
 
     r: NDArray[np.float64]
     J: NDArray[np.float64]
@@ -212,7 +212,7 @@ class Linear(NamedTuple):
 
 
 class Eliminated:
-    """C^-1 = (damping + A A^T)^-1, by the smaller of its two forms."""
+    """The inverse C^-1 = (damping + A A^T)^-1, applied by the smaller of its two equivalent forms."""
 
     def __init__(self, A: NDArray[np.float64], damping: float = 1.0) -> None:
         self.A, self.damping, self.wide = A, damping, A.shape[1] > A.shape[0]
@@ -228,11 +228,11 @@ class Eliminated:
 
 def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp], off: NDArray[np.float64],
                     ) -> tuple[NDArray[np.float64], float, float]:
-    """Factors of the scatter of each kind of unknowns at which the evidence is largest, and two numbers.
+    """Factors of the scatter of each kind of unknowns that maximise the evidence, and two numbers.
 
-    They are how many unknowns the data then determine, and how much larger the logarithm of the evidence is than without scatter.
+    The numbers are how many unknowns the data then determine, and the gain of the logarithm of the evidence over no scatter.
 
-    What is known before, in `off`, is that the logarithm of the scatter is to be larger by that, with the uncertainty SURE.
+    The prior says that the logarithm of each factor is `off`, with the standard deviation SURE.
     """
     from scipy.optimize import minimize
 
@@ -256,7 +256,7 @@ def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp],
 
 
 class Place(NamedTuple):
-    """Logarithms of the parameters, the unknowns of the sites, their lattice, and the result of `solved` for it."""
+    """A point of the fit: logarithms of the parameters, unknowns of the sites, their lattice, and the result of `solved`."""
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
@@ -266,7 +266,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class _Problem:
-    """What is fitted: lattice, parameters, functions, and what is known before."""
+    """What is fitted: lattice, parameters, functions and prior knowledge."""
 
     build: Callable[[dict[str, float]], ParametricLattice]
     names: tuple[str, ...]
@@ -276,7 +276,7 @@ class _Problem:
     noise: float
 
     def place(self, x, z, scatter) -> Place:
-        """The lattice with these parameters and sites, and its fields."""
+        """The point of the fit with these parameters and sites: its lattice, and the fields in it."""
         built = at_sites(self.build(dict(zip(self.names, np.exp(x).tolist(), strict=True))), self.sites, z, scatter)
         return Place(x, z, built, solved(built, self.functions))
 
@@ -284,7 +284,7 @@ class _Problem:
         return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
 
     def off(self, h, x, noise):
-        """Residuals over the noise of responses without gain."""
+        """Residuals, divided by the noise, for responses h to which the gain is not yet applied."""
         measured = np.concatenate([one.response for one in self.functions])
         return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
 
@@ -300,7 +300,7 @@ class _Problem:
         return float(r @ r + z @ z + known @ known)
 
     def descended(self, place, scatter, noise, steps, tolerance):
-        """Steps of Levenberg and Marquardt from a place; returns the last place and the linearisation there."""
+        """Take steps of Levenberg and Marquardt from a point; return the last point and the linearisation there."""
         damping, known = DAMPED, self.before.information
         for _ in range(steps):
             x, z, at = place.x, place.z, self.linear(place, scatter, noise)
@@ -332,7 +332,7 @@ def normal_matrices(fit: TransferFit, build: Callable[[dict[str, float]], Parame
                     functions: Sequence[TransferFunction]) -> list[NDArray[np.float64]]:
     """Normal matrix J^T J of each function, measured or proposed, at a fit; shape (parameters + unknowns,) * 2.
 
-    The parameters are the means over the sites of this patch, the unknowns belong to single sites.
+    The parameters are the means over the sites of this patch; the unknowns belong to single sites.
     """
     built = build(fit.by_name)
     sites = fit.where or Sites.of(built.system)
