@@ -82,14 +82,14 @@ class DrivenVerlet(VelocityVerlet):
     engine : {'auto', 'ase', 'numpy', 'compiled'}
         'auto' uses blocks if possible, and compiled ones if the run is long enough to be worth the time of loading them.
     order : {2, 4, 6}, optional
-        Order of the error in the time step. A step of order 4 or 6 takes 6 or 11 evaluations of the forces, but fewer in total if
-        the error must be small (`magphonon.dynamics.splittings`); the damping must then be one number, and no particle may
-        gyrate. By default 2, or with a `tolerance` the lowest that meets it.
+        Order of the error in the time step. A step of order 4 or 6 evaluates the forces 6 or 11 times, but is so much longer that
+        a run with a small error needs fewer evaluations in total (`magphonon.dynamics.splittings`). The damping must then be one
+        number, and no particle may gyrate. By default 2, or with a `tolerance` the lowest order that meets it.
     tolerance : float, optional
-        Allowed error of the displacements at the end of a run, as a fraction of the largest one of the run. Blocks then compute
-        the bond forces with as few coefficients as this error allows, and compiled blocks use single precision where it is
-        sufficient, which takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is within
-        the tolerance too; otherwise a ValueError says how long steps may be. Close to buckling, modes slower than a hundredth of
+        Allowed error of the displacements at the end of a run, as a fraction of the largest displacement in the run. Blocks then
+        compute the bond forces with as few coefficients as this error allows, and compiled blocks use single precision if it is
+        sufficient; this takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is kept
+        within the tolerance too, or a ValueError says how long steps may be. Close to buckling, modes slower than a hundredth of
         the fastest may miss the tolerance by a factor of five.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
@@ -103,8 +103,8 @@ class DrivenVerlet(VelocityVerlet):
     seed : int
         Seed of the noise, which depends only on the seed and on the number of the step.
     threads : int, optional
-        Number of threads of compiled blocks; results do not depend on it. By default one for each 20 000 particles, at most
-        OMP_NUM_THREADS, or as many as there are idle cores.
+        Number of threads of compiled blocks; results do not depend on it. By default one for each 20 000 particles, limited by
+        OMP_NUM_THREADS if it is set, or else by the number of idle cores.
     **kwargs
         `trajectory` and other arguments of ASE's MolecularDynamics.
 
