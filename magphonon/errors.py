@@ -18,7 +18,7 @@ MOST = 2**53
 """Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""
 LONGEST = 200
 """Largest number of characters of a value that a message shows."""
-SMALL = 2**28  # bytes that are not asked for: every machine has them
+SMALL = 2**28  # bytes below which memory is not checked, because every machine has them
 
 
 class PhysicsError(ValueError):

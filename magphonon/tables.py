@@ -48,7 +48,7 @@ BLOCK = 2**16
 """Number of rows that are held as text at a time."""
 COMMENT = '#%'  # begins a line that is a comment
 PREAMBLE = 200
-"""Number of lines in which the header is looked for: instruments write their settings above it."""
+"""Number of lines in which the header is sought: instruments write their settings above it."""
 SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # the line by which Excel is told the separator
 BRACKETS = re.compile(r'(?P<name>.*?)\s*(?:\[(?P<a>[^][]*)\]|\((?P<b>[^()]*(?:\([^()]*\)[^()]*)?)\)'
                       r'|\s/\s*(?P<c>\S.*)|/(?P<d>[^][\s]+)|\sin\s(?P<e>\S+))')
@@ -287,7 +287,7 @@ def _header_at(rows, k, given, headings, is_header):
         names, sign = _names(rows[k][1], given)
         below = _names(rows[k + 1][1], sign)[0] if k + 1 < len(rows) else []
     except csv.Error:
-        if k:  # lines above the header, and rows, are told of elsewhere
+        if k:  # other code reports lines above the header, and rows
             return None
         names, sign = _names(rows[k][1], given)
         below = []

@@ -103,7 +103,7 @@ def refuse(given: Any, tool: Tool) -> None:
     given = getattr(given, 'system', given)
     atoms = getattr(given, 'atoms', given)
     calc = getattr(atoms, 'calc', None)
-    if hasattr(calc, 'sites'):  # without a calculator of this package, which the tool misses in its own words
+    if hasattr(calc, 'sites'):  # without a calculator of this package the tool itself raises an error
         refuse_of(atoms, calc, tool)
 
 
@@ -116,7 +116,7 @@ def refuse_of(atoms: Any, calc: Any, tool: Tool) -> None:
     """Raise ValueError if atoms with the calculator `calc`, attached or not, have a trait that the tool does not support."""
     if 'constraints' not in tool.takes and atoms.constraints and _held(atoms):
         raise ValueError(refusal(calc, tool, TRAITS['constraints']))
-    count, answers = vars(calc).get('_asked', (0, {}))  # which its copies do not have, and `set` clears
+    count, answers = vars(calc).get('_asked', (0, {}))  # copies of the calculator do not keep this, and `set` clears it
     if count != len(TRAITS):
         count, answers = calc._asked = len(TRAITS), {}
     if tool.takes not in answers:

@@ -262,7 +262,7 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
     axes = np.flatnonzero(atoms.pbc)
     ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
     off = {order: abs(ours - theirs[np.ix_(order, order)]).max() / abs(ours).max() for order in permutations(range(len(axes)))}
-    for order in sorted(off, key=lambda order: round(off[order], 9))[:1]:  # of a square cell, the vectors as they are
+    for order in sorted(off, key=lambda order: round(off[order], 9))[:1]:  # in a square cell, the vectors stay as they are
         if off[order] <= SAME_LATTICE:
             own = np.arange(3)
             own[axes] = axes[list(order)]

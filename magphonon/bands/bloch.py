@@ -107,7 +107,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: Model | 
     system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     gamma = site_damping(damping, len(system))
-    if not (np.ptp(gamma) or system.turning):  # every mode loses the same
+    if not (np.ptp(gamma) or system.turning):  # all modes have the same damping
         omega, modes = bloch_modes(system, q, model, vectors)
         squares, half = np.sign(omega) * omega**2, gamma[0] / 2
         under = np.sqrt(abs(squares - half**2))
@@ -164,7 +164,7 @@ def _of_one_particle(system, q, model):
 
 
 def _inverse_pays(size, count):
-    from ..stiffness.lowest import inverse_pays  # late: seldom asked for
+    from ..stiffness.lowest import inverse_pays  # imported late, because it is seldom used
 
     return inverse_pays(size, count, real=False)
 

@@ -42,8 +42,8 @@ lattices are on the mesh."""
 BLOCK = 2**15  # number of simplices taken at a time, so that those of a large mesh fit in memory, and in the processor's cache
 GAP = 1e-6  # width of a gap, as a fraction of the highest frequency, below which two branches touch
 STEEP = 0.6
-"""Largest distance of two branches, in differences from that at the next point of the mesh, that may vanish between them; a half
-where it changes linearly."""
+"""Two branches may cross between mesh points if their distance is at most this multiple of its change to the next mesh point; it
+is a half if the distance changes linearly."""
 STARTS, HALVINGS = 8, 30
 """Number of places where a crossing is looked for, the nearest ones, and of halvings of the step of the mesh."""
 
@@ -216,13 +216,13 @@ def _on_mesh(atoms, steps, model):
     periodic = int(atoms.pbc.sum())
     if not periodic:
         raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
-    if steps is None:  # about as many wavevectors in the zone of a large cell as there is room for in that of a small one
+    if steps is None:  # the zone of a large cell is smaller and needs fewer wavevectors
         steps = 6 * int(np.ceil(STEPS[periodic] / 6 / max(1.0, len(atoms) / 6) ** (1 / periodic)))
     steps = whole('steps', steps)
     n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
     turned = atoms.calc.turning > 0
     if not turned:
-        n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # those of -q are the same
+        n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # the frequencies at -q are the same
     frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)
     half = frequencies.reshape(-1, *(steps,) * (periodic - 1), frequencies.shape[-1])
     if turned:

@@ -44,7 +44,7 @@ LONGEST_STEP = 0.1  # longest Newton step in log mu; a longer one leads to anoth
 SINGULAR_FRACTION = 1e-14  # of the largest singular value: below is round-off, as where two roots coincide
 LARGEST_DENOMINATOR = 6  # of exponents; the pencil grows with it, and symmetry directions need 1, 2 or 3
 LEAST_DECAY = 1e-6  # per step; below is round-off: at a band edge, a double root, round-off changes xi by its square root
-LEAST_LOSS = 1e-12  # the same with damping, where no two roots of a wave meet at a band edge
+LEAST_LOSS = 1e-12  # the same with damping, with which no two roots meet at a band edge
 INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)
 
 

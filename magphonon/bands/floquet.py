@@ -27,8 +27,8 @@ from ..traits import SPRUNG, takes
 from .bloch import wavevectors
 
 MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
-NEAR = 0.75  # distance in harmonics of the middle of a wave from its wavevector; the middle of two that share it is at 1/2
-STILL = -1e-9  # in W: real frequencies down to this are those of growth alone, and not of the wave that runs backwards
+NEAR = 0.75  # largest mean harmonic of a wave that belongs to its wavevector; it is 1/2 if two harmonics share the wave
+STILL = -1e-9  # in W: real frequencies down to this value belong to pure growth, lower ones to the wave that runs backwards
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,9 @@ from ..traits import SPRUNG, takes
 from .bloch import bloch_modes
 
 REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
-"""Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one if the first is
-not enough.  It holds about a thousand bonds of each particle, whose sum takes as long as that over all by Ewald's method."""
+"""Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one is used if the
+first is not enough.  It includes about a thousand bonds of each particle, whose sum takes as long as Ewald's sum over all
+neighbours."""
 LOW = 0.01
 """Below this fraction of the highest frequency, shifts are given relative to that fraction and not to the frequency itself:
 near buckling a frequency is the small difference of large terms, and at Gamma it is zero."""

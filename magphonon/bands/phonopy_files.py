@@ -71,7 +71,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     >>> round(float(warm.heat_capacity[0] / 8.314462618), 3)  # k for each of two modes
     2.0
     """
-    force_constants_of(phonon)  # says so if there are none
+    force_constants_of(phonon)  # raises an error if there are none
     crystal = phonon.replicate()
     crystal.force_constants = phonon.force_constants
     crystal.unit_conversion_factor = 1e-12 * phonon.unit_conversion_factor  # Hz to THz

@@ -158,7 +158,7 @@ def long_waves(case: Case) -> Iterator[str]:
     yield from _rows('', speeds, case.bands['complete'].omega.max() * case.scene.lattice.spacing_m * units.m)
     if np.isnan(speeds).any():
         yield '  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch'
-    with suppress(ValueError):  # such as of a law that needs a neutralising background
+    with suppress(ValueError):  # such as for a law that needs a neutralising background
         yield f'with the foundation removed: {elastic_moduli(case.atoms)}'
 
 

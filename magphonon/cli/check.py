@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 HELP = 'is the structure stable, what must its supports hold, up to which amplitude is it linear?'
 JUDGED = 20_000
-"""Largest number of particles of a patch that is judged separately.  This takes about ten seconds at this size, and the time
+"""Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
          'dos': 'bands.density.lattice_density', 'burst': 'response.propagation.propagate', 'plan': 'planning.peak.plan_peak',
@@ -207,7 +207,7 @@ def leaning(case: Case) -> str | None:
     points = {'Gamma' if name == 'G' else name: q for name, q in scene.special_points.items()}
     try:
         here, there = (units.hertz(bloch_modes(one.perfect_cell(), [*points.values()])[0][:, 0]) for one in (scene, leant))
-    except ValueError:  # no lattice of which leaning is known
+    except ValueError:  # the effect of leaning is not known for this lattice
         return None
     shifts = [f'at {name} from {a:.6g} to {b:.6g} Hz' for name, a, b in zip(points, here, there, strict=True)
               if abs(b - a) > SEEN * abs(a)]

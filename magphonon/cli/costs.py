@@ -45,7 +45,7 @@ SAMPLE_bytes = 1800  # burst: one particle of the row at one time, with its shar
 
 
 COSTS = Findings()
-"""By the names of the commands: the bytes that each needs for a scene, or None where the scene lacks its table."""
+"""For each command, by name: the bytes that it needs for a scene, or None if the scene lacks its table."""
 
 
 def amount(size: float) -> str:

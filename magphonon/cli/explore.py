@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'
 CYCLES = 120  # of the tone in a structure, most of which is nearly steady
 SUM = b'<!-- magphonon explore, sha256 '
-"""Begins the last line of every such page, which holds the checksum of the rest: any other file is not replaced."""
+"""Beginning of the last line of every such page, which holds the checksum of the rest; a file without it is not replaced."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:

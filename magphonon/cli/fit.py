@@ -103,7 +103,7 @@ def _refuse_copies(names):
     """Raise ValueError if two files hold the same numbers, in whatever format, units or order."""
     known = []
     for name in names if len(names) > 1 else ():
-        with suppress(ValueError, OSError):  # of which the fit will tell
+        with suppress(ValueError, OSError):  # which the fit will report
             columns = [np.ravel(column) for table in columns_of(*held(ready_table(name))) for column in table.values()]
             known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
     for (first, one), (name, other) in combinations(known, 2):

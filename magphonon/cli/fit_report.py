@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ..interactions.fits import Fit, SharedErrors
     from ..interactions.force_tables import Forces
 
-FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it
-SURE = 0.8  # probability of a drift from which it is told
+FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
+SURE = 0.8  # probability of a drift above which it is reported
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
@@ -363,7 +363,7 @@ def _causes(found):
                                                  f'without the ridge "{name}"') for name, one in found.causes.items()]
     told = f'Fitted again, with one thing changed, chi2/freedom is {"; ".join(tried)}. ' if tried else ''
     explain = [name for name, one in found.causes.items() if one.chi2 / one.freedom < fit.chi2 / fit.freedom / EXPLAINS]
-    best = NEIGHBOURS if NEIGHBOURS in explain else next(iter(explain), None)  # with them nothing that was measured is left out
+    best = NEIGHBOURS if NEIGHBOURS in explain else next(iter(explain), None)  # it keeps all measurements
     also = f'{"what --prior says, " if found.priors else ""}mass and spacing of the scene'
     if best is None:
         return f'{told}None of these explains it: look at {also}.' if tried else f'Look at {also}.'

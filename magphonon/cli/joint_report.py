@@ -17,7 +17,8 @@ from ..tables import in_columns
 from .fitted import SIGMAS, entries_of, in_a_line, interval, with_unit
 
 PULL = 2.7
-"""Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10 cases, a false one in 1 of 100."""
+"""Pull in standard deviations above which a fault is named: a fault with a pull of 4 is then named in 9 of 10 cases, a false one
+in 1 of 100."""
 
 JOINT = Findings()
 

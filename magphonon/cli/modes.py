@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
-MOST_TURNING = 1500  # the same where forces turn velocities: matrices are complex and of twice the size
+MOST_TURNING = 1500  # the same limit with gyration: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
@@ -336,7 +336,7 @@ def _spread(scene, system, found):
     if not scatter:
         return {}, 0.0
     first = units.hertz(mode_scatter(system, scatter, found).std)
-    if system.directions > MOST_DRAWN or not scatter.std.any():  # what all sites share mixes no modes
+    if system.directions > MOST_DRAWN or not scatter.std.any():  # deviations that all sites share mix no modes
         return {'std_Hz': first}, 0.0
     drawn = sampled_modes(system.atoms, scatter, DRAWN)
     lost = float(np.isnan(drawn[:, 0]).mean())
@@ -403,7 +403,7 @@ def matches(comparison, found) -> list[str]:
         what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
         off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
         if mac[best] > least:
-            far = bool(abs(f[best] - measured) > FAR * measured)  # not, if unknown
+            far = bool(abs(f[best] - measured) > FAR * measured)  # False if unknown
             others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
             lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
                          + (', too far apart in frequency for one mode: are u_x and u_y exchanged, or is the law wrong?' * far)

@@ -89,7 +89,7 @@ class Case:
     @cached_property
     def counted(self) -> str:
         """Which neighbours the scene counts, in words."""
-        law, lattice = self.scene.law, self.scene.lattice  # of a file, where it has a cutoff
+        law, lattice = self.scene.law, self.scene.lattice  # a lattice from a file may have a cutoff
         if lattice.cutoff is not None:
             reach = f'Neighbours within {lattice.cutoff / 1e3:.4g} m count'
             return reach if getattr(lattice, 'cutoff_m', None) is not None else f'{reach} (shells = "{law.asked}")'

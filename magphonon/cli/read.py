@@ -28,7 +28,7 @@ HELP = 'how a file of measurements is understood, with a picture and a clean tab
 RESULTS = 'clean*.csv', 'clean.p*'
 KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
          'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
-"""What a file may hold, and what reads it."""
+"""The kinds of records that a file may hold, and the function that reads each."""
 MOST_BYTES = 1000 * MEGABYTE  # of a scan, the largest of all
 MOST_WORDS = 6  # different words of a column that are listed
 
@@ -73,7 +73,7 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
             return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
         except ValueError as error:
             faults.append(f'as {kind}: {error}')
-    content(file, MOST_BYTES)  # what cannot be read at all is told once
+    content(file, MOST_BYTES)  # a file that cannot be read at all gives a single message
     raise ValueError(f'{file} is not a known kind of record;\n  ' + '\n  '.join(faults))
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 PROVENANCE, SCENE = 'provenance.json', 'scene.toml'
 PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib')  # packages whose versions are recorded with the results
-COPY = 'a copy of the scene'  # what a file is `by` that no command computed
+COPY = 'a copy of the scene'  # value of `File.by` for files that no command computed
 OTHERWISE = 'name another directory with -o'
 
 
@@ -112,7 +112,7 @@ def results(options: Namespace, scene: Scene | None = None, *tables: str | PathL
                       'another place') from None
     finally:
         for path in reversed(made):
-            with suppress(OSError):  # it stays if there is anything in it
+            with suppress(OSError):  # a folder that is not empty stays
                 path.rmdir()
     options.written, options.notes = folder, []
     if stale:
@@ -164,7 +164,7 @@ class _Run:
         self.scene = Origin(title=scene.title, shells=scene.law.shells, tables=digests)
         for key, named in tomllib.loads(self.source.text).items():
             path = Path(named.get('file', '') if key in ('law', 'lattice') else '')
-            if path.name and not path.is_absolute():  # it stands beside the scene, and is copied with it
+            if path.name and not path.is_absolute():  # a file beside the scene, which is copied with it
                 file = str(path)  # without ./
                 if file != path.name:
                     raise ValueError(f'{key}.file = "{file}" is not in the folder of the scene, so the copy of the scene among '

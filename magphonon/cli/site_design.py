@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 PARAMETERS = 'design.npy'
-GOAL_dB = 30.0  # contrast that counts as one
-JUDGES, SEED = 60, 1  # specimens by which a design is judged, from a seed that made none of it
+GOAL_dB = 30.0  # contrast above which a copy counts as good
+JUDGES, SEED = 60, 1  # number of specimens for the test of a design, and their seed, which its own draws do not use
 FRAMES = 24
 
 

@@ -55,7 +55,7 @@ def run(options: Namespace) -> None:
             raise ValueError(f'two of the scans are called {stem}, so their results would have the same name; rename one of them')
     ridges, notes = [], []
     for table, stem in zip(options.tables, stems, strict=True):
-        options.table = table  # the one that an error is about
+        options.table = table  # errors name this table
         if _analysed(options, scene):
             ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
         notes += options.notes

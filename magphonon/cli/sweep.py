@@ -163,7 +163,7 @@ def _lead(options, workers):
             save(plot_sweep(answers, name).figure, f'sweep_{name}')
         told += _report(scene.title, answers, options.ask, options.verbose)
         told += [f'At the values of the scene itself: {line}' for line in omission(scene, options.verbose)]
-    if own:  # this process made it; another one that took it up may have seen the end of it
+    if own:  # this process made the journal; a later process that continued it may have finished it
         journal.unlink(missing_ok=True)
     else:
         options.notes.append(f'{journal} of an earlier command is still there; it is complete, and may be removed')

@@ -33,23 +33,24 @@ from .sensitivities import StiffnessDerivative, frequency_sensitivities
 
 Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, StiffnessDerivative]]]
 FOLLOWS = 1.5
-"""Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
-have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""
+"""Scatter up to which a model is taken to fit the points: their uncertainties are estimates, and the simulated ridges of the
+prototype have 1.4.  Simulated scans with ridges of other waves had 1.9 or more if they supported the wrong model."""
 PASSES, ROBUST = 5, 2
-"""Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first two mind outliers
-less where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
-LAST = range(PASSES - 1, PASSES)  # what a first look at other branches takes
+"""Repetitions with the uncertainties and branches of the previous fit; these settle with the second.  With a point source, the
+first two repetitions are robust against outliers: points of oblique waves are recognised only when the bands are nearly right."""
+LAST = range(PASSES - 1, PASSES)  # passes for a first look at other branches
 STEPS = 15  # of one repetition; a fit takes 10, and a model that is far from all points would creep along the bounds
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
-"""Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
-each parameter up to which these go, and how many of the assignments found are fitted."""
+"""For points that do not fit: logarithm to base 2 of the number of parameter sets at which other branches are sought, the largest
+factor on each parameter in these sets, and the number of assignments that are then fitted."""
 STRAYS = 3.0
-"""Where waves of a point source, which move the row both across and along, are taken for those of the next branch: so many of its
-uncertainties is a point from its own branch at least, and so many times nearer to the other."""
+"""Waves of a point source move the row both across and along its line. A point is assigned to the next branch if it is at least
+this many uncertainties from its own branch, and this many times nearer to the other."""
 DIGITS = 5  # of the directions of rows: tables have six of a wavevector
-STEP = 1e-4  # of xi in rad, over which the slope of a branch is taken
+STEP = 1e-4  # step of xi in rad for the slope of a branch
 ROUNDS, FARTHEST = 6, 3
-"""How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
+"""Number of rounds in which ridges are then moved to the next branches, and number of ridges, the farthest ones, that are
+moved."""
 
 
 @dataclass(frozen=True)
@@ -163,10 +164,10 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
     count = bloch_modes(start, points.q[:1], model)[0].shape[1]
     told = _told(points, count)
-    if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
+    if fit.chance < FITS and not all(told):  # a ridge may be assigned to the wrong branch
         others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]
         fit = min(fit, *others, key=lambda other: other.chi2)
-    for _ in range(ROUNDS * (fit.chance < FITS)):  # one repetition of each try shows which is worth more
+    for _ in range(ROUNDS * (fit.chance < FITS)):  # one repetition of each attempt shows which deserve more
         tries = [with_branches(other, np.log(fit.factors), LAST) for other in _neighbouring(fit, points, count, told)]
         if not tries:
             break
@@ -240,7 +241,7 @@ def _oblique(atoms, points, model):
             xi, own, other = points.xi[here, None], along.phases(points.omega[here]), oblique.phases(points.omega[here])
             own = np.take_along_axis(own, np.where(np.isnan(own), np.inf, abs(own - xi)).argmin(axis=1)[:, None], axis=1)
             near = abs(other - xi) < LOBE_bins * points.bins[here, None]
-            apart = np.nan_to_num(abs(other - own), nan=np.pi)  # where no wave along the row has this frequency
+            apart = np.nan_to_num(abs(other - own), nan=np.pi)  # if no wave along the row has this frequency
             far[here] = np.where(near, apart, 0).max(axis=1, initial=0)
     return far
 

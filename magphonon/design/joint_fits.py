@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 BEFORE, RIDGES, RESPONSES = 'known before', 'ridges', 'transfer functions'  # names of records
 SHARED = 0.01
-"""Least part of the variance along a direction that both a record and the others must tell, for them to contradict each other."""
+"""A record and the others can contradict each other along a direction only if each determines at least this share of the
+variance."""
 
 
 @dataclass(frozen=True)

@@ -25,13 +25,13 @@ MOST_FACTOR = 10.0
 this limit is not determined. For example, data without static forces drive the complete model towards zero force and an infinite
 exponent."""
 FITS = 0.01
-"""Probability of so large a chi2 below which the data scatter about a model by more than their uncertainties say."""
+"""Probability of chi2 below which the data are taken to scatter about a model by more than their uncertainties."""
 KNOWN = 0.01
-"""Relative standard uncertainty to which a parameter may be measured by itself."""
+"""Relative standard uncertainty that a separate measurement of a single parameter is assumed to reach."""
 BLIND = 1e-10
-"""Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
+"""Fraction of the largest eigenvalue of J^T J below which an eigenvalue is zero within round-off."""
 FAINT = 1e-5
-"""Part of a direction in which such an eigenvector counts: the root of BLIND."""
+"""Component of a direction along such an eigenvector above which the direction is not determined: the root of BLIND."""
 
 
 class Before(NamedTuple):

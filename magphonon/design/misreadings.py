@@ -16,7 +16,7 @@ from .. import units as u
 from ..response.transfer_functions import TransferFunction
 from .transfer_fits import WIDEST, ParametricLattice, responses, with_wide_peaks
 
-STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # of all frequencies, by a lattice that is stiffer or softer than known
+STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # factors of all frequencies that are tried, as the lattice is not known exactly
 CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0
 """A mistake is named only if the data are farther than CLOSE from the response of the lattice, as a fraction of it, and if
 undoing the mistake leaves less than the part BETTER of that distance, and less than NEAR."""

@@ -42,13 +42,13 @@ SITES = {'strength': 'strength', 'spring': 'spring', 'spring_x': 'spring', 'spri
 """What may vary from site to site: factors, and displacements of the foot in mm; each with the slope that it takes."""
 LATTICE = 'spacing', 'exponent', 'height'  # factors of the whole lattice
 NEWTONS, LONGEST, SETTLED = 40, 0.05, 1e-12  # most steps to rest; the longest one and the last one, in shortest bonds
-IN_STEPS = 5  # from the first parameters to those that are far
+IN_STEPS = 5  # steps in which far parameters are reached from the first ones
 RESTARTS = 3  # of L-BFGS-B, after it met designs that buckle
 FIRST = 0.05  # standard deviation of the parameters at a start, of half the width of their bounds
 AT_BOUND = 1e-6  # of the width
-SAME = 1e-6  # relative difference of a factor from a part that it is
-FAR = 10.0  # how much worse than the best a design is said to be that buckles
-TOLERATED = 1e-6  # by which a constraint may be missed
+SAME = 1e-6  # relative difference below which a factor equals that of a part
+FAR = 10.0  # a design that buckles counts as worse than the best one by this much
+TOLERATED = 1e-6  # amount by which a constraint may be violated
 REGULAR = 1e-12  # stiffness added to every direction, as a fraction of the largest, because free translations have none
 ROUNDS = 0.3, 0.5, 0.7, 0.85, 0.95, 1.0  # shares of the parameters that are parts, in turn
 

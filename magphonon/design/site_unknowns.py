@@ -47,10 +47,11 @@ from .transfer_fits import (
 FIRST = np.array([0.02, 0.04, 0.012])
 """Prior scatter of strengths and springs, relative, and of anchors, in shortest bonds. Springs scatter most, because the
 stiffness of a pillar depends on the fourth power of its radius and the third of its height."""
-FAINT = 0.01  # stiffness of a bond, in the stiffest, below which it shows nothing of a held particle
-SURE = 0.7  # standard deviation of the logarithm of each of these
+FAINT = 0.01  # stiffness of a bond, relative to the stiffest, below which a held particle at its end has no unknowns
+SURE = 0.7  # standard deviation of the logarithm of each of these scatters
 START, LOWER = 1.5, 2.5
-"""At first the noise is taken so large that residuals are START times as large, so that peaks overlap; then it falls by LOWER."""
+"""At first the noise is assumed so large that residuals are START times as large, so that peaks overlap; then it falls by
+LOWER."""
 FEW, MOST = 4, 40  # steps of a stage, and of the last one
 ROUGH, FINE = 1e-3, 1e-4  # share of the sum of squares below which a gain ends a stage, and the last one
 SETTLED, ROUNDS = 0.05, 8  # relative change of the scatter that ends its search, and most rounds
@@ -313,7 +314,7 @@ class _Problem:
                 dx = np.linalg.lstsq(F + damping * np.diag(np.diag(F)), CJ.T @ r + known @ (self.before.centre - x), BLIND)[0]
                 dz = at.A.T @ C(r - at.J @ dx) - z / (1 + damping)
                 dx = np.clip(x + dx, -BOUND, BOUND) - x
-                with suppress(ValueError):  # a step after which magnets touch, or nothing holds them, is too long
+                with suppress(ValueError):  # a step is too long if magnets then touch, or nothing holds them
                     there = self.place(x + dx, z + dz, scatter)
                     h = np.concatenate([one.h for one in there.fields[1]])
                     then = self.sum_of(self.off(h, there.x, noise), there.x, there.z)

@@ -32,14 +32,14 @@ from .least_squares import MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
 
 WIDEST = 9.0
-"""Part of the measured range, one over this, by which a fit from afar first widens the peaks of data and lattice, since they must
-overlap to find each other; then half of it, and so on."""
+"""A fit from distant parameters first widens the peaks of data and lattice by 1/WIDEST of the measured range, because they must
+overlap to find each other; then by half of that, and so on."""
 FEWEST, FIRST_FEW = 16, 60  # frequencies of each function that are kept where peaks are widened, and those that are fitted first
 ROUGH, FINE = 1e-2, 1e-5
-"""Share of chi2 below which a gain ends a fit, at first and at last: of 1000 points that fit, the latter is 0.1 sigma
-before the last step."""
-HOPELESS = 0.1  # share of the data that is left, in squares, from which on a fit stays rough
-FAR = 2.0  # mean squared residual, in the noise, above which a fit from afar is tried
+"""A fit ends when a step lowers chi2 by less than this share, at first and at last; for 1000 points that fit, the latter means
+that the last step is 0.1 sigma."""
+HOPELESS = 0.1  # share of the squares of the data that is left over, above which a fit is not refined
+FAR = 2.0  # mean squared residual, in units of the noise, above which a fit with widened peaks is tried
 MOST_SCATTER = 0.1  # largest scatter of strengths: a lattice that needs more is not this model
 MOST_TRIES = 200  # steps of any fit
 DENSE = 1500  # free directions up to which all modes cost less than factors at each of some hundred frequencies

@@ -39,8 +39,8 @@ RANGES = (1 / 1024, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
 """Largest increments |e| of the fitted polynomials; beyond the last one the law itself is evaluated."""
 NEAR = 1e-3  # largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits
 ROUND_OFF = 64 * np.finfo(float).eps
-"""Of a difference of forces, as a fraction of stiffness and static force.  An integral that is farther off has missed a jump of
-the slope, which a knot of a table makes."""
+"""Round-off of a difference of forces, as a fraction of stiffness and static force.  If an integral is off by more, it missed
+a jump of the slope, such as at a knot of a table."""
 MOST_COEFFICIENTS = 40
 ALIKE = 1e-14
 """Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""
@@ -57,9 +57,9 @@ PIECE_TOLERANCE = 5e-13
 NARROWEST = 1e-9  # relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved
 MOST = 20_000  # largest number of pieces for one kind of bond; a law that needs more is noise
 SMALL = 1 / 16
-"""Increments below which Q is the mean slope; above it the difference of forces keeps its digits.  Less by the factor
-`3 f/(r0 dH/de)` for bonds that are stiff for their force, as contacts: there the difference is better, and the mean might
-cross the edge of the contact."""
+"""Increments below which Q is the mean slope; above, the difference of forces keeps its digits.  The limit is lower by
+the factor `3 f/(r0 dH/de)` for bonds that are stiff relative to their force, such as contacts: there the difference is better,
+and the mean might cross the edge of the contact."""
 _PIECE_NODES = chebyshev.chebpts1(DEGREE + 5)
 _PIECE_FIT = np.linalg.pinv(np.vander(_PIECE_NODES, DEGREE + 1, increasing=True))
 _PIECE_CHECKS = np.linspace(-1, 1, 13)

@@ -31,8 +31,8 @@ HARMLESS = 0.05
 """Displacement, as a fraction of the shortest bond, up to which no pair can come together in any structure, so that nothing is
 checked."""
 ROOM = 1.4
-"""Distance, in shortest bonds, within which all pairs are counted first, which takes a third of the time of a survey: if they are
-as many as the bonds, others are farther apart."""
+"""Distance, in shortest bonds, within which all pairs are counted first, which takes a third of the time of a survey: if there
+are as many pairs as bonds, all other pairs are farther apart."""
 SURVEYED = 2.5
 """Distance, in shortest bonds, up to which pairs are listed; farther pairs must first approach each other by more than a bond
 length."""

@@ -19,8 +19,8 @@ def can_compile() -> bool:
         from .kernels_numba import follow
 
         u, x = np.zeros((2, 1)), np.zeros((1, 3))
-        follow(None, u, u, u, np.ones(1), x, x.copy(), True)  # the smallest of them: where it cannot be compiled none can
-    except Exception as error:  # what a numba of another version raises
+        follow(None, u, u, u, np.ones(1), x, x.copy(), True)  # the smallest kernel: if it cannot be compiled, none can
+    except Exception as error:  # other versions of numba may raise anything
         warn(f'compiled steps cannot be loaded with the numba that is installed ({error!r}); long runs go on in NumPy, which '
              "takes several times as long: pip install -U 'magphonon[fast]'", stacklevel=4)
         return False

@@ -40,7 +40,7 @@ SINGLE = 1e-7
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
-STEPS_TRIED = 24  # time steps by which motion that gyration alone holds is tried
+STEPS_TRIED = 24  # number of time steps at which motion held by gyration alone is tested
 MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
@@ -48,7 +48,7 @@ MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bo
 INERT = 1e-30
 """Mobility of a wall in 1/g: no force between particles moves a wall, and the force that leads it does not overflow."""
 ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
-FAST = 2.0  # speed in thermal ones at which a particle in a bath is expected at any time
+FAST = 2.0  # speed that a particle in a bath may always have, in units of the thermal speed
 PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
 
 
@@ -300,7 +300,7 @@ class Blocks:
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile, labels(calc.law, len(calc.bonds)))
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._splitting = splitting
-        rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
+        rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
         E: Any = np.array(half_step(damping - rate, calc.rate, guided, barred, dt))
         mobility = mobile / masses
         E[led], mobility[led] = 1.0, INERT
@@ -364,7 +364,7 @@ class Blocks:
         self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, reach, self.threads, self._dtype)
         if self._state.dtype != self._dtype:
             self._state, self._spare = (same(x, self._dtype) for x in (self._state, self._spare))
-            self.write()  # or they would seem to have been changed
+            self.write()  # otherwise the atoms would seem to have been changed
 
     def _in_pieces(self) -> list[Pieces] | None:
         """The pieces of the law for every kind of bond; None for NumPy, or if a law needs too many."""
@@ -372,7 +372,7 @@ class Blocks:
             return None
         law, own = self._increments, self.layout.own_laws
         alone, shape, strength = law.shapes
-        if own and len(alone.r0) > MOST_LAWS:  # the first serves for all that are this one times a factor
+        if own and len(alone.r0) > MOST_LAWS:  # the first law is enough if all others are multiples of it
             alone = law.at(np.zeros(1, int)) if law.alike(law.increment(np.geomspace(CONTACT, BROKEN_BOND, 101))) else None
         if alone is None:
             return None
@@ -405,10 +405,10 @@ class Blocks:
         if not self.cages.still(extent[0]):
             u = self.layout.gather(self._spare[0])
             if self._exact or not self.cages.clear(u):
-                u = np.where(self._follows, u.T, self.displacements)  # a held one has any force
+                u = np.where(self._follows, u.T, self.displacements)  # forces on held particles have no meaning
                 self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare, self._extent = self._spare, self._state, extent
-        self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as of all that is held
+        self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as for all held particles
 
     def place_walls(self, time: float) -> None:
         """Put the walls where they are at `time` in ms."""

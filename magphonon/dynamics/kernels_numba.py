@@ -43,7 +43,7 @@ RUN = 2048
 AT_ONCE = 12288
 """Number of slots up to which single precision takes all of them in one run, which the second cache holds: a stage of 1e4 magnets
 takes a tenth less time than in runs, each of which has four calls."""
-SPINS = 2000  # looks whether the thread before is far enough ahead, before another thread gets the core
+SPINS = 2000  # number of checks of the thread before, after which the core is left to another thread
 GAP = 32
 """Largest number of holes in a run of slots that are cheaper to fill than to skip."""
 TOGETHER = 3
@@ -56,10 +56,10 @@ FEW = np.uint64(16)
 """Number of bonds that test a law before the others of their part use it: in a hot patch they show that its range is too short.
 """
 NEARER = 1 / 16, 1 / 2
-"""Largest increments |e| of a part whose bonds take a polynomial although others need the pieces: for bonds that repel as magnets
-do of 12 coefficients, or of 32, which take half as long as the five that are looked up in the pieces."""
+"""Largest increments |e| of a part whose bonds use a polynomial although other parts need the pieces.  For magnets these
+polynomials have 12 or 32 coefficients, and take half as long as the five that are looked up in the pieces."""
 COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
-"""No counts of references to arrays, which take longer than a short run of slots; an option of numba's own."""
+"""An internal option of numba that switches off reference counts of arrays, which take longer than a short run of slots."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
 FORGET, MOBILITY, DECAY, CARRY, PUSH = range(5)
 """Rows of coefficients for each slot: `v <- keep carry v + kick push F`, with two numbers for each stage of a step; for
@@ -68,14 +68,14 @@ MAGNITUDE, MAGNITUDE_SINGLE = 2**63 - 1, 2**31 - 1
 """Bits of a number without its sign.  As integers they sort like |x|, nan last, and vector units can compute their maximum."""
 
 WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'forceinline': False, **COUNTED}
-"""Who calls them may be inlined, they may not."""
+"""Options of functions that must not be inlined themselves, although their callers may be."""
 part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
 class Spare:
     """The disk cache of numba, made optional: code that cannot be read or written there is compiled again."""
 
-    told = False  # whether the user knows
+    told = False  # whether the user has been warned
 
     def __init__(self, cache: Any) -> None:
         self._cache = cache
@@ -235,7 +235,7 @@ def _quotient(law, c, kind, i, x):
 def _octave_piece(law, c, kind, i, x):
     a, low, high, n = at(law.per_increment, kind, i), at(law.low, kind, i), at(law.high, kind, i), at(law.start, kind, i)
     w = 1.0 + a * x
-    v = w if w > low else low  # also for no number, where `max` would let it through
+    v = w if w > low else low  # also catches NaN, which `max` would let through
     v = v if v < high else high
     piece = np.float64(v).view(np.int64) >> SHIFT
     k = np.uint64(n + piece)
@@ -305,7 +305,7 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
         X, Y, g, unit, strength = bonds.Rx, bonds.Ry, bonds.g, bonds.unit, bonds.strength
         for i in range(s, e):
             k = first + i
-            Rx, Ry = at(X, kind, k), at(Y, kind, k)  # a bond that is not there is not strained and pulls at nothing
+            Rx, Ry = at(X, kind, k), at(Y, kind, k)  # a missing bond has no strain and exerts no force
             dx = times_at(state[0, 0, i + offset] - state[0, 0, i], strength, kind, k)
             dy = times_at(state[0, 1, i + offset] - state[0, 1, i], strength, kind, k)
             x = times_at((Rx + Rx + q * dx) * dx + (Ry + Ry + q * dy) * dy, unit, kind, k)
@@ -473,7 +473,7 @@ def start(state, work, slots, turns, s, e, half, drift):
     vectorise()
     none = half - half
     for i in range(s, e):
-        work[2, 0, i] = work[2, 1, i] = none  # zero times what was there might be no number
+        work[2, 0, i] = work[2, 1, i] = none  # zero times the old value might be NaN
         vx, vy = times(slots, turns, DECAY, i, state[1, 0, i], state[1, 1, i])
         vx, vy = vx + half * state[2, 0, i], vy + half * state[2, 1, i]
         work[1, 0, i], work[1, 1, i] = vx, vy

@@ -119,7 +119,7 @@ class Kernel:
         self.f = np.zeros((2, layout.length))
         self.scratch = np.empty((2, max(RUN, layout.length if self.forces.whole else 0)))
 
-    @np.errstate(over='ignore', invalid='ignore')  # a run that goes wrong is noticed by its end
+    @np.errstate(over='ignore', invalid='ignore')  # a run that fails is noticed at its end
     def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], times: NDArray[np.float64],
                 out: NDArray[np.float64]) -> Found:
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
@@ -277,7 +277,7 @@ class GridForces(BondForces):
             for g, o in enumerate(self.offsets):
                 np.subtract(u[:, s + o : e + o], u[:, s:e], out=d[:, g])
             if self.strength is not None:
-                d *= self.strength[:, s:e]  # a bond that is not strained pulls at nothing
+                d *= self.strength[:, s:e]  # a bond without strain exerts no force
             self.pull(d, *work)
             for g, o in enumerate(self.offsets):
                 f[:, s:e] -= d[:, g]

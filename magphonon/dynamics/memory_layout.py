@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 GRID_COST = 6  # ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there
 KINDS_OF_OFFSET = 1.5
-"""Kinds of bonds for each offset beyond which each bond carries a law of its own, which takes 1.4 times as long as a shared one,
-whereas every kind is evaluated everywhere."""
+"""Number of kinds of bonds per offset above which each bond carries its own law. This takes 1.4 times as long as a shared law,
+but otherwise every kind is evaluated for every slot."""
 GRID_COST_EACH = 3  # the same where each bond has its own rest vector and law, which must be read
 FEW_KINDS = 16  # number of kinds of bonds up to which a table is sorted by kind; with more, each bond carries a law of its own
 SPREAD = 4  # largest ratio of slots to particles of a grid
@@ -165,7 +165,7 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     other: Any = np.s_[:] if (bonds.i != bonds.j).all() else bonds.i != bonds.j  # a bond to one's own image never changes
     i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]
     layout, slot = None, atoms.arrays.get('site', np.arange(len(atoms)))
-    if len(i) and np.bincount(slot - slot.min()).max() == 1:  # it is not after joining two patches
+    if len(i) and np.bincount(slot - slot.min()).max() == 1:  # not true after two patches were joined
         layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
     if len(i) and layout is None and (slot := _sites_found(atoms, i, j, R)) is not None:
         layout = _grid(slot - slot.min(), i, j, R, mobile, labels)

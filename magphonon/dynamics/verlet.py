@@ -50,7 +50,7 @@ COMPILING_PAYS = 3e6
 """Number of evaluations of the force on a particle from which compiled steps save, in a patch of a thousand, the 0.4 s that they
 take to load; the three seconds that they take to be compiled, once on a machine, are saved in ten such runs."""
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
-SHOWN = 8 * BLOCK  # largest number of steps after which the atoms follow blocks, for who iterates
+SHOWN = 8 * BLOCK  # largest number of steps after which blocks update the atoms, for users who iterate
 
 
 class DrivenVerlet(VelocityVerlet):
@@ -218,7 +218,7 @@ class DrivenVerlet(VelocityVerlet):
                 self._move_walls(t_next)
             forces = super().step(forces)
         except ValueError as error:
-            self._inspect(t_next)  # the calculator's words for particles that coincide or left for infinity
+            self._inspect(t_next)  # the calculator raises for particles that coincide or are infinitely far away
             raise error
         self._kick(t_next)
         self._decay(E, 1)

@@ -200,7 +200,7 @@ def _parameters(law):
 
 def _own():
     """The names of the laws of this package: the classes in `magphonon.interactions` that have the methods of a law."""
-    room = import_module(__name__.rpartition('.')[0])  # and with it the magnets, which this file does without
+    room = import_module(__name__.rpartition('.')[0])  # this also imports the magnets, which this file does not need
     return tuple(name for name in room.__all__ if _named(name))
 
 

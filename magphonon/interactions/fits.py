@@ -43,13 +43,13 @@ COVERED, NORMAL = 0.95, 1.959964
 BENDS = np.arange(2, 7)
 BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])  # powers of ln(r/r0) by which a law may bend, and how much
 ANY_SIZE, EXPONENT, EXPONENT_SPREAD = 3.0, 4.0, 3.0
-"""Priors of the free curve: ln f0 is known to 3 about what the table has, and the exponent is 4 +- 3."""
+"""Priors of the free curve: ln f0 is known to +- 3 from the table, and the exponent is 4 +- 3."""
 SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
 """How well a named magnet has its shape, and the prior weight of its law. A law that is nearly right, such as that of dipoles
 for a screened law, cannot be recognised over 8 to 16 mm; with a weight of one half it would shift the interval."""
 NOISES = None, 0.5, 0.0
 """Kinds of noise: the same everywhere, or proportional to the force above the middle one, or above the smallest one."""
-NEAREST = 0.3  # least distance at which a law is asked, in the nearest of the table, whatever the zero of the distances
+NEAREST = 0.3  # smallest distance at which a law is evaluated, relative to the nearest in the table, for any zero of distance
 ROUNDS = 4  # times that noise and force are computed from each other: they settle to parts in a thousand
 LEAST_ROWS, MOST_ROWS = 6, 2000
 """Least number of rows that also determine their noise, and largest number that is fitted, every n-th row of a longer table:
@@ -242,7 +242,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     found = [_solved(one.model, forces, noise, drift, one) if drift else one
              for one, noise in zip(steady, len(laws) * noises, strict=True) for drift in DRIFTS]
     before = [1.0] if shape is None else [1 - SHAPE_WEIGHT, SHAPE_WEIGHT]
-    own = len(found) // len(laws)  # the first of them are of the free curve
+    own = len(found) // len(laws)  # the first solutions belong to the free curve
     evidence = np.array([part.evidence for part in found]) + np.log(np.repeat(before, own))
     weights = np.exp(evidence - evidence.max())
     weights /= weights.sum()
@@ -271,7 +271,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
                          'check its unit, or remove the point')
     r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
     curve, falls = np.einsum('i,ikr->kr', weights, [part.model.curve(part.p, r)[::2] for part in found])
-    falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise far out is no law of neighbours
+    falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise at large distances is no law
     return Fit(
         Tabulated(r[falling], np.exp(curve[falling])), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
@@ -426,7 +426,7 @@ class _Solution:
 
     def repeated(self):
         """Covariance of the curve after the table is measured once more, with new shared errors."""
-        twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # known before but once
+        twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # the prior counts only once
         return np.linalg.inv(twice)
 
 

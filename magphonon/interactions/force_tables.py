@@ -25,7 +25,7 @@ LARGEST_CLOSEST_PAIR = 1.0 * u.m
 """Largest distance of the closest pair in a column r_m; if it is larger, the column almost surely holds mm or um."""
 FORCES_N = 1e-30, 1e12  # allowed range; outside it a unit or an exponent is wrong, and squares and powers soon overflow
 DISTANCES_m = 1e-12, 1e6  # allowed range of distances in m, for the same reason
-MOST_STEPS = 10.0  # of a load cell of few digits, more than which two forces cannot be equal by chance
+MOST_STEPS = 10.0  # steps of a load cell of few digits, above which two forces cannot be equal by chance
 REACH = 1.5  # factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement
 
 

@@ -20,17 +20,18 @@ from ..errors import finite, positive
 from .law_cards import Card, Kind, Parameter, card_of, exponent_change, screening_change
 
 DEEPEST = 0.5
-"""Largest overlap of two spheres as a fraction of their diameter.  Hertz' law is for contacts small beside the sphere, and some
-percent off at a tenth; beyond a half spheres are no longer pressed but lie in one another."""
+"""Largest overlap of two spheres as a fraction of their diameter.  Hertz' law holds for contacts small compared with the sphere,
+and is a few percent off at a tenth; beyond a half, spheres are no longer pressed together but lie inside one another."""
 # Gauss-Legendre on [0, 1]: the energy between two knots to round-off
 _NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(16), (1, 0), strict=True))
 SMOOTH = 1e-13
-"""Relative difference of the energy between two knots, at once and in two halves, above which a knot is added.  Between readings
-twice per octave there is none, up to laws as steep as r^-12; where noise bends the spline in a gap one interval needs several."""
+"""A knot is added if the energy between two knots, computed in one piece and in two halves, differs by more than this fraction.
+With two readings per octave none is added up to laws as steep as r^-12; if noise bends the spline in a gap, several are."""
 APART = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
 ASTRAY = 1.5
-"""Factor by which a table may leave the inverse power through two neighbouring readings.  A law whose exponent changes from 1 to
-4 over an octave leaves it by 1.3; of 200 evenly spaced tables with 10 % of noise none did, with one far reading and 2 % most."""
+"""Factor by which a table may deviate from the inverse power through two neighbouring readings.  A law whose exponent changes
+from 1 to 4 over an octave deviates by 1.3. Of 200 evenly spaced tables with 10 % noise none exceeded the limit; with one distant
+reading and 2 % noise most did."""
 NARROW, STEEPER = 0.03, 1.0
 """An interval is narrow if it has less than the first share of a neighbour's width; its exponent counts as noise if it differs
 from those of both neighbours by more than the second number.  Where readings are dense and right, neighbours agree."""
@@ -454,7 +455,7 @@ class Tabulated:
         _warn_of_readings(r, f, spline)
         for name, value in (('r', r), ('f', f), ('_knots', r), ('_slopes', spline.c)):
             object.__setattr__(self, name, value)
-        while (rough := self._rough()).any():  # knots where one rule does not suffice; the spline stays what it is
+        while (rough := self._rough()).any():  # more knots where one quadrature rule is not enough; the spline does not change
             x = np.log(self._knots)
             x = np.sort(np.append(x, (x[:-1] + x[1:])[rough] / 2))
             object.__setattr__(self, '_knots', np.append(np.exp(x[:-1]), r[-1]))

@@ -234,7 +234,7 @@ def _last_decimal(atoms: Atoms) -> float:
     """The unit in mm of the last decimal of rounded positions; zero for positions with all digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
     for unit in 10.0 ** -np.array(DECIMALS):
-        parts = (numbers[some] for some in stretches(len(numbers)))  # of most lattices the first one tells
+        parts = (numbers[some] for some in stretches(len(numbers)))  # for most lattices the first part decides
         if all((abs(x - unit * np.rint(x / unit)) <= EXACT * np.maximum(abs(x), unit)).all() for x in parts):
             return float(unit)
     return 0.0

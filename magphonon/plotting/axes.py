@@ -40,7 +40,7 @@ MARKERS = 40  # on each branch: few enough to see the line behind them
 HOUSE: WeakSet[Figure] = WeakSet()
 """Figures that the package made outside of a `print_style`; everything it draws on them has the style of the package."""
 Draw = TypeVar('Draw', bound='Callable[..., Any]')
-IN_FORCE: list[str] = []  # the styles within which we are
+IN_FORCE: list[str] = []  # the style contexts that are active now
 
 
 @contextmanager

@@ -26,7 +26,7 @@ POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(NODES) + np.array([[1.0], [0.
 FADED = 5.0
 """Largest exponent by which losses make round-off grow within a part: by e^5."""
 LARGEST = 2**23  # about the largest number of coefficients at a time
-SLENDER = 10.0  # least ratio of R to losses and growth; some 36 terms follow those of a motion, and grow by e^3.6
+SLENDER = 10.0  # smallest ratio of R to losses and growth; about 36 terms follow those of the motion, and grow by e^3.6
 EPS = np.finfo(float).eps
 
 

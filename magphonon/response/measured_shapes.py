@@ -28,7 +28,7 @@ LAYOUT = ('a table of measured shapes has the columns mode,x_m,y_m and u_x or u_
           'where known frequency_Hz and the imaginary parts u_x_im, u_y_im, of motion Re u e^{-i omega t}')
 NEAR = 0.25  # of the spacing: the farthest that a measured point may be from its particle
 ALIKE = 0.5
-"""MAC above which no other of the computed shapes can be as much like a measured one, if all of it was measured."""
+"""MAC above which no other computed shape can be as similar to a measured one, if all directions were measured."""
 CHANCE = 0.01
 """Probability with which the best of all computed shapes may have the MAC of a match by chance."""
 FAR = 0.25  # relative distance in frequency beyond which shapes alike are no match; a law known to 10 % gives a fifth

@@ -26,7 +26,7 @@ SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
 
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
-WELL = 0.37  # a third of the largest motion, or more, but no ratio that symmetry makes: round-off would decide at that
+WELL = 0.37  # about a third, but no ratio that symmetry can produce, because round-off would then decide
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not 
 BENT = tuple(f'bend {k}' for k in BENDS)  # nor are those by which a law departs from an inverse power
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of such a law: in spacings, in the longest bonds, number
 TELLS = 2.0
-"""Difference of the models in sigmas below which the data do not tell them apart."""
+"""Difference of the models in sigmas below which the data cannot distinguish them."""
 
 
 @dataclass(frozen=True)

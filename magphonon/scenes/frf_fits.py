@@ -30,8 +30,8 @@ UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
 KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
 SAME_DIRECTION = 1e-3  # rad: within it two directions in which a bench is shaken are one
 GAIN = 0.01
-"""Relative standard uncertainty of the calibration of an instrument, force and motion together, where nothing else is said."""
-CONTRADICTS = 3.5  # sigmas from which what was known does not agree with the data
+"""Default relative standard uncertainty of the calibration of an instrument, force and motion together."""
+CONTRADICTS = 3.5  # sigmas above which a prior contradicts the data
 CLEARLY = 1.5
 """Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
 
@@ -186,7 +186,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         fits[model] = fit_transfer(build[model], names, own, model, relative, start)
         start = fits[model].factors
     best = min(fit.square for fit in fits.values())
-    for model, fit in fits.items():  # what is clearly worse needs no interval
+    for model, fit in fits.items():  # a model that is clearly worse needs no interval
         worse = fit.square > CLEARLY**2 * best
         if worse or model in stated:
             fits[model] = fit.refused if worse else with_site_unknowns(fit, build[model], own, relative)

@@ -42,7 +42,7 @@ CLOCK = 1e-3  # relative standard deviation of a clock
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of a law: in spacings, in its longest bonds, number
 NEAREST_MEASURED = 0.8  # spacings from which on shapes are compared
 NOTHING, HUGE = 1e-20, 1e9  # N: forces of trials of a fit are kept between them, the former at the spacing
-ROUNDS = 2  # times that tables are read near the joint fit
+ROUNDS = 2  # number of times that the records of tables are recomputed near the joint fit
 
 
 @dataclass(frozen=True)
@@ -358,7 +358,7 @@ def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
     record = Record(RESPONSES, x[:n], np.zeros(n), np.zeros((n, n)), {'the clock': specimen.late})
     if not fit.follows:
         return record, fit
-    g, F = before.information @ (before.centre - x), F - before.information  # what was known before is balanced
+    g, F = before.information @ (before.centre - x), F - before.information  # the data balance the prior
     g, F = g / fit.scatter**2, F / fit.scatter**2
     g[-1], F[-1, -1] = g[-1] + x[-1] / gain_sigma**2, F[-1, -1] + gain_sigma**-2  # the gain is its own
     away = F[:n, n:] @ np.linalg.inv(F[n:, n:])

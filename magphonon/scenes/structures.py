@@ -299,7 +299,7 @@ def _read_by_ase(path):
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # of formats and of what a file lacks
             found: Any = ase.io.read(path, index=-1, do_not_split_by_at_sign=True)
-    except Exception as error:  # ASE's readers raise what they will
+    except Exception as error:  # ASE's readers may raise anything
         raise ValueError(f'ASE reads no structure in {path} ({type(error).__name__}: {error}); it may be a table .csv of '
                          'positions in metres instead') from None
     return found

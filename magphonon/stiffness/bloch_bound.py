@@ -25,7 +25,7 @@ SAME_VECTOR = 1e-6  # of a bond: farther apart, two vectors lead to different pl
 FIRST = {1: 256, 2: 48, 3: 16}  # wavevectors along each axis before the mesh is refined, by the dimension of the lattice
 MOST = 5 * 10**5  # wavevectors beyond which the refinement is given up: lattices that are floppy along whole lines of wavevectors
 ALONG = np.array([1.0, np.sqrt(2) / 3, np.sqrt(3) / 7])
-"""Direction along which no two bonds of a lattice look alike, so that one component tells them apart."""
+"""Direction along which no two bonds of a lattice have the same component, so that this component distinguishes them."""
 HALVINGS = 24  # of the mesh, until its error is round-off of the stiffness
 
 

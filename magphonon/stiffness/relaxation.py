@@ -257,7 +257,7 @@ class _Descent:
         rest.calc = self.given
         if steps:
             rest.positions[:, : self.calc.dim] += u
-        rest.calc = LinearSystem.of(rest).calc  # statics know nothing of it
+        rest.calc = LinearSystem.of(rest).calc  # statics are the same in both models
         moved = np.linalg.norm(u, axis=1) if steps else np.zeros(len(u))
         rms = np.sqrt((moved[freedom(self.source)[0]] ** 2).mean())
         return Relaxation(rest, before, self.residual(y), float(moved.max()), float(rms), steps, saddles, float(lowest))

@@ -155,7 +155,7 @@ def _reference_from_dict(given):
         constraints = [dict2constraint(constraint) for constraint in parts['constraints']]
         for constraint in constraints:
             _wholes('the particles of a constraint', getattr(constraint, 'index', []), None, 0, n - 1)
-    except Exception as error:  # ASE's reader meets damage by errors of all kinds
+    except Exception as error:  # ASE's reader raises errors of all kinds for damaged data
         raise ValueError('reference.constraints cannot be read; write the calculator again') from error
     atoms.set_constraint(constraints)
     return atoms

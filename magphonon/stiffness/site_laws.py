@@ -46,9 +46,9 @@ class Springs:
 
     k: Any
     changes: bool | ClassVar[bool] = False
-    modulated: ClassVar[bool] = False  # whether `modulation` is all that time does to it
-    known: ClassVar[str] = ''  # what knows such a law, for a message; nothing where everything does
-    saved: ClassVar[tuple[str, ...]] = ()  # what files hold of it; nothing of what they cannot hold
+    modulated: ClassVar[bool] = False  # whether `modulation` is its only dependence on time
+    known: ClassVar[str] = ''  # which tools support such a law, for a message; empty if all do
+    saved: ClassVar[tuple[str, ...]] = ()  # attributes that files hold; empty if they cannot hold the law
 
     def __init__(self, k: Any) -> None:
         self.k = k

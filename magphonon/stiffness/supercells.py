@@ -95,8 +95,8 @@ OTHERS = Tool('a tool that displaces particles of its own supercells', __name__,
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     """The calculator for `atoms`, which is `calc` or its copy on this supercell; and the atoms with its periodicity."""
     own = calc.reference
-    if len(atoms) == len(own) or not (atoms.pbc >= own.pbc).all():  # every step asks; the cheap questions come first
-        return calc, atoms  # which refuses what differs
+    if len(atoms) == len(own) or not (atoms.pbc >= own.pbc).all():  # this runs at every step, so cheap checks come first
+        return calc, atoms  # the calculator refuses other atoms
     T = whole_multiple(own, atoms)
     if T is None:
         return calc, atoms

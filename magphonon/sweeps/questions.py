@@ -193,7 +193,7 @@ QUESTIONS = {
     'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1], 'peak',
                                  lambda scene: scene.wanted('frf')),
 }
-"""Words in capitals stand for any word; the first match in the list counts."""
+"""Words in capitals stand for any word; the first matching question is used."""
 
 
 def observables() -> dict[str, str]:

@@ -55,12 +55,12 @@ BENT = 0.25
 Gamma and where branches meet."""
 DOUBT = 0.5  # share of this shift that is uncertain: so well are the bands of the scene and the powers within the lobe known
 UNEVEN = 0.005
-"""Share of a frequency by which a specimen is uneven: its rim lacks neighbours and widens the lattice by some 0.2 %, so that
-what a window sees is neither the middle nor the mean."""
+"""Relative unevenness of frequencies within a specimen: its rim lacks neighbours and widens the lattice by about 0.2 %, so that
+a window sees neither the value of the middle nor the mean."""
 PURE = 0.98  # share of a branch in the one component that was measured, from which that component shows this branch alone
 UNCHECKED = 0.25
-"""Distance in bins by which power may shift the wavevector of a point if it leaks from moving waves to others at rest, and no
-neighbours on both sides of the point show it."""
+"""Possible shift of the wavevector of a point, in bins, by power that leaks from strong waves to weak ones, if no neighbours on
+both sides of the point reveal it."""
 OTHER = 1.25  # factor between a frequency and the bands of both models of the scene beyond which it is another branch
 LASTS = 0.6  # share of the segments with power from which it is noise, not a burst
 FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
@@ -260,7 +260,7 @@ def _indexed(places, vectors, basis, first):
         which = off.argmin(axis=1)
         return cells[np.arange(len(points)), which], which, off.min(axis=1)
 
-    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # so that no small turn adds up
+    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # so that small rotations do not add up
         near = order[:count]
         n, which, _ = nearest(places[near])
         if np.linalg.matrix_rank(n - n.mean(axis=0)) == 2:

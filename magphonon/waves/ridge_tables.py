@@ -35,10 +35,10 @@ APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of
 gravity lies up to half a line from its own."""
 SHIFT_bins = {'row': 0.05, FIELD: 0.1, 'point': 0.2}
-"""Standard deviation of the shift that all ridges of a branch share, in wavenumber bins, by what sent the waves.  It is in each
-specimen alike, so that no scatter shows it.  That of a point is what remains beside the distance of oblique waves: with 0.2 the
-errors of fits of 16 drawn lattices, in the uncertainties stated, have a root mean square of 0.6 to 1; with 0.1 up to 1.2.
-Noise over the plane: what the middle of a specimen differs from the rest."""
+"""Standard deviation of the shift that all ridges of a branch share, in wavenumber bins, for each kind of source.  The shift is
+the same in each specimen, so that scatter does not reveal it.  For a point source it is what remains besides the distance of
+oblique waves: with 0.2 the errors of fits of 16 drawn lattices, in units of the stated uncertainties, have a root mean square of
+0.6 to 1; with 0.1 up to 1.2.  For noise over the plane it is the difference between the middle of a specimen and the rest."""
 BIN_rad = 0.2  # a bin of a row of 30 points, for tables that do not tell theirs
 RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
 """Frequencies, and the largest component of a wavevector, of a table; others are in another unit."""

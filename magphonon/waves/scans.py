@@ -29,10 +29,11 @@ is larger. If one sample of fifty has this error, the power of the noise grows b
 FOLLOWED = 0.1
 """Largest error of the fastest wave by itself, however large the noise: motion up to the end of the band looks like noise."""
 HELD, ABRUPT = 3, 8.0
-"""A clipped signal stays at its largest value for so many samples in a row, and reaches it by a step of at least so many of the
-least steps: of smooth peaks that are as flat, at most one in five does."""
+"""A clipped signal stays at its largest value for HELD samples in a row, and reaches it by a jump of at least ABRUPT smallest
+steps; of smooth peaks that are equally flat, at most one in five does."""
 MAINS_Hz, MAINS_TIME, MAINS_PARTS, MAINS_STEADY = (50, 60, 100, 120), 0.1 * units.s, 4, 0.9
-"""Frequencies of a hum, a time with whole periods of all, least number of such times, and least share of one phase in a line."""
+"""Frequencies of a hum, a time with whole periods of all, the smallest number of such times, and the smallest share of constant
+phase."""
 DEGREES = 3, 5, 7  # degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap
 NOISES = 32  # number of records of white noise by which it is seen how much of it a spline carries
 
@@ -203,7 +204,7 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
     if short:
         notes.append(f'left out, as they miss more than {100 * (1 - LEAST_TIME):.0f} % of the record: points {_listed(short)}')
     kept = {name: point for name, point in points.items() if name not in short}
-    if not still or len(still) == len(kept):  # a row at rest is refused by the map
+    if not still or len(still) == len(kept):  # the map refuses a row at rest
         return kept
     notes.append(f'left out, as they do not move (dead): points {_listed(still)}')
     return {name: point for name, point in kept.items() if name not in still}

@@ -44,13 +44,12 @@ LEAST_CONTRAST = 20
 """Ratio of the power of a ridge point to the background of its frequency line below which it is dropped: noise alone exceeds it
 once in 1e6 lines."""
 LEAST_ABOVE_NOISE = 16
-"""Ratio of the power of a ridge point to the background of half of all lines below which it is dropped: the background of one
-line, seen by 30 points, scatters by a third, so that noise passed for a wave in one record of 200.  Of 400 lines with 15 places
-each, noise exceeds this ratio in one record of 1000."""
+"""Ratio of the power of a ridge point to the median background of all lines, below which the point is dropped.  The background of
+one line with 30 points scatters by a third, so that noise was taken for a wave in one record of 200.  In records of 400 lines
+with 15 points each, noise exceeds this ratio in one record of 1000."""
 GHOST = 0.5
-"""Amplitude of a wave at a wrong wavenumber, as a fraction of its own, from which it is an alias: at half, a quarter of
-the power, noise of a tenth of the wave does not make the wrong one stronger.  Points at random on half of 30 places have 0.4.
-"""
+"""Amplitude of a wave at a wrong wavenumber, relative to that at its own, above which it counts as an alias: at a half, noise of
+a tenth of the wave does not make the wrong peak the stronger one.  Points at random on half of 30 places have 0.4. """
 NORMAL = 1.96  # half width of a 95 % interval in standard deviations of a normal distribution
 RESOLVED = 1.0  # distance in bins at which two waves have separate peaks; 2 pi over the number of points is the resolution
 

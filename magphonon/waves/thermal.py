@@ -35,7 +35,7 @@ from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 from .fields import hull_window
 
-SEGMENTS = 20  # of a record: their scatter knows the error to 1/sqrt(2 SEGMENTS) of itself
+SEGMENTS = 20  # number of segments of a record; their scatter gives the error with the relative accuracy 1/sqrt(2 SEGMENTS)
 FITS = 1e-6  # periods by which a wave may miss the supercell
 STEPS, STEP, DAMPED, EVERY = 20_000, 0.3, 0.3, 8
 """Runs take steps of STEP/w_max with a damping of DAMPED w_max, by which slow and fast waves soon lose their memory, and record a
