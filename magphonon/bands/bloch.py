@@ -57,8 +57,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     omega : ndarray, shape (wavevectors, modes)
         In rad/ms, unstable modes negative. Frequencies at q and -q differ if forces depend on the velocity (`LinearSystem.B`).
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
-        Normalised to one and weighted with the square root of the mass; zero on held particles.  They are
-        orthogonal where B = 0.
+        Normalised to one and weighted with the square root of the mass; zero on held particles.  They are orthogonal where B = 0.
 
     Examples
     --------

@@ -229,9 +229,8 @@ def cost(case: Case) -> Finding | None:
 def _large(patch, perfect):
     """The finding for a patch that is too large for a verdict of its own.
 
-    The free particles of a perfect patch have all their neighbours, so that its Hessian is a block of that of the lattice, in
-    the plane, out of it and at every spacing.  Its eigenvalues lie between the lowest and the highest one of the lattice
-    (Cauchy).
+    The free particles of a perfect patch have all their neighbours, so that its Hessian is a block of that of the lattice, in the
+    plane, out of it and at every spacing.  Its eigenvalues lie between the lowest and the highest one of the lattice (Cauchy).
     """
     from ..dynamics.engine import highest_frequency
 

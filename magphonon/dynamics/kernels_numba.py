@@ -5,9 +5,8 @@ slots of the run add up the forces of their bonds and move on, in place: bonds l
 displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
 together, while these are in the cache.
 
-Threads follow each other over the slots: each takes the next few steps as soon as the thread before it is far enough ahead.
-Every slot goes through the same operations in the same order, whoever computes it, so that the bits do not depend on their
-number.
+Threads follow each other over the slots: each takes the next few steps as soon as the thread before it is far enough ahead. Every
+slot goes through the same operations in the same order, whoever computes it, so that the bits do not depend on their number.
 
 A kernel computes in double precision, or in single precision where the error that was asked for allows it; no number in the loops
 may have a type of its own then (`Rx + Rx` for `2 * Rx`), as it would take the others to double precision.

@@ -1,9 +1,8 @@
 """Velocity Verlet with external forces and linear damping, built on ASE's own integrator; and splittings of higher order.
 
 With the damping gamma, the gyration g of the calculator and the external force f(t), the equation of motion
-`m u'' = F(u) - m gamma u' + m g J u' + f(t)` is split symmetrically around ASE's step, which makes it second order in dt and
-keeps the limit omega dt < 2 (rotations, too, conserve the quadratic form of positions and speeds that a step of Verlet
-conserves):
+`m u'' = F(u) - m gamma u' + m g J u' + f(t)` is split symmetrically around ASE's step. So it is of second order in dt, and the
+limit omega dt < 2 remains: rotations, too, conserve the quadratic form of positions and speeds that Verlet steps conserve.
 
     v <- E v                     half the decay and the rotation, exact: E = exp(-(gamma + i g) dt/2) on v_x + i v_y
     v <- v + dt/2 f(t)/m         half the kick

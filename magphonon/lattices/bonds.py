@@ -1,8 +1,7 @@
 """Bonds: the pairs of particles that repel each other, each pair once, also across the border of a periodic cell.
 
-The calculator, the Hessian and the bands use the same list.  A bond runs from particle i to the image of
-particle j in the cell `shift`; with the incidence matrix C(q), whose row for a bond holds -1 at i and
-e^{2 pi i q.shift} at j,
+The calculator, the Hessian and the bands use the same list.  A bond runs from particle i to the image of particle j in the cell
+`shift`; with the incidence matrix C(q), whose row for a bond holds -1 at i and e^{2 pi i q.shift} at j,
 
     forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
 

@@ -6,8 +6,7 @@ eigenvalues is expanded in a Chebyshev series,
 
     f(K) s = sum_n c_n T_n(X) s        X = (K - centre)/radius        T_{n+1} = 2 X T_n - T_{n-1}
 
-The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of
-a response.
+The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of a response.
 
 The kernel polynomial method gives the density of the squared frequencies.  For a start vector s, the Chebyshev moments `mu_n =
 s.T_n(X) s` describe how its energy is spread over the spectrum.  A product gives two of them,

@@ -70,10 +70,9 @@ class PairCalculator(Repulsion):
     vector: of R + du in the complete model, of R (r0 + n.du)/r0 in the conventional one.
 
     Particles that share one z are planar, unless the structure is periodic in all three directions: no force acts along z.
-    (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
-    `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of their supports along z.  The repulsion then
-    acts along the line between two particles, or as `magphonon.interactions.UprightMagnets` describes. All other structures move
-    in three dimensions.
+    (Real magnets are unstable out of the plane, and supports hold them.)  A foundation `[[k, k, kz]]` with three components lets
+    them move out of the plane: kz is the stiffness of their supports along z.  The repulsion then acts along the line between two
+    particles, or as `magphonon.interactions.UprightMagnets` describes. All other structures move in three dimensions.
 
     Parameters
     ----------
