@@ -89,7 +89,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
 
 
 def branch_names(particles: int) -> tuple[str, ...]:
-    """Names of the branches of a planar lattice, as tables of ridges use them, the lowest first; `particles` are in the cell."""
+    """Names of the branches of a planar lattice in tables of ridges, the lowest first; `particles` is their number in a cell."""
     return MOTIONS if particles == 1 else tuple(f'branch {k + 1}' for k in range(2 * particles))
 
 

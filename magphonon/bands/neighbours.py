@@ -1,9 +1,9 @@
 """How many neighbours matter: what the omitted ones would change, and how many shells the frequencies need.
 
-That one shell of neighbours is enough is an assumption. Here the frequencies with a few shells are compared with those of all
-neighbours at given wavevectors: by Ewald's sums where the law has a tail (`magphonon.stiffness.all_neighbours`), else by a sum to
-the last of `REACHES`. A law that is not known far away, such as a table of forces, is continued from its end by the inverse power
-that fits there.
+It is an assumption that one shell of neighbours is enough. Here the frequencies with a few shells are compared with those with
+all neighbours, at given wavevectors. These come from Ewald's sums if the law has a tail (`magphonon.stiffness.all_neighbours`),
+otherwise from a sum up to the last of `REACHES`. A law that is not known far away, such as a table of forces, is continued from
+its end by the inverse power that fits there.
 """
 
 from __future__ import annotations

@@ -255,7 +255,7 @@ def most_local(case: Case) -> Finding | None:
 
 @REPORT.check
 def scatter(case: Case) -> Finding | None:
-    """What +- means, and whether structures drawn at random buckle."""
+    """An explanation of the +- values, and whether structures drawn at random buckle."""
     if case.patch is None or not case.spread[0]:
         return None
     columns, lost = case.spread

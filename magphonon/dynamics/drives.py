@@ -33,7 +33,7 @@ class Constant:
     ----------
     particles : int or array_like of int
     direction : array_like, shape (2,) or (3,)
-        Made a unit vector.
+        Direction of the force; any length is accepted.
     force : float or array_like, shape (particles,)
         In N.
 
@@ -67,7 +67,7 @@ class Harmonic:
     ----------
     particles : int or array_like of int
     direction : array_like, shape (2,) or (3,)
-        Made a unit vector.
+        Direction of the force; any length is accepted.
     amplitude : float or array_like, shape (particles,)
         In N.
     omega : float or array_like, shape (particles,)
@@ -106,7 +106,7 @@ class ToneBurst:
     ----------
     particles : int or array_like of int
     direction : array_like, shape (2,) or (3,)
-        Made a unit vector.
+        Direction of the force; any length is accepted.
     amplitude : float or array_like, shape (particles,)
         In N.
     omega : float

@@ -411,7 +411,7 @@ class Blocks:
         self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as for all held particles
 
     def place_walls(self, time: float) -> None:
-        """Put the walls where they are at `time` in ms."""
+        """Move the walls to their positions at `time` in ms."""
         slots = self.layout.slot[self._walls.particles]
         u = components(self._walls.forces(np.array([time])), 2)[0].T
         self._stale |= bool((self._state[0][:, slots] != u).any())
@@ -419,7 +419,7 @@ class Blocks:
         self.write()
 
     def _lead(self, times, forces):
-        """Put walls to their places at the first of the times, and fill in the forces that move them along their course.
+        """Move walls to their positions at the first of the times, and fill in the forces that move them along their course.
 
         A wall is a particle with almost no mobility, which only these forces move: the drift after each kick must lead to the
         place of the wall at the next kick.

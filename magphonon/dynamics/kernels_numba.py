@@ -1,15 +1,15 @@
 """The steps of `magphonon.dynamics.kernels_numpy`, compiled by numba.
 
-Slots are taken in runs that fit the first cache.  Each bond is evaluated once in a step, with the run of its lower slot; then the
-slots of the run add up the forces of their bonds and move on, in place: bonds lead upwards, so no later bond needs their old
-displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
+Slots are processed in runs that fit into the first cache.  Each bond is evaluated once per step, in the run of its lower slot.
+Then each slot of the run sums the forces of its bonds and moves, in place: all later bonds lead to higher slots, so none needs
+the old displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
 together, while these are in the cache.
 
 Threads follow each other over the slots: each takes the next few steps as soon as the thread before it is far enough ahead. Every
 slot goes through the same operations in the same order, whoever computes it, so that the bits do not depend on their number.
 
-A kernel computes in double precision, or in single precision where the error that was asked for allows it; no number in the loops
-may have a type of its own then (`Rx + Rx` for `2 * Rx`), as it would take the others to double precision.
+A kernel computes in double precision, or in single precision if the requested error allows it. The loops therefore contain no
+literal numbers (`Rx + Rx` instead of `2 * Rx`), whose type would convert all others to double precision.
 
 Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
 """

@@ -50,7 +50,7 @@ class Parameter:
         Power of the parameter to which the force is proportional; 0 for every other parameter.
     change : callable, optional
         Only for the parameter that says how fast the force falls: `change(law, length)` is the derivative of a law by the
-        logarithm of this parameter, at a constant number of a strength in units of force times a power of the length (mm).
+        logarithm of this parameter. The number of its strength, such as b in N m^a, stays constant; `length` is its m in mm.
     quantity : {'positive', 'length', 'force', 'pressure', 'ratio'}
         Which values the parameter may have.
     examples : tuple

@@ -64,9 +64,9 @@ class Plan:
     Attributes
     ----------
     quantity : str
-        What is wanted.
+        The wanted quantity, in words.
     measure : str
-        What its error is relative to.
+        What the errors are relative to, in words.
     tolerance : float
     methods : tuple of Method
         Methods, from the simplest to the most complete.

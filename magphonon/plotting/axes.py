@@ -226,9 +226,7 @@ def panels(rows: int, columns: int, width: float | None = None,
 
 @in_house_style
 def letter_panels(axes: NDArray[np.object_] | Sequence[Axes], names: Sequence[str] = ()) -> None:
-    """Put (a), (b), ... above the left corner of each panel, row by row, before its name from `names`, or else its present
-    one.
-    """
+    """Put (a), (b), ... above the left corner of each panel, row by row, followed by its name in `names`, or its old title."""
     flat = np.ravel(np.asarray(axes))
     for letter, ax, name in zip(ascii_lowercase, flat, names or [ax.get_title(loc='left') for ax in flat], strict=False):
         ax.set_title(f'({letter}) {name}'.rstrip(), loc='left')

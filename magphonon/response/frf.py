@@ -318,7 +318,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
         Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`: held particles are at rest, and
         damping is relative to the bench.  The response is seen from the floor: w plus the motion of the bench.
     answer : Dof
-        Where the effect is seen.
+        Particle and direction of the displacement that is returned.
     gyration_seen_from : {'bench', 'floor'}
         Which velocity the force of gyration depends on if the bench is shaken. With 'bench' it is w', as for gyroscopes on
         pillars. With 'floor' it is the velocity seen from the floor, as on a rotating bench or for charges in a field; the

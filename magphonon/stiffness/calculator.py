@@ -1,8 +1,8 @@
 """ASE calculator of particles that repel each other and are tied to an elastic foundation; its cell may change.
 
 Without a foundation the energy depends on the bonds alone: as the cell changes, the bonds join the same pairs of particles across
-the same periods, and the energy has a stress.  A foundation or a dead load is refused then, because it is not known whether it
-follows the cell.
+the same periods, and the energy has a stress.  With a foundation or a dead load, a changed cell is refused, because it is not
+known whether these follow the cell.
 """
 
 from __future__ import annotations

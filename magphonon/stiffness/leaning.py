@@ -1,4 +1,4 @@
-"""A lattice whose magnets lean with their pillars: `magphonon.interactions.leaning` along its bonds and at its sites."""
+"""A lattice whose magnets lean with their pillars: applies `magphonon.interactions.leaning` to its bonds and its foundation."""
 
 from __future__ import annotations
 

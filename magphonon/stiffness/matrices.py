@@ -107,7 +107,7 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
                  R: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
     """Bloch matrix to second order in the wavevector, `D(k) = A + k B + k^2 C`: A, B, C in N/mm, N and N mm.
 
-    R, shape (bonds,), is the component along k of the lattice vector to the cell of j in mm.
+    R, shape (bonds,), is the component in mm, along k, of the lattice vector that leads to the cell of particle j.
     """
     powers = np.stack([np.ones_like(R), 1j * R, -(R**2) / 2], axis=1)  # e^{ikR} = 1 + ikR - (kR)^2/2
     A, B, C = _bloch_sum(bonds, K, own_stiffness(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))

@@ -340,7 +340,7 @@ class LinearSystem:
         return proves_stable(self) or none_negative(self.K)
 
     def growth(self, damping: ArrayLike = 0.0) -> float:
-        """Rate in 1/ms of the mode that grows fastest, zero if none does: gyration may hold what stiffness alone does not.
+        """Rate in 1/ms of the mode that grows fastest, zero if none does; gyration may hold a structure that stiffness does not.
 
         Losses (1/ms, of all sites or of each), however small, destroy such stability by gyration.
         """

@@ -191,7 +191,7 @@ def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
 
 
 def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
-    """Vectors from the reference of a calculator to the positions of `atoms` in mm, shape (particles, 3), in any image."""
+    """Vectors from the reference of a calculator to the positions of `atoms`, mm, shape (particles, 3), not by minimum image."""
     reference = calc.reference
     if len(atoms) != len(reference):
         raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; '

@@ -99,11 +99,11 @@ class Misfit:
     Attributes
     ----------
     omega : float
-        Along the frequency axis, at the wavenumber of each point, in rad/ms.
+        Distance along the frequency axis, at the wavenumber of each point, in rad/ms.
     sigma_omega : float
         The value of `omega` that the uncertainty of the points alone would cause.
     bins : float
-        Along the wavenumber axis, at the frequency of each point, in bins of the record.
+        Distance along the wavenumber axis, at the frequency of each point, in bins of the record.
     within : float
         Share of the points within 1.96 of their uncertainties from the branch, along the frequency axis.
     points : int
