@@ -18,7 +18,7 @@ from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .fitted import SIGMAS, entries_of, in_a_line, interval, with_unit
+from .fitted import SIGMAS, entries_of, in_a_line, interval, unlike_springs, with_unit
 from .neighbours import neighbours, omitted
 
 if TYPE_CHECKING:
@@ -464,6 +464,11 @@ def contradictions(found):
         (value, _), (known, sigma) = values[name], found.priors[name]
         yield (f'The data give {with_unit(name, UNITS)} = {value:.4g}, {sigmas:.1f} sigma from the {known:.4g} +- {sigma:.2g} '
                'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
+
+
+@RESPONSES.check
+def springs(found):
+    return unlike_springs(found.better)
 
 
 @RESPONSES.check

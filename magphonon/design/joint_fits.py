@@ -130,10 +130,6 @@ class Joint:
         """Relative standard uncertainty of the product of the parameters to the powers `direction`."""
         return float(np.sqrt(direction @ self.covariance(added) @ direction))
 
-    def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-        """Information added by another measurement of a product of powers, with the relative standard uncertainty `sigma`."""
-        return np.outer(direction, direction) / sigma**2
-
     def alone(self, name: str) -> Joint:
         """Joint fit of one record and the prior knowledge, linearised at the parameters of the fit of all records."""
         return Joint(self.names, self.x, tuple(one for one in self.records if one.name == name or one is self.records[-1]))

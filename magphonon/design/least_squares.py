@@ -6,9 +6,9 @@ what the data do not determine: if an eigenvalue is nearly zero, its eigenvector
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,10 +130,6 @@ class ParameterFit:
             return np.inf
         return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
 
-    def knowing(self, direction: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-        """Information added by another measurement of a product of powers, with the relative standard uncertainty `sigma`."""
-        return (self.scatter / sigma) ** 2 * np.outer(direction, direction)
-
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance of the logarithms of the parameters, shape (parameters, parameters)."""
@@ -144,20 +140,22 @@ class ParameterFit:
         return self.scatter**2 * np.linalg.inv(self.information)
 
 
-def best(fit: Any, along: Mapping[str, NDArray[np.float64]],
+def best(sigma_along: Callable[..., float], scatter: float, along: Mapping[str, NDArray[np.float64]],
          plans: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
     """The best proposals: a plan that adds information, or one parameter measured by other means.
 
     Parameters
     ----------
-    fit : ParameterFit or Joint
-        A fit with the methods `sigma_along` and `knowing`.
+    sigma_along : callable
+        Relative standard uncertainty of the fit along a direction, given added information.
+    scatter : float
+        Factor by which the fit enlarges its uncertainties.
     along : dict
         Quantities to know better, each as the powers of the parameters whose product it is.
     plans : dict
         The information that each plan would add, by its description in words.
     """
-    known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': (fit.knowing(v, KNOWN), name)
+    known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': ((scatter / KNOWN) ** 2 * np.outer(v, v), name)
              for name, v in along.items()}
-    return proposals(lambda plan: {name: NORMAL * fit.sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
+    return proposals(lambda plan: {name: NORMAL * sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
                      (0.0, ''), {words: (added, '') for words, added in plans.items()} | known)

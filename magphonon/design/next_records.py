@@ -55,7 +55,7 @@ def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: 
             low, high = np.sort(u.hertz(bloch_modes(cell, more.q[[-MORE, -1]])[0][:, branch]))
             plans[f'measure {MORE} points of branch {branch + 1} from {low:.3g} to {high:.3g} Hz'] = (
                 _information(fit, cell, changes, more) - _information(fit, cell, changes, points))
-    return best(fit, along, plans)
+    return best(fit.sigma_along, fit.scatter, along, plans)
 
 
 def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
@@ -94,4 +94,4 @@ def after_responses(fit: TransferFit, build: Callable[[dict[str, float]], Parame
     plans = {f'measure along {axis} at ({places[k, 0]:.3g}, {places[k, 1]:.3g}) m': eliminated(measured + part, n) - now
              for (k, axis), part in zip(asked, parts[len(functions) :], strict=True)}
     plans[f'average {AVERAGED} times as long'] = eliminated(AVERAGED * measured, n) - now
-    return best(fit, along, plans)
+    return best(fit.sigma_along, fit.scatter, along, plans)

@@ -109,6 +109,13 @@ class Sites:
         """Kind of each unknown: 0 for a strength, 1 for a spring, 2 for an anchor."""
         return np.repeat([0, 1, 2], np.diff([0, *self.ends]))
 
+    @property
+    def split(self) -> NDArray[np.float64]:
+        """Direction of the unknowns in which all springs grow along x and shrink along y, each by half of ln(kx/ky)."""
+        found = np.zeros(self.ends[2])
+        found[self.ends[0] : self.ends[1]] = 0.5 - np.nonzero(self.tied)[1]
+        return found if self.tied.any(axis=0).sum() == 2 else 0 * found
+
     def size(self, scatter: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviation of each unknown: relative for strengths and springs, in mm for anchors."""
         return (scatter * [1.0, 1.0, self.spacing])[self.kinds]
@@ -180,18 +187,19 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
                 scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
     calc, (n, dim) = built.system.calc, sites.tied.shape
-    bonds, R = calc.bonds, calc.bond_vectors
-    C = bonds.incidence
+    R, C, ends = calc.bond_vectors, calc.bonds.incidence, np.stack([calc.bonds.i, calc.bonds.j])
+    pairs, which = np.unique(np.sort(np.where(built.system.mobile[ends], ends, n), axis=0), axis=1, return_inverse=True)
+    alike = sparse.csr_array((np.ones(len(R)), (np.ravel(which), np.arange(len(R)))))  # held ends share an index, as none moves
     changes = [_by_site(model_stiffness(R, calc.interaction, calc.model), abs(C))]
     changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
-    by_bonds = sparse.hstack(changes, format='csc')  # of each entry of each bond, by strengths, moves along x, along y
+    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # columns: strengths, moves along x, along y
     order = np.arange(n * dim).reshape(dim, n).T.ravel()
     springs = np.broadcast_to(_springs(calc), sites.tied.shape)[sites.tied]
     found = []
     for one in own:
         x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))
-        X, Y = (field[:, bonds.j] - field[:, bonds.i] for field in (x, y))
-        bent = (X[:, :, :, None] * Y[:, :, None, :]).reshape(len(X), -1) @ by_bonds
+        X, Y = (np.subtract(*np.insert(field, n, 0, axis=1)[:, pairs].swapaxes(0, 1)) for field in (x, y))
+        bent = (X[:, :, :, None] * Y[:, :, None, :]).reshape(len(X), -1) @ by_pairs
         slopes = -bent[:, n:][:, order] @ sites.rest
         slopes[:, : sites.ends[1]] -= np.hstack([bent[:, :n][:, sites.acting], (x * y)[:, sites.tied] * springs])
         found.append(slopes if isinstance(one.function.drive, Dof) else one.omega[:, None] ** 2 * slopes)
@@ -401,4 +409,16 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     M, before = one.sites.means(built, fit.names, scatter), one.before
     own, batch = (at.J.T @ Eliminated(A)(at.J) + before.information for A in (at.A - at.J @ M, at.A))
     return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z, where=one.sites,
-                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch))
+                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch),
+                   unlike=_unlike(at, one.sites.split / scatter[1], z, batch))
+
+
+def _unlike(at, split, z, batch):
+    """`TransferFit.unlike` of sites z, by one step of a fit with one more parameter: ln(kx/ky), along `split`."""
+    if not split.any():
+        return 0.0, np.inf
+    a = at.A @ split
+    solved = Eliminated(at.A)(a)
+    with_others = at.J.T @ solved
+    information = a @ solved - with_others @ np.linalg.solve(batch, with_others)
+    return float(split @ z / information), float(information**-0.5)

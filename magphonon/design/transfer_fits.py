@@ -85,6 +85,9 @@ class TransferFit(ParameterFit):
         Describes which unknowns the entries of `sites` are.
     batch : Batch, optional
         The parameters of the lattice of which this patch is a sample; equal to those of the patch if its sites do not scatter.
+    unlike : (float, float)
+        By how much ln(kx/ky) of the springs at the sites exceeds the fitted one, and its standard deviation: infinite
+        without unknowns of sites with springs along both x and y.
     """
 
     noise: float
@@ -94,6 +97,7 @@ class TransferFit(ParameterFit):
     sites: np.ndarray = field(default_factory=lambda: np.zeros(0))
     where: Any = None
     batch: Batch | None = None
+    unlike: tuple[float, float] = (0.0, np.inf)
 
     @property
     def follows(self) -> bool:

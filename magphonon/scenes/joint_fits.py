@@ -232,8 +232,8 @@ class JointFits:
     def proposals(self) -> list[Proposal]:
         """Proposals for the next measurement: repeat a record with a new set-up, or measure a parameter by other means."""
         joint = self.joints['complete']
-        return best(joint, self.along(), {f'measure "{one.name}" again with a new set-up': one.information
-                                          for one in joint.records[:-1]})
+        return best(joint.sigma_along, 1.0, self.along(), {f'measure "{one.name}" again with a new set-up': one.information
+                                                           for one in joint.records[:-1]})
 
     @property
     def laws(self) -> dict[str, float]:
