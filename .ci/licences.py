@@ -10,8 +10,9 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 OUT = Path(__file__).parents[1] / 'docs' / 'licences.md'
-EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in ('browser', 'cholmod', 'completion', 'dask', 'docs', 'fast', 'files', 'lite', 'magnets', 'mpi',
-                                                            'peers', 'release', 'report', 'sweep', 'test', 'tools')}
+EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in (
+    'browser', 'cholmod', 'completion', 'dask', 'docs', 'fast', 'files', 'lite', 'magnets', 'mpi', 'peers', 'release', 'report',
+    'sweep', 'test', 'tools')}
 HEAD = """# Licences of what magphonon uses
 
 magphonon is under the MIT licence and contains no code of other packages.  It imports them, unmodified, as they are installed,
