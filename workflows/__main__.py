@@ -20,7 +20,7 @@ from .report import counted, text_table, write_html, write_summary
 
 LONGEST = ('bench', 'speed_accuracy', 'nonlinearity', 'bursts', 'design_sites', 'frf', 'vibrometer', 'noise', 'stability',
            'planning')
-"""Those that take longest, in order: they start first, so that no core waits for them in the end."""
+"""The workflows that take longest, in order: they start first, so that no core waits for them in the end."""
 
 
 def main(arguments=None):
@@ -51,7 +51,7 @@ def main(arguments=None):
 
 
 def outcomes_of(names, out, quick):
-    """Outcome of each workflow by its name, in the order of `names`; several run side by side on all cores."""
+    """Outcomes by the name of the workflow, in the order of `names`; several workflows run side by side on all cores."""
     if len(names) == 1:
         return {names[0]: run(names[0], out, quick)}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
@@ -64,7 +64,7 @@ def outcomes_of(names, out, quick):
 
 
 def provenance(seconds):
-    """When, how long, on what, with which versions: a line each."""
+    """Lines that say when, for how long, on which machine and with which versions the workflows ran."""
     now = datetime.now().astimezone()
     return [f'{now:%d %B %Y, %H:%M %Z}; computed in {seconds:.0f} s', *machine()]
 

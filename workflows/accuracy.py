@@ -1,4 +1,4 @@
-"""Error against cost: what each method that answers a question costs for its accuracy, as a table and a chart.
+"""Error against cost: which error each method that answers a question reaches at which cost, as a table and a chart.
 
 A candidate is a method at one setting.  Its `run` takes a counter, does all that a user would wait for, and returns
 the answer; it adds its cost in operations, which do not depend on the machine, to the counter::
@@ -40,17 +40,17 @@ COUNTERS = ('force evaluations', 'products', 'eigensolves')
 PACKAGES = ('magphonon', 'ase', 'phonopy', 'numpy', 'scipy', 'matplotlib', 'numba')
 LOOKS = [(colour, marker, line) for marker, line, colour in
          zip('osD^vPX<>*dph', cycle(['-', '--', '-.', ':']), cycle(COLOURS), strict=False)]
-"""Colour, marker and line of the methods: the marker alone tells them apart in grey."""
+"""Colour, marker and line of the methods; in grey the marker alone distinguishes them."""
 FLOOR = 1e-17
-"""What an error of zero is drawn as; round-off leaves no other one so small."""
+"""An error of zero is drawn at this value; round-off leaves no other error so small."""
 
 
 @dataclass(frozen=True)
 class Candidate:
     """A method at one setting, with its unit; settings of one method are joined by a line in a chart.
 
-    `run` takes a `collections.Counter` with the names of COUNTERS and returns the answer.  `panel` is what is asked, where one
-    chart asks several times: the size of the system, the amplitude.
+    `run` takes a `collections.Counter` with the names of COUNTERS and returns the answer.  `panel` names the panel
+    of the chart, such as the size of the system or the amplitude.
     """
 
     method: str
@@ -63,7 +63,7 @@ class Candidate:
 class Measurement:
     """Error and cost of a candidate: least and median wall time in s, and the number of each of the COUNTERS in one run.
 
-    The error is infinite for a run that went astray.
+    The error is infinite for a run that diverged.
     """
 
     panel: str
@@ -84,13 +84,13 @@ class Chart:
     title : str
     measurements : list of Measurement
     reading : str
-        Read off the measurements, never written before them.
+        The conclusion in words, computed from the measurements.
     checks : list of Check
-        Of what no machine changes: errors and counts.  Times vary; they belong in the reading.
+        Checks of errors and counts, which are the same on all machines.  Times vary; they belong in the reading.
     error : str
         What the error is.
     draw : function, optional
-        From the chart to a figure, where the default, error against wall time with a panel each, does not say it.
+        Function from the chart to a figure, if the default (error against wall time, one panel for each question) does not suit.
     """
 
     title: str
@@ -102,11 +102,11 @@ class Chart:
 
 
 def measure(candidates, error, repeats=5, patience=1.0):
-    """Run every candidate for its error and, apart from that, for its time.
+    """Run every candidate, once for its error and again for its time.
 
-    The first run of each gives the error and the counts, and warms up what is cached or compiled; where another setting of its
-    method has done so, and one is enough or it takes longer than `patience`, it is the timed run too.  Other timed runs are
-    interleaved, so that a disturbance of the machine strikes all methods alike.
+    The first run of each gives the error and the counts, and compiles and fills caches.  It is also the timed run if another
+    setting of its method ran before, and one timed run is enough or it takes longer than `patience`.  Other timed runs are
+    interleaved, so that a disturbance of the machine affects all methods alike.
 
     Parameters
     ----------
@@ -114,9 +114,9 @@ def measure(candidates, error, repeats=5, patience=1.0):
     error : function
         From an answer to its error.
     repeats : int
-        Timed runs of each.
+        Timed runs of each candidate.
     patience : float
-        In s.  A candidate that has run for longer is not repeated any more; each has one timed run at least.
+        In s.  A candidate that has run for longer is not repeated; each has at least one timed run.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def measure(candidates, error, repeats=5, patience=1.0):
     Raises
     ------
     ValueError
-        If two candidates bear the same name, or one counts what is not among the COUNTERS.
+        If two candidates have the same name, or one counts something that is not among the COUNTERS.
     """
     repeats, patience = whole('repeats', repeats), positive('patience', patience, 's')
     names = [(c.panel, c.method, c.setting) for c in candidates]
@@ -154,7 +154,7 @@ def measure(candidates, error, repeats=5, patience=1.0):
 
 
 def pareto_front(table):
-    """The measurements that no other one beats in both error and time, quickest first."""
+    """The measurements that no other beats in both error and time, quickest first."""
     front, best = [], np.inf
     for m in sorted(table, key=lambda m: (m.seconds, m.error)):
         if m.error < best:
@@ -211,14 +211,14 @@ def write_table(path, table, notes=()):
 
 
 def looks_of(table):
-    """The look of each method of a table, so that all panels of a chart agree: {method: (colour, marker, line)}."""
+    """Colour, marker and line for each method of a table, the same in all panels: {method: (colour, marker, line)}."""
     return dict(zip(dict.fromkeys(m.method for m in table), cycle(LOOKS), strict=False))
 
 
 def plot_work_precision(table, ax=None, looks=None):
-    """Error against wall time of the measurements of one panel, the Pareto front behind them.
+    """Draw error against wall time for the measurements of one panel, with the Pareto front behind them.
 
-    Runs that went astray are left out.  `looks` come from `looks_of` a larger table.
+    Runs that diverged are omitted.  `looks` come from `looks_of` a larger table.
     """
     def points(own):
         return [m.seconds for m in own], [max(m.error, FLOOR) for m in own]
@@ -235,7 +235,7 @@ def plot_work_precision(table, ax=None, looks=None):
 
 
 def work_precision(chart):
-    """Figure with one pair of axes for each panel, and one legend, or one below each panel if no method stands in two."""
+    """Figure with axes for each panel and one legend, or with a legend below each panel if no method is in two panels."""
     tables, looks = panels_of(chart.measurements), looks_of(chart.measurements)
     apart = sum(len(looks_of(table)) for table in tables.values()) == len(looks)
     columns = len(tables) if len(tables) < 4 else 2
@@ -258,7 +258,7 @@ def work_precision(chart):
 
 
 def spoken(number):
-    """A number in two digits, as one would say it: 360, 0.21, 0.00002."""
+    """A number as text with two digits, without an exponent: 360, 0.21, 0.00002."""
     return np.format_float_positional(number, precision=2, fractional=False, trim='-')
 
 

@@ -1,5 +1,5 @@
-"""The band diagram: for a cell of one magnet by closed form, Bloch matrix and finite differences; for hundreds of magnets by
-their lowest branches.
+"""The band diagram of a cell of one magnet, by closed form, Bloch matrix and finite differences, and the lowest branches of cells
+of hundreds of magnets.
 """
 
 import tempfile
@@ -33,7 +33,7 @@ def chart(quick):
 
 
 def read(one, many):
-    """What the chart says."""
+    """The conclusion of the chart in words."""
     def quickest(table, *names):
         return cheapest([m for m in table if m.method.startswith(names)], TIGHT)
 
@@ -45,15 +45,15 @@ def read(one, many):
     return (f'One magnet: the Bloch matrix, exact to round-off, takes {assembled.seconds / exact.seconds:.0f} times as long as '
             f'the closed form. To reach {TIGHT:g}, phonopy takes {numerical.seconds / assembled.seconds:.0f} times as long as '
             f'the Bloch matrix and ase.phonons {ase.seconds / assembled.seconds:.0f} times, both with displacements to both '
-            f'sides: to one side only, the error is of first order where branches cross. A supercell of 1 x 1 is off by '
-            f'{alone.error:.1g}, 2 x 2 by {two.error:.0e}, and {widest.setting} by {widest.error:.0e}, '
-            f'{widest.seconds / two.seconds:.0f} times as long. Hundreds of magnets: "{best.method}" finds the lowest branches '
-            f'in {every.seconds / best.seconds:.1f} times less time than all branches take; Lanczos with {loose.setting} is off '
-            f'by {loose.error:.1g}, because it misses one of two equal branches.')
+            f'sides. With displacements to one side, the error is of first order where branches cross. A supercell of 1 x 1 is '
+            f'off by {alone.error:.1g}, 2 x 2 by {two.error:.0e}, and {widest.setting} by {widest.error:.0e}; the last takes '
+            f'{widest.seconds / two.seconds:.0f} times as long as 2 x 2. Hundreds of magnets: "{best.method}" finds the lowest '
+            f'branches in {every.seconds / best.seconds:.1f} times less time than all branches need; Lanczos with '
+            f'{loose.setting} is off by {loose.error:.1g}, because it misses one of two equal branches.')
 
 
 def checks(one, many):
-    """Errors and orders that theory gives."""
+    """Checks of the errors and orders of the methods against those of theory."""
     def errors(method):
         return np.array([m.error for m in one if m.method == method])
 
@@ -68,7 +68,7 @@ def checks(one, many):
         Check('phonopy, order of the error, displaced to both sides', both, 2, 0.03),  # next: (d/L0)^2, 1e-4, and its coefficient
         Check('ase.phonons, order of the error', order('ase.phonons 3x3'), 2, 0.03),
         Check('phonopy, order of the error, displaced to one side', one_side, 1, 0.03),
-        Check('control: second order by displacing to one side', one_side, 2, 0.3, control=True),
+        Check('control: phonopy, displaced to one side, taken as second order', one_side, 2, 0.3, control=True),
         Check('control: error of a supercell of 1 x 1', errors('phonopy n x n')[0], 0, 0.1, control=True),
         *(Check(f'{method}, error of the lowest branches of a large cell', found[method], 0, 1e-12)
           for method in ('dense, all branches', 'dense, lowest', 'banded, lowest', 'Bloch matrix, lowest', 'Lanczos, inverted')),
@@ -96,7 +96,7 @@ def closed_form(cell, kpts, cost=None, real=float):
 
 
 def finite_differences(cell, kpts, supercell, distance, both_sides, cost):
-    """Frequencies by phonopy as it comes, without the guards of `magphonon.finite_displacements`; particles move in x and y."""
+    """Frequencies from phonopy alone, without the checks of `magphonon.finite_displacements`; particles move in x and y."""
     from phonopy import Phonopy
     from phonopy.structure.atoms import PhonopyAtoms
 
@@ -123,7 +123,7 @@ def finite_differences(cell, kpts, supercell, distance, both_sides, cost):
 
 
 def ase_phonons(cell, kpts, distance, cost):
-    """Frequencies by ase.phonons with the sum rule off; it displaces to both sides, and keeps forces in files."""
+    """Frequencies from ase.phonons without the sum rule; ase.phonons displaces to both sides, and keeps forces in files."""
     from ase import units as ase_units
     from ase.phonons import Phonons
 
@@ -140,13 +140,13 @@ def ase_phonons(cell, kpts, distance, cost):
 
 
 def bloch(cell, path, cost, branches=None):
-    """Frequencies by magphonon's Bloch matrix, of all branches or of the lowest, which it counts."""
+    """Frequencies from magphonon's Bloch matrix, of all branches or of the lowest."""
     cost['eigensolves'] += len(path.kpts)
     return analytic_bands(cell, path, branches=branches).omega
 
 
 def one_magnet(cell, path, panel, quick):
-    """Every method for the bands of a cell of one particle."""
+    """Candidates: every method for the bands of a cell of one particle."""
     kpts, L0 = path.kpts, cell.cell.lengths()[0]
     exact = closed_form(cell, kpts, real=np.longdouble)
     candidates = [Candidate('closed form', '', partial(closed_form, cell, kpts), panel),
@@ -165,7 +165,7 @@ def one_magnet(cell, path, panel, quick):
 # --- hundreds of magnets in the cell ---------------------------------------------------------------------------------
 
 def folded(cell, kpts, side):
-    """The lowest branches of side x side cells taken for one: those of one cell at every wavevector that folds onto `kpts`."""
+    """Lowest branches of a supercell of side x side cells: those of one cell at all wavevectors that fold onto `kpts`."""
     shifts = np.array(list(product(range(side), range(side), (0,))))
     every = (kpts[:, None] + shifts) / side
     omega = closed_form(cell, every.reshape(-1, 3), real=np.longdouble).reshape(len(kpts), -1)
@@ -182,7 +182,7 @@ def dense(cell, kpts, cost):
 
 
 def sparse_bloch(cell, q, K):
-    """The same matrix, sparse."""
+    """The full Bloch matrix at one wavevector, sparse."""
     from scipy import sparse
 
     calc = cell.calc
@@ -210,7 +210,7 @@ def subset(D, cost):
 
 
 def banded(D, cost):
-    """LAPACK on the band that is left after reverse Cuthill-McKee."""
+    """LAPACK on a band matrix, after reverse Cuthill-McKee ordering."""
     from scipy.linalg import eig_banded
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -237,7 +237,7 @@ def lanczos(tolerance, D, cost):
 
 
 def inverted(tolerance, D, cost):
-    """ARPACK on solutions with the factorised matrix, where the lowest squares are the largest inverses."""
+    """ARPACK on the inverse of the matrix, by its factors: the lowest squared frequencies are its largest eigenvalues."""
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
     factors = splu(D)
@@ -252,7 +252,7 @@ def inverted(tolerance, D, cost):
 
 
 def many_magnets(cell, side, wavevectors, panel, quick):
-    """The lowest branches of a large cell: a lattice whose own bands, folded, are known."""
+    """Candidates for the lowest branches of a large cell, whose exact bands are the folded bands of a small cell."""
     large = cell.repeat((side, side, 1))
     large.calc = MagneticRepulsion(large, cell.calc.laws, **cell.calc.parameters)
     path = large.cell.bandpath('GMKG', npoints=wavevectors, pbc=large.pbc)

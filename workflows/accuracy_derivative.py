@@ -1,4 +1,4 @@
-"""How small may a displacement be: the V-curve of numerical derivatives, and the amplitude window of runs in time."""
+"""How small a displacement may be: the V-curve of numerical derivatives, and the range of amplitudes for runs in time."""
 
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -29,7 +29,7 @@ DERIVATIVE, WINDOW = 'finite displacements', f'{STEPS} time steps'
 
 
 def chart(quick):
-    """Error over the displacement, not over time: what a method costs hardly depends on it."""
+    """Errors over the displacement instead of over time, because the cost of a method hardly depends on the displacement."""
     amplitudes = np.append(AMPLITUDES[::2], AMPLITUDES[-1]) if quick else AMPLITUDES
     repeats = 1 if quick else 3
     table = displaced(repeats) + kicked(amplitudes, repeats, COMPILED if quick else np.inf)
@@ -73,7 +73,7 @@ class Kick:
 
     @cached_property
     def particle(self):
-        """The one that is kicked, in the middle."""
+        """The particle that receives the velocity, in the middle."""
         return len(self.atoms) // 2 + round(len(self.atoms) ** 0.5) // 2
 
     @cached_property
@@ -83,7 +83,7 @@ class Kick:
 
     @cached_property
     def linear(self):
-        """Displacements after the last step per velocity of the kick in ms, shape (particles, 2): Verlet's own, in closed form.
+        """Linear answer of Verlet in closed form: displacements after the last step over the velocity of the kick (ms).
 
         A mode of the frequency w that starts from rest with the velocity v is after n steps at
         `v dt sin(n a)/sin(a)` with `cos a = 1 - (w dt)^2/2`; so time steps leave no difference.
@@ -105,7 +105,7 @@ class Kick:
         return np.array([np.cos(0.4), np.sin(0.4)])
 
     def run(self, amplitude, engine, cost):
-        """Displacements after the last step over those of the linear answer's largest, which is `amplitude` spacings."""
+        """Displacements after the last step, divided by the largest of the linear answer, which is `amplitude` spacings."""
         cost['force evaluations'] = STEPS
         atoms = self.atoms.copy()
         atoms.calc = self.atoms.calc
@@ -123,7 +123,7 @@ class Kick:
 
 
 def kicked(amplitudes, repeats, compiled):
-    """Departure from the linear response after some hundred steps, of every loop; that of compiled blocks up to an amplitude."""
+    """Departure of every loop from the linear response after some hundred steps; compiled blocks only up to an amplitude."""
     cell, table = read_scene(ready_scene('prototype')).atoms(), []
     for name, method in LOOPS.items():
         if name == 'compiled' and not find_spec('numba'):
@@ -146,7 +146,7 @@ def slope(x, y, low, high):
 
 
 def checks(curves, amplitudes):
-    """The slopes on both sides that theory gives, and how many digits are left at the smallest amplitude."""
+    """Checks of the slopes on both sides against theory, and of the digits that are left at the smallest amplitude."""
     both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
     first_order = slope(DISTANCES, one, 1e-6, 1e-3)
     tests = [
@@ -171,7 +171,7 @@ def checks(curves, amplitudes):
 
 
 def reading(curves, amplitudes):
-    """What the chart says."""
+    """The conclusion of the chart in words."""
     both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
     held, free, blocks = (curves[WINDOW, LOOPS[name]] for name in ('held', 'ase', 'numpy'))
     def best(x, errors):

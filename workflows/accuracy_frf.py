@@ -35,7 +35,7 @@ DIRECT = 'factorisation at each frequency'
 
 @dataclass(frozen=True)
 class Shaken:
-    """Particles shaken along y, and where their exact response is known."""
+    """Particles that are shaken along y, and their exact response."""
 
     atoms: Atoms
     particle: int
@@ -58,7 +58,7 @@ class Shaken:
 
 
 def chart(quick):
-    """Error against time for one magnet, by closed form, and for patches."""
+    """Error against time for one magnet, compared with its closed form, and for patches."""
     budget = {'repeats': 2 if quick else 5, 'patience': 0.3 if quick else 1.0}
     table = one_magnet('one magnet, 121 frequencies', quick, budget)
     checks = [Check(f'frf, one magnet: {m.method}, error against the closed form', m.error, 0.0, 1e-12)
@@ -80,13 +80,13 @@ def chart(quick):
 
 
 def whole(m):
-    """What an answer at every SAMPLE-th frequency costs at all of them: each is a run of its own."""
+    """The cost at all frequencies of methods that were run at every SAMPLE-th: each frequency is a run of its own."""
     return replace(m, setting=f'{m.setting}, {SAMPLE} x a sample', seconds=SAMPLE * m.seconds, median=SAMPLE * m.median,
                    cost={name: SAMPLE * count for name, count in m.cost.items()})
 
 
 def one_magnet(panel, quick, budget):
-    """The oscillator of the paper at theta0 = 0 on its vertical line."""
+    """The oscillator of the paper at theta0 = 0, guided along its vertical line."""
     atoms = oscillator(0.0)
     atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
     omega = np.linspace(100, 400, 121) * units.rad / units.s
@@ -104,7 +104,7 @@ def one_magnet(panel, quick, budget):
 
 
 def patch(n):
-    """`n x n` particles of the prototype, one next to the middle shaken; the exact response from the series, to 1e-12."""
+    """`n x n` particles of the prototype, of which one near the middle is shaken; the series gives its response to 1e-12."""
     cell, limit = prototype()
     atoms = lattices.parallelogram(cell, n, n)
     atoms.calc = MagneticRepulsion(atoms, cell.calc.laws, **cell.calc.parameters)
@@ -114,7 +114,7 @@ def patch(n):
 
 
 def candidates(shaken, panel, quick):
-    """Every method that can answer at this size."""
+    """Candidates: every method that can answer for a patch of this size."""
     large = len(shaken.atoms) > 2000
     runs = {(STEPPED, f'dt = {s:g} of the limit'): partial(stepped, shaken, s * shaken.limit)
             for s in ([0.1] if quick else [0.1, 0.03])}
@@ -129,7 +129,7 @@ def candidates(shaken, panel, quick):
 
 
 def series(shaken, tolerance, cost):
-    """What frequency_response chooses for patches."""
+    """The series that frequency_response chooses for patches."""
     scene = LinearSystem.of(shaken.atoms)
     s = scene.shapes.T @ shaken.push[:, :2].ravel()
     u, _, products = series_response(scene, s, shaken.omega, shaken.gamma, np.array([shaken.particle]), tolerance)
@@ -151,7 +151,7 @@ def modal(shaken, cost):
 
 
 def stepped(shaken, dt, cost):
-    """Driven at one frequency after the other until the motion is steady."""
+    """Response from time steps, driven at one frequency after the other until the motion is steady."""
     response = []
     for omega in shaken.omega[::SAMPLE]:
         atoms = shaken.atoms.copy()
@@ -165,7 +165,7 @@ def stepped(shaken, dt, cost):
 
 
 def struck(shaken, dt, cost):
-    """The Fourier integral of what follows one impulse, until e^-9 of it is left."""
+    """The Fourier integral of the motion after one impulse, until e^-9 of it is left."""
     atoms = shaken.atoms.copy()
     atoms.calc = shaken.atoms.calc
     momenta = np.zeros((len(atoms), 3))
@@ -181,7 +181,7 @@ def struck(shaken, dt, cost):
 
 
 def replicas(omega, dt, cost):
-    """One replica of the magnet for each frequency."""
+    """Response of one magnet from time steps, with a replica of the magnet for each frequency."""
     atoms, particles = batch(np.zeros(1), np.zeros(len(omega), int), 'complete')
     atoms.set_constraint([*atoms.constraints, FixedLine(particles, (0, 1, 0))])
     drives = [Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
@@ -193,7 +193,7 @@ def replicas(omega, dt, cost):
 
 
 def reading(panels):
-    """What the chart says, of the largest patch."""
+    """The conclusion of the chart for the largest patch, in words."""
     panel, table = list(panels.items())[-1]
     magnet = next(iter(panels.values()))
     steps, struck = (min((m for m in table if m.method == name), key=lambda m: m.error) for name in (STEPPED, IMPULSIVE))

@@ -28,7 +28,7 @@ METHODS = {
     'order 4, compiled': (FAST, 4, (0.2, 0.1, 0.05, 0.025)),
     'order 6, compiled': (FAST, 6, (0.14, 0.07, 0.035)),
 }
-"""Engine, order, and time steps for each force, as shares of the limit of Verlet: equal shares cost the same."""
+"""Engine, order, and time step for each evaluation of the forces, in units of Verlet's limit: equal values cost the same."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Pluck:
 
     @cached_property
     def exact(self):
-        """Displacements of the free particles at END, to some 1e-11 of the largest: forces of positions carry no more digits."""
+        """Displacements of the free particles at END, to 1e-11 of the largest: forces from positions have no more digits."""
         return dop853(self, 1e-12, {})
 
     def error(self, u):
@@ -81,7 +81,7 @@ class Pluck:
 
 
 def chart(quick):
-    """Error against time at three amplitudes; beside them, what the linear answer is worth."""
+    """Error against time at three amplitudes, of the linear answer too."""
     patch, table = patch_of(12 if quick else 24), []
     for amplitude in AMPLITUDES:
         pluck = Pluck(patch, amplitude)
@@ -102,7 +102,7 @@ def patch_of(n):
 
 
 def candidates(pluck, panel):
-    """Every method at several steps or tolerances."""
+    """Candidates: every method at several steps or tolerances."""
     runs = {}
     for name, (engine, order, shares) in METHODS.items():
         runs |= {(name, f'dt = {s:g} of the limit for each force'): partial(stepped, pluck, s, engine, order) for s in shares}
@@ -112,7 +112,7 @@ def candidates(pluck, panel):
 
 
 def stepped(pluck, share, engine, order, cost):
-    """Steps of the package, each as long as its forces times `share` of the limit of Verlet."""
+    """Time steps of the package. Each is `share` of Verlet's limit for each of its evaluations of the forces."""
     stages = SPLITTINGS[order].stages
     steps = int(np.ceil(END / (stages * share * pluck.limit)))
     cost['force evaluations'] = steps * stages
@@ -125,7 +125,7 @@ def stepped(pluck, share, engine, order, cost):
 
 
 def dop853(pluck, rtol, cost):
-    """SciPy's adaptive eighth order."""
+    """SciPy's adaptive integrator of eighth order."""
     u0, a = pluck.start[pluck.free].ravel(), pluck.acceleration
     size = len(u0)
 
@@ -138,7 +138,7 @@ def dop853(pluck, rtol, cost):
 
 
 def linear_answer(pluck, cost):
-    """Exact in time, by modes of the stiffness at rest: right for an amplitude that vanishes."""
+    """The linear answer, exact in time, from modes of the stiffness at rest: right in the limit of small amplitude."""
     patch = pluck.patch
     H = patch.calc.get_hessian(patch).tocsr()
     free = np.flatnonzero(np.repeat(pluck.free, 3) & np.tile([True, True, False], len(patch)))
@@ -148,7 +148,7 @@ def linear_answer(pluck, cost):
 
 
 def checks(table, amplitudes, linear):
-    """Orders that theory gives, at the middle amplitude, from the two shortest steps; and how the linear answer fails."""
+    """Checks of orders against theory, from the two shortest steps at the middle amplitude, and of the linear answer."""
     def order(method):
         own = [m for m in table if m.method == method and m.panel == f'Amplitude {AMPLITUDES[1]:g} L0']
         e, n = (np.log([getter(m) for m in own[-2:]]) for getter in (lambda m: m.error, lambda m: m.cost['force evaluations']))
@@ -166,7 +166,7 @@ def checks(table, amplitudes, linear):
 
 
 def reading(panels, enough):
-    """What the chart says."""
+    """The conclusion of the chart in words."""
     words, names = [], [name for name, (_, order, _) in METHODS.items() if order == 2]
     for panel, table in panels.items():
         steps = [m for m in table if not m.method.startswith('linear')]

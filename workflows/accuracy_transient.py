@@ -55,7 +55,7 @@ class Burst:
 
     @cached_property
     def exact(self):
-        """Displacements at END, by Lanczos."""
+        """Exact displacements at END, by Lanczos vectors."""
         return lanczos(self, ENOUGH, Counter())
 
     def problem(self):
@@ -75,7 +75,7 @@ class Burst:
 
 
 def chart(quick):
-    """Error against time of every method, in patches with a held rim, and in one that is periodic."""
+    """Error against time of every method, in patches with a held rim and in a periodic patch."""
     table, checks = [], []
     patches = [(1024, False), (1024, True)] if quick else [(1024, False), (10_000, False), (99_856, False), (10_000, True)]
     for count, periodic in patches:
@@ -90,7 +90,7 @@ def chart(quick):
 
 
 def prototype():
-    """The unit cell, and the longest stable time step of Verlet in the infinite lattice, ms."""
+    """The unit cell, and the longest stable time step of Verlet in the infinite lattice in ms."""
     cell = read_scene(ready_scene('prototype')).atoms()
     path = cell.cell.bandpath('GMKG', npoints=61, pbc=cell.pbc)
     return cell, 2 / analytic_bands(cell, path).omega.max()
@@ -107,7 +107,7 @@ def lattice(n, periodic):
 
 
 def candidates(burst, panel, quick):
-    """Every method that can answer at this size in reasonable time."""
+    """Candidates: every method that can answer for a patch of this size in reasonable time."""
     count, periodic = len(burst.atoms), bool(burst.atoms.pbc.any())
     few = quick or count > 50_000 or periodic
     steps = [0.5, 0.2, 0.1] if count > 50_000 else [0.5, 0.2, 0.1, 0.03]  # of the limit
@@ -134,7 +134,7 @@ def candidates(burst, panel, quick):
 
 
 def series(burst, tolerance, cost):
-    """The package's own."""
+    """The Chebyshev series of the package, `propagate`."""
     found = propagate(burst.atoms, [END], [burst.drive], tolerance=tolerance)
     cost['products'] = found.products
     return found.displacements[0]
@@ -152,9 +152,9 @@ def verlet(burst, share, engine, cost):
 
 
 def symplectic(burst, share, cost):
-    """Steps of fourth order with four kicks each (Omelyan, Mryglod, Folk 2002, PEFRL); a force is one product with the stiffness.
+    """Steps of fourth order with four kicks each (Omelyan, Mryglod, Folk 2002, PEFRL); a force is a product with the stiffness.
 
-    A time step counts as long as the longest between two of its kicks.
+    The length of a step is given as the longest interval between two of its kicks.
     """
     xi, lam, chi = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
     K, pattern, displaced = burst.problem()
@@ -173,7 +173,7 @@ def symplectic(burst, share, cost):
 
 
 def dop853(burst, rtol, cost):
-    """SciPy's adaptive eighth order."""
+    """SciPy's adaptive integrator of eighth order."""
     K, pattern, displaced = burst.problem()
     size = len(pattern)
 
@@ -188,7 +188,7 @@ def dop853(burst, rtol, cost):
 
 
 def exponential(burst, cost):
-    """SciPy's expm_multiply, with the three harmonics of the burst as oscillators of their own."""
+    """SciPy's expm_multiply; three more oscillators represent the three harmonics of the burst."""
     K, pattern, displaced = burst.problem()
     size, rate = len(pattern), np.sqrt(abs(K).sum(axis=1).max())
     omega = burst.drive.omega * np.array([1, 1 + 1 / burst.drive.cycles, 1 - 1 / burst.drive.cycles])
@@ -216,7 +216,7 @@ def exponential(burst, cost):
 
 
 def oscillators(burst, w2):
-    """Displacements at END of oscillators of these squared frequencies under the course of the burst."""
+    """Displacements at END of oscillators with these squared frequencies, driven by the burst."""
     ends, rate = np.array([0.0, burst.drive.end, END]), np.sqrt(w2.max())
     edges, courses = sampled(lambda t: burst.course(t)[:, None], ends, rate, 1e-14)
     return forced_response(w2, 0.0, edges, courses, [len(edges) - 1])[0, 0, 0]
@@ -263,7 +263,7 @@ def fourier(burst, cost):
 
 
 def judged(panel, table):
-    """What no machine changes."""
+    """Checks of errors and counts, which are the same on all machines."""
     series = {m.setting: m for m in table if m.method == SERIES}
     checks = [Check(f'transient, {panel}: error of the series at tolerance 1e-09', series['tolerance = 1e-09'].error, 0.0, 1e-9,
                     consistency=True)]
@@ -278,7 +278,7 @@ def judged(panel, table):
 
 
 def reading(panels):
-    """What the chart says, of the largest lattice in which Verlet has reached the target."""
+    """The conclusion in words, for the largest lattice in which Verlet has reached the target error."""
     panel, table = [(name, t) for name, t in panels.items() if cheapest([m for m in t if m.method == VERLET], TARGET)][-1]
     best, steps, own = (cheapest([m for m in table if m.method == name or not name], TARGET) for name in ('', VERLET, SERIES))
     rough = [m.error for m in table if m.method == VERLET and m.seconds < best.seconds]

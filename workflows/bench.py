@@ -1,8 +1,8 @@
 """On a simulated bench: the intervals that the commands state, tested by a laboratory that shares no code with the package.
 
-Each path is what a group would do with its own data. The lattice is that of `bench_lattice`: discs whose force is integrated over
-their faces, all neighbours, scattered magnets, places and pillars, and a vibrometer with faults. The control of each path is the
-same analysis with nearest neighbours alone; for forces it is the analysis without the errors that all rows share.
+Each path is what a group would do with its own data, from a measurement to intervals. The lattice is that of `bench_lattice`: all
+neighbours, discs whose force is integrated over their faces, scatter of all parts, and a vibrometer with faults. The control of
+each path is the same analysis with nearest neighbours alone; for forces, the analysis without the errors that all rows share.
 """
 
 import tempfile
@@ -28,19 +28,19 @@ from .rows import Check, Outcome
 REACH = 45e-3  # m, of the force in finite patches
 SPACING = 10e-3  # m
 LEAST = 0.75
-"""Share of the few intervals of a path that must hold the truth: of 12 at 95 %, fewer do so once in 500; of 12 at 50 %, more do
-so once in 14."""
+"""Share of the few intervals of a path that must contain the truth. Of 12 intervals of 95 %, fewer contain it once in 500
+cases; of 12 intervals of 50 %, more contain it once in 14."""
 SURELY = 3.5  # standard deviations that one value may be off: once in two thousand, while one interval in twenty misses
 
 
 def main(out, quick=False):
-    """Every path, a row for each statement; `quick` takes fewer specimens where each costs seconds."""
+    """All paths, with a row for each interval that is tested; `quick` takes fewer specimens where one takes seconds."""
     del out
     return Outcome([row for path in PATHS for row in path(quick)])
 
 
 def judged(path, quantities, intervals, truths, control, least=LEAST, control_truths=None, without='nearest neighbours'):
-    """Rows of one path: the first specimen's values, the share of all intervals that hold the truth, and that of the control.
+    """Rows of one path: values of the first specimen, and the share of intervals that contain the truth, also of the control.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def judged(path, quantities, intervals, truths, control, least=LEAST, control_tr
         Ends of the intervals of 95 % that the command states.
     truths : array_like, shape (specimens, quantities)
     control : array_like, shape (specimens, quantities, 2)
-        What it states with nearest neighbours alone, of the first of the same specimens or of others with `control_truths`.
+        The intervals with nearest neighbours alone, for the first of the same specimens, or for others with `control_truths`.
     """
     intervals, truths, control = (np.asarray(one, float) for one in (intervals, truths, control))
     others = truths[:len(control)] if control_truths is None else np.asarray(control_truths, float)
@@ -85,7 +85,7 @@ def line_scan(lab, vectors, source, force, carrier_Hz, duration, rng, cycles=5, 
 
 
 def scene_text(shells):
-    """The scene of the laboratory's lattice as its owner knows it: force, exponent and springs some ten percent off."""
+    """The scene of the laboratory's lattice before the measurement: force, exponent and springs are about ten percent off."""
     return (f'title = "bench"\n[lattice]\nkind = "triangular"\nspacing_m = {SPACING}\nmass_kg = 8e-4\n[law]\n'
             f'kind = "inverse_power"\nforce_N = 0.26\na = 4.0\nshells = {shells}\n[foundation]\nstiffness_N_per_m = 23.0\n')
 
@@ -93,8 +93,8 @@ def scene_text(shells):
 def ridges(source, quick):
     """`spectrum` and `fit --bands`: three bursts, shear and longitudinal.
 
-    Of a point source exponent and foundation are known to ten percent beforehand, by priors that are two and seven percent off.
-    Its control is told, beside one shell of neighbours, that the source was a row, and has no priors.
+    With a point source, exponent and foundation have priors of ten percent, which are two and seven percent off.  Its control has
+    one shell of neighbours and no priors, and is told that the source was a row.
     """
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 8e-3, REACH + 5e-3), np.random.default_rng(1)
     vectors, names = bench.triangular(SPACING), ('force', 'a', 'bond stiffness')
@@ -131,7 +131,7 @@ def ridges(source, quick):
 
 
 def designed(_):
-    """`design` and `uncertainty` before anything is built: a spacing for M, branch 1, and what 60 lattices built so will have.
+    """`design` and `uncertainty` before anything is built: a spacing for M, branch 1, and frequencies of 60 lattices built so.
 
     The magnets are known by their datasheet; strength, spacing, mass and pillars of each lattice are drawn with the tolerances.
     """
@@ -173,7 +173,7 @@ def _at_M(law, remanence, spacing, mass, spring):
 
 
 def photographed(quick):
-    """`modes` of a photo of the magnets at rest, turned, in pixels, 30 um uncertain: the lowest frequencies of the patch."""
+    """`modes` of a photo of the magnets at rest, turned, in pixels, uncertain by 30 um: the lowest frequencies of the patch."""
     law, rng, count = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3), 6
     places, marks = bench.sites(bench.triangular(SPACING), 0.11, 0.1), np.array([[-0.08, -0.08], [0.08, -0.07]])
     found, truths = {REACH: [], 1.2 * SPACING: []}, []
@@ -201,7 +201,7 @@ def photographed(quick):
 
 
 def noise_of_the_plane(quick):
-    """`spectrum` of all magnets while noise alone moves them, and `fit --bands`."""
+    """`spectrum` of all magnets in motion by noise alone, then `fit --bands`."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 7e-3, REACH + 5e-3), np.random.default_rng(6)
     vectors, names, frames = bench.triangular(SPACING), ('force', 'a', 'bond stiffness'), 4000
     found, truths = {1: [], 9: []}, []
@@ -231,7 +231,7 @@ def noise_of_the_plane(quick):
 
 
 def forces(_):
-    """`fit`: tables of forces whose rows share errors of the known size, of discs of which the fit is not told."""
+    """`fit`: tables of forces of discs, whose rows share errors of known size; the fit does not know the discs."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, 25e-3), np.random.default_rng(7)
     errors = SharedErrors(distance=0.1, zero=12e-3, hysteresis=2e-3, backlash=0.06)
     exact = SharedErrors(distance=0.0, zero=0.0, hysteresis=0.0, backlash=0.0, gain=0.0)
@@ -251,7 +251,7 @@ def forces(_):
 
 
 def transfer_functions(_):
-    """`fit --frf`: one magnet pushed, three others seen along x and y, noise of 1 % of the peak; the last for control."""
+    """`fit --frf`: one magnet pushed, three others seen along x and y, noise of 1 % of the peak; the last fit is the control."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3)
     places, names = bench.sites(bench.triangular(SPACING), 0.085, 0.075), ('force', 'foundation_x', 'foundation_y')
     found, truths = [], []
@@ -282,7 +282,7 @@ def tapped(lab, places, rng, noise=0.01):
 
 
 def scene_of_particles(lab, places, cutoff):
-    """The scene of this lattice as it was drawn, not as it was built, with parameters some ten percent off."""
+    """The scene of this lattice as planned, not as built, with parameters about ten percent off."""
     with tempfile.TemporaryDirectory() as folder:
         rows = [f'{x},{y},{int(held)}' for (x, y), held in zip(places.tolist(), lab.held, strict=True)]
         Path(folder, 'places.csv').write_text('\n'.join(['x_m,y_m,held', *rows]), encoding='utf-8')

@@ -1,7 +1,7 @@
 """A simulated laboratory that shares no code with the package: all pairs of magnets, pillars, scatter, a vibrometer with faults.
 
-It judges statements about measured lattices, so it imports nothing from magphonon: forces of any law from a table, all
-pairs within a reach, leapfrog steps, and the exact second derivatives of the same table for modes, responses and Bloch waves.
+It tests statements about measured lattices, so it imports nothing from magphonon.  It has forces of any law from a table, all
+pairs within a distance, leapfrog steps, and the exact second derivatives of the same table for modes, responses and Bloch waves.
 Everything is in SI: m, kg, s, N; angular frequencies in rad/s.
 
     law = tabulated(disc_force(2.5e-3, 5e-3, 1.32), 8e-3, 50e-3)
@@ -25,7 +25,7 @@ STEPS = 30  # in a period of the highest frequency: leapfrog is 0.2 % off there,
 
 @dataclass(frozen=True)
 class Law:
-    """Repulsive force of a pair in N, and its derivative in N/m, at equal distances from `first`, `step` apart (m)."""
+    """A pair law as a table: repulsive force in N and its derivative in N/m, at distances from `first` in steps of `step` (m)."""
 
     first: float
     step: float
@@ -38,7 +38,7 @@ class Law:
 
 
 def tabulated(force, nearest, farthest):
-    """Law of any function force(r), smooth in the logarithms, between two distances."""
+    """The law of a function force(r) between two distances; ln force must be smooth in ln r."""
     r = np.linspace(nearest, farthest, KNOTS)
     f = force(r)
     return Law(nearest, r[1] - r[0], f, CubicSpline(r, f)(r, 1))
@@ -50,7 +50,7 @@ def power_law(force, a, spacing):
 
 
 def disc_force(radius, height, remanence, rings=8, spokes=20, distances=160):
-    """Lateral force in N of two upright discs side by side, of the charges on their faces, summed over both faces of both."""
+    """Lateral force in N between two upright discs side by side, from the magnetic charges on both faces of each disc."""
     x, weight = np.polynomial.legendre.leggauss(rings)
     rho, angle = radius * (x + 1) / 2, 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
     points = rho[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -71,7 +71,7 @@ def disc_force(radius, height, remanence, rings=8, spokes=20, distances=160):
 
 @dataclass(frozen=True)
 class Lab:
-    """A patch as built: each array has a row for a magnet, or for a pair (i, j)."""
+    """A patch as built. Each array has a row for each magnet, or for each pair (i, j)."""
 
     law: Law
     anchors: np.ndarray     # m, feet of the pillars
@@ -87,12 +87,12 @@ class Lab:
 
 
 def triangular(spacing):
-    """Its two lattice vectors."""
+    """The two lattice vectors of a triangular lattice."""
     return spacing * np.array([[1, 0], [0.5, np.sqrt(0.75)]])
 
 
 def sites(vectors, width, height):
-    """Sites within a rectangle about the origin, which is one of them."""
+    """Sites of a lattice within a rectangle about the origin, which is one of the sites."""
     most = int(np.ceil(2 * np.hypot(width, height) / np.linalg.norm(vectors, axis=1).min()))
     n = np.stack(np.meshgrid(*2 * [np.arange(-most, most + 1)], indexing='ij'), axis=-1).reshape(-1, 2)
     x = n @ vectors
@@ -101,10 +101,10 @@ def sites(vectors, width, height):
 
 def built(places, law, reach, rng, *, mass=8e-4, springs=(20.0, 22.0), damping=6.0,
           scatter=(0.025, 1.5e-4, 0.05, 0.005), static=True, missing=(), held=None):
-    """A patch with `scatter` of strengths (relative), places (m), springs and masses (relative); what is `held`, or its rim.
+    """A patch with `scatter` of strengths (relative), positions (m), springs and masses (relative).
 
     `static=False` puts springs of the same stiffness, slack at rest, in place of the magnets: a lattice without D*.
-    The `missing` sites have no magnet.
+    The `missing` sites have no magnet.  The `held` magnets do not move; by default these are the rim.
     """
     strength, place, spring, weight = scatter
     near = cKDTree(places).query(places, 2)[0][:, 1].min()
@@ -171,7 +171,7 @@ def response(lab, push, omega):
 
 
 def mean_vectors(lab, vectors, depth):
-    """Lattice vectors of the specimen at rest: the inner part, `depth` from its rim, stretched as a whole."""
+    """Mean lattice vectors of the specimen at rest, in its inner part, at least `depth` from the rim."""
     centre = lab.anchors.mean(axis=0)
     inner = (abs(lab.anchors - centre) < np.ptp(lab.anchors, axis=0) / 2 - depth).all(axis=1)
     stretch = np.linalg.lstsq(lab.anchors[inner] - lab.anchors[inner].mean(axis=0),
@@ -180,7 +180,7 @@ def mean_vectors(lab, vectors, depth):
 
 
 def bloch(law, vectors, reach, k, mass=8e-4, springs=(20.0, 22.0), static=True):
-    """Frequencies in rad/s of both branches at the wavevectors k (1/m) of a lattice of all neighbours within a reach."""
+    """Frequencies in rad/s of both branches at the wavevectors k (1/m), with all neighbours within a distance `reach`."""
     R = sites(vectors, 2 * reach, 2 * reach)
     R = R[(np.linalg.norm(R, axis=1) < reach) & R.any(axis=1)]
     r = np.linalg.norm(R, axis=1)
@@ -192,14 +192,14 @@ def bloch(law, vectors, reach, k, mass=8e-4, springs=(20.0, 22.0), static=True):
 
 
 def pushed(lab, magnets, force):
-    """Pattern of a force (N) on these magnets alone; the whole base shaken is the pattern -masses times its acceleration."""
+    """Pattern of a force (N) on these magnets alone. For a shaken base the pattern is -masses times its acceleration."""
     pattern = np.zeros_like(lab.rest)
     pattern[magnets] = force
     return pattern
 
 
 def burst(carrier_Hz, cycles):
-    """A burst of so many cycles within a Hann window, as a function of time in s."""
+    """A burst with a given number of cycles in a Hann window, as a function of time in s."""
     return lambda t: np.where(t < cycles / carrier_Hz, np.sin(np.pi * carrier_Hz * t / cycles) ** 2
                               * np.sin(2 * np.pi * carrier_Hz * t), 0.0)
 
@@ -220,7 +220,7 @@ def motion(lab, drives, duration, points, rate=1000.0):
 
 
 def small_motion(lab, drives, duration, points, shapes, rate=1000.0, quiet=4.0):
-    """The same by the modes of the patch (`modes`), which is quick for many drives; their ring has died after `quiet` seconds."""
+    """The same motion from the modes of the patch (`modes`), quick for many drives; free motion has died after `quiet` s."""
     omega, phi = shapes
     t = np.arange(int(quiet * rate)) / rate
     w = 2 * np.pi * np.fft.rfftfreq(len(t), 1 / rate)
@@ -233,7 +233,7 @@ def small_motion(lab, drives, duration, points, shapes, rate=1000.0, quiet=4.0):
 
 
 def measured(u, rate, rng, *, noise=0.01, jitter=2e-4, drift=0.01, dead=0):
-    """The same as a vibrometer shows it, point by point: each shot late by its own jitter (s), and so many dead points.
+    """A motion as a vibrometer shows it, point by point: each shot is late by its own jitter (s), and `dead` points are dead.
 
     Noise and drift are fractions of the largest displacement.
     """

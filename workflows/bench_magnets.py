@@ -1,7 +1,7 @@
-"""Judges lattices of magnets on pillars with numpy alone, in SI: all pairs within a distance, rest positions, responses and Bloch
+"""Tests lattices of magnets on pillars with numpy alone, in SI: all pairs within a distance, rest positions, responses and Bloch
 waves.
 
-It shares no code with the package.  `python -m workflows.bench_magnets demultiplexer.csv` judges a table of a demultiplexer.
+It shares no code with the package.  `python -m workflows.bench_magnets demultiplexer.csv` tests the table of a demultiplexer.
 """
 
 import csv
@@ -16,7 +16,7 @@ HERTZ = 60.0, 80.0  # that of the first port, that of the second
 
 
 def read(path):
-    """Feet in m, strengths, stiffnesses in N/m, and which are held, of a build list."""
+    """Read a build list: feet in m, strengths, stiffnesses in N/m, and which magnets are held."""
     with open(path, encoding='utf-8', newline='') as file:
         rows = list(csv.DictReader(file))
     columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
@@ -32,7 +32,7 @@ def pairs(feet, reach=REACH):
 
 
 def at_rest(feet, strengths, springs, held):
-    """Stiffness of the free directions where all forces balance, and which directions are free; by Newton's method."""
+    """Stiffness of the free directions where all forces balance (by Newton's method), and which directions are free."""
     (i, j), n, u = pairs(feet), len(feet), np.zeros_like(feet)
     b, free = B * strengths[i] * strengths[j], np.repeat(~held, 2)
     for _ in range(60):
@@ -71,7 +71,7 @@ def decibels(feet, strengths, springs, held):
 
 
 def drawn(table, draws, seed, scatter=0.01):
-    """The smaller of the two contrasts in dB, of drawn lattices whose strengths and springs scatter, shape (draws,)."""
+    """The smaller of the two contrasts in dB for random lattices whose strengths and springs scatter, shape (draws,)."""
     feet, strengths, springs, held = table
     rng, found = np.random.default_rng(seed), []
     for _ in range(draws):
@@ -83,7 +83,7 @@ def drawn(table, draws, seed, scatter=0.01):
 def squares(feet, vectors, strengths, springs, masses, q, reach=REACH):
     """Squared angular frequencies of Bloch waves of a cell with magnets that stand at `feet`, shape (wavevectors, branches).
 
-    They are at rest there; `vectors` are those of the cell, `q` in fractions of the reciprocal ones.
+    The feet are positions at rest. `vectors` are those of the cell, and `q` is in fractions of the reciprocal vectors.
     """
     n, found = len(feet), []
     most = int(np.ceil(reach / min(np.linalg.svd(vectors)[1]))) + 1
@@ -107,7 +107,7 @@ def squares(feet, vectors, strengths, springs, masses, q, reach=REACH):
 
 
 def judge(path, draws=60, seed=20261123):
-    """What a table promises: decibels each way, how many draws of 1 % scatter keep 30 dB, how many parts it takes."""
+    """Test a table: decibels at both ports, how many draws of 1 % scatter keep 30 dB, how many kinds of parts it needs."""
     table = read(path)
     weakest = drawn(table, draws, seed)
     return {'dB': decibels(*table), 'kept': int((weakest > 30).sum()), 'draws': draws, 'tenth': float(np.quantile(weakest, 0.1)),

@@ -22,7 +22,7 @@ NEARLY_PLANE = 1 / 3   # spread of the motion along a front, in amplitudes: the 
 
 
 def main(out):
-    """Ridges on the branches of their own model and off those of the other; the maps, and the wave in the lattice."""
+    """The ridges lie on the branches of their own model and off those of the other; maps, and the wave in the lattice."""
     scene = read_scene(ready_scene('ideal'))
     cell, checks, maps, shear = scene.atoms(), [], [], {}
     patches = {model: scene.patch_atoms(model) for model in SIDES}
@@ -47,8 +47,8 @@ def main(out):
                      'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.'),
         draw_maps(out, maps, scene.burst.carriers_Hz),
         save_picture(plot_crossing(shear), out / 'burst_crossing.png',
-                     'The same shear burst in both models, at the time when the faster one is half way up the measured row: '
-                     'D* makes its waves shorter and slower.')])
+                     'The same shear burst in both models, when the faster burst is half way up the measured row: '
+                     'D* makes the waves shorter and slower.')])
 
 
 def spread(patch, cell, site, passage, motion):
@@ -61,7 +61,7 @@ def spread(patch, cell, site, passage, motion):
 
 
 def draw_maps(out, maps, carriers_Hz):
-    """Both models side by side; a row of maps has one scale, up to what its branches reach."""
+    """Draw both models side by side; each row of maps has one scale, up to the highest frequency of its branches."""
     names = [f'{model} simulation, {motion} motion' for motion in BURSTS.values() for model in SIDES]
     figure, axes = plot_waves(maps, names, carriers_Hz)
     for row, top in zip(axes, TOPS_Hz, strict=True):
@@ -69,12 +69,12 @@ def draw_maps(out, maps, carriers_Hz):
             ax.set_ylim(0, top)
         add_radians(row[1])
     return save_picture(figure, out / 'bursts.png',
-                        'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model: '
-                        'shear distinguishes the models, the longitudinal branch hardly moves.')
+                        'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model. '
+                        'The shear branches of the two models differ, the longitudinal ones hardly do.')
 
 
 def compared(record, wave, motion, model, branch):
-    """Rows for one map: the ridge lies on its own branch and off that of the other model, in bins and in uncertainties."""
+    """Rows for one map: distance of the ridge from its own branch and that of the other model, in bins and in uncertainties."""
     (other,) = set(MODELS) - {model}
     own, off = wave.misfits[model, branch], wave.misfits[other, branch]
     apart = {'shear': 5, 'longitudinal': 1}[branch]  # bins: D* hardly moves the longitudinal branch

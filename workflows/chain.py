@@ -26,12 +26,12 @@ def main(out):
     transverse = np.sign(complete.omega[:, 0]) * complete.omega[:, 0] ** 2
     top = along.max()
     checks = [
-        Check('chain longitudinal omega^2, complete, largest misfit / highest',
+        Check('chain longitudinal omega^2, complete: misfit / largest value',
               abs(longitudinal - along).max() / top, 0.0, 1e-12),
-        Check('chain longitudinal omega^2, D0 alone, largest misfit / highest',
+        Check('chain longitudinal omega^2, D0 alone: misfit / largest value',
               abs(conventional.omega[:, 1] ** 2 - along).max() / top, 0.0, 1e-12),
-        Check('chain transverse omega^2, complete, largest misfit / highest', abs(transverse - across).max() / top, 0.0, 1e-12),
-        Check('control: transverse omega^2, D0 alone, largest misfit / highest',
+        Check('chain transverse omega^2, complete: misfit / largest value', abs(transverse - across).max() / top, 0.0, 1e-12),
+        Check('control: transverse omega^2, D0 alone: misfit / largest value',
               abs(conventional.omega[:, 0] ** 2 - across).max() / top, 0.0, 0.1, control=True),
     ]
     bare = cell.copy()
@@ -43,7 +43,7 @@ def main(out):
     plot_bands(conventional, ax=ax, linestyle='--', label='conventional')
     for name, place in (('longitudinal,\nboth models', (0.05, 0.7)), ('transverse', (0.05, 0.35))):
         ax.text(*place, name, transform=ax.transAxes)
-    caption = 'The chain: the longitudinal band is the same in both models, the transverse one is not.'
+    caption = 'The chain: the longitudinal band is the same in both models, the transverse band is not.'
     return Outcome(checks, [save_picture(ax.figure, out / 'chain.png', caption)])
 
 

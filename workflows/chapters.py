@@ -13,10 +13,10 @@ PAPER = ('Weijian Jiao and Stefano Gonella', 'Dynamics of interacting particle s
          'interactions and experiments on magnetic prototypes', 'arXiv:1911.10410')
 """Authors, title and number of the paper, as in CITATION.cff."""
 PARTS = {'paper': 'The paper', 'beyond': 'Beyond the paper', 'tests': 'Tests of the package itself'}
-"""Parts of the report; the last is folded."""
+"""Parts of the report; the last part is folded."""
 FORMULAS = "the paper's formulas, evaluated in 50-digit arithmetic (reference.toml)"
 SHORTENED = ('speed_accuracy', 'design_sites', 'bench')
-"""Workflows that are shorter with --quick, and when all are run."""
+"""Workflows that are shortened with --quick, and whenever all workflows are run."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Chapter:
     part : str
         A key of PARTS.
     references : str
-        Whose the reference numbers are.
+        Where the reference numbers come from.
     figures : str
-        Those of the paper that it reproduces.
+        The figures of the paper that it reproduces.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Chapter:
 
     @property
     def title(self):
-        """What the docstring of the workflow says first."""
+        """The first sentence of the docstring of the workflow."""
         first = import_module(f'.{self.name}', __package__).__doc__.partition('\n\n')[0]
         return ' '.join(first.split()).rstrip('.')
 
@@ -55,15 +55,15 @@ class Claim:
     ----------
     words : str
     workflow, quantity : str
-        The row that judges it.
+        The workflow and its row that test the claim.
     source : str
-        Of its reference, in the paper or outside.
+        Where its reference comes from, in the paper or outside.
     unit : str
-        Of the number.
+        Unit of the number.
     without : str
-        The row in the same workflow that tells what a model without D* says; empty where there is none.
+        The row of the same workflow with the number of a model without D*; empty where there is none.
     verdict : str
-        If the row passes: 'holds', or 'consistent' where the paper's data are not published and ours are simulated.
+        The verdict if the row passes: 'holds', or 'consistent' if the paper's data are unpublished and ours are simulated.
     """
 
     words: str
@@ -123,42 +123,44 @@ NAMES = tuple(chapter.name for chapter in CHAPTERS)
 
 SHEAR_AT_M = 'M shear in time at an amplitude of 1e-10 L0'
 CLAIMS = (
-    Claim('The static force makes the oscillator unstable above an angle', 'oscillator', 'oscillator critical angle (deg)',
+    Claim('The static force makes the oscillator unstable above this angle', 'oscillator', 'oscillator critical angle (deg)',
           'Sec. III: cos² θ₀ = 3/(2(a + 1))', '°'),
-    Claim('D* lowers its vertical frequency at 0°', 'oscillator', 'oscillator omega_y (rad/s), theta0 = 0 deg',
+    Claim('D* lowers the vertical frequency of the oscillator at 0°', 'oscillator', 'oscillator omega_y (rad/s), theta0 = 0 deg',
           'Sec. III, Eq. 4', 'rad/s', 'oscillator omega_y, D0 alone (rad/s), theta0 = 0 deg'),
-    Claim('Driven, it resonates there', 'frf', 'frf peak (rad/s), theta0 = 0 deg', 'Fig. 2: √(D_yy/M)', 'rad/s'),
+    Claim('The driven oscillator resonates at this frequency', 'frf', 'frf peak (rad/s), theta0 = 0 deg',
+          'Fig. 2: √(D_yy/M)', 'rad/s'),
     Claim('In a chain D* has no longitudinal part (misfit of ω²)', 'chain',
-          'chain longitudinal omega^2, D0 alone, largest misfit / highest', 'closed form of a chain of springs'),
+          'chain longitudinal omega^2, D0 alone: misfit / largest value', 'closed form of a chain of springs'),
     Claim('In the triangular lattice D* halves the shear branch at M', 'ideal_bands', 'ideal M, complete (rad/s), shear',
           'Fig. 4: √((2a - 6)f/(L₀M))', 'rad/s', 'ideal M, conventional (rad/s), shear'),
-    Claim('and hardly moves the longitudinal one', 'ideal_bands', 'ideal M, complete (rad/s), longitudinal',
+    Claim('D* hardly moves the longitudinal branch at M', 'ideal_bands', 'ideal M, complete (rad/s), longitudinal',
           'Fig. 4: √((6a - 2)f/(L₀M))', 'rad/s', 'ideal M, conventional (rad/s), longitudinal'),
-    Claim('Without static force both models are one (shear at M over that of springs)', 'claims',
-          "springs without static force (phi' = 0), M, complete model, shear", 'springs of their own length: √(2k/M)'),
-    Claim('It does not depend on the amplitude: shear at M over that of D⁰, at 1e-10 L₀', 'claims',
+    Claim('Without static forces both models agree (shear at M / that of springs)', 'claims',
+          "springs without static force (phi' = 0), M, complete model, shear", 'springs at their natural length: √(2k/M)'),
+    Claim('D* acts at any amplitude (shear at M / that of D⁰, at 1e-10 L₀)', 'claims',
           f'{SHEAR_AT_M}, complete / D0 alone', 'Sec. IV: √((2a - 6)/(2a))'),
     Claim('A burst of shear travels on the branch of D⁰ + D* (distance from it, in bins)', 'bursts',
           'transverse burst, complete simulation: distance to its own branch (bins)', 'Fig. 6: Eq. 18', 'bins',
           'control: transverse burst, complete simulation: distance to the conventional branch (bins)'),
-    Claim('The pillars of the prototype open a gap below', 'prototype_bands', 'prototype cut-off, complete (Hz), shear',
-          'Supplement: 3EI/H³', 'Hz', 'prototype cut-off, conventional (Hz), shear'),
-    Claim('Its shear branch at M', 'prototype_bands', 'prototype M, complete (Hz), shear', 'Fig. S4, Supplement', 'Hz',
-          'prototype M, conventional (Hz), shear'),
+    Claim('The pillars of the prototype open a gap below this frequency', 'prototype_bands',
+          'prototype cut-off, complete (Hz), shear', 'Supplement: 3EI/H³', 'Hz', 'prototype cut-off, conventional (Hz), shear'),
+    Claim('The shear branch of the prototype at M', 'prototype_bands', 'prototype M, complete (Hz), shear',
+          'Fig. S4, Supplement', 'Hz', 'prototype M, conventional (Hz), shear'),
     Claim('A vibrometer sees the shear branch of D⁰ + D* (distance from it at 60 Hz, in bins)', 'vibrometer',
           'vibrometer 60 Hz, complete simulation: distance to its own shear branch, Gamma-K (bins)', 'Fig. 8: Eq. 18', 'bins',
           'control: vibrometer 60 Hz, complete simulation: distance to the conventional shear branch (bins)', 'consistent'),
-    Claim('and D* moves that ridge much farther than the longitudinal one (60 Hz, ratio)', 'vibrometer',
-          'row of sources, 60 Hz: distance to D0 alone, shear / longitudinal, of ridges and of branches', 'Fig. 8: Eq. 18',
+    Claim('D* moves the shear ridge much farther than the longitudinal one (60 Hz, ratio)', 'vibrometer',
+          'row of sources, 60 Hz: distance to D0 alone, ratio shear / longitudinal, ridges and branches', 'Fig. 8: Eq. 18',
           verdict='consistent'),
-    Claim('The printed ring weighs what is printed', 'magnets', 'ring: mass at 7.5 g/cm3 (g)', 'Sec. IV C, Supplement', 'g'),
-    Claim('and repels as the printed law says (force at 10 mm over the printed one)', 'magnets',
+    Claim('A ring of the printed size has the printed mass', 'magnets', 'ring: mass at 7.5 g/cm3 (g)',
+          'Sec. IV C, Supplement', 'g'),
+    Claim('Such rings repel as the printed law says (force at 10 mm / printed force)', 'magnets',
           'force at 10 mm, computed / fitted: not explained', 'Fig. S3, Supplement'),
 )
 
 
 def run(name, out, quick):
-    """Outcome of one workflow, its pictures in the style of print."""
+    """Run one workflow with the style of print for its pictures; returns its outcome."""
     gc.set_threshold(*CYCLES)
     workflow = import_module(f'.{name}', __package__)
     shorter = {'quick': quick} if name in SHORTENED else {}

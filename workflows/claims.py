@@ -1,4 +1,4 @@
-"""The paper's statements about D*: when it vanishes, that amplitude does not matter, what freezing the directions costs."""
+"""The paper's statements about D*: when it vanishes, that it acts at any amplitude, and the error of frozen bond directions."""
 
 from dataclasses import dataclass
 
@@ -50,22 +50,22 @@ class Spring:
         return self.stiffness / 2 * (r - self.length) ** 2
 
     def dphi(self, r):
-        """Its first derivative in N."""
+        """First derivative of the energy in N."""
         return self.stiffness * (r - self.length)
 
     def d2phi(self, r):
-        """Its second derivative in N/mm."""
+        """Second derivative of the energy in N/mm."""
         return self.stiffness + 0 * r
 
 
 class OnlyMagnitude(MagneticRepulsion):
-    """The words of the paper, "only the magnitude is updated", as they stand: the force -phi'(|R + du|) n along the bond at rest.
+    """The paper's words "only the magnitude is updated", taken literally: the force -phi'(|R + du|) n along the bond at rest.
 
     It is no gradient of an energy.
     """
 
     def calculate(self, atoms=None, properties=('forces',), system_changes=all_changes):
-        """The forces alone, of particles without foundation, beside their dead load."""
+        """Compute the forces only, for particles without foundation, with their dead load."""
         super().calculate(atoms, ['forces'], system_changes)
         R, C = self.bond_vectors, self.bonds.incidence
         r = np.linalg.norm(R + C @ self.displacements(atoms), axis=1)
@@ -74,7 +74,7 @@ class OnlyMagnitude(MagneticRepulsion):
 
 
 def main(out):
-    """Each claim as numbers, with the model that fails it."""
+    """Each claim as numbers, each with a wrong model that must fail it."""
     paper = reference()['triangular']
     checks = [*without_static_force(), *never_hardens(), *at_every_amplitude(paper), *literal_update(paper), *loop_work()]
     beams, picture = elastic_rim(out)
@@ -82,7 +82,7 @@ def main(out):
 
 
 def without_static_force():
-    """Springs at their own length carry no static force: both models are the same, and D* is back as soon as they are pressed."""
+    """Springs at their natural length carry no static force: both models agree, until the springs are compressed."""
     def at_M(length, model):
         cell = lattices.triangular(L0, MASS)
         cell.calc = MagneticRepulsion(cell, Spring(1.0, length))
@@ -96,7 +96,7 @@ def without_static_force():
 
 
 def never_hardens():
-    """D*(k) of drawn cells has no positive eigenvalue, as phi' < 0 for every repulsive law; of springs that pull it has."""
+    """D*(k) of random cells has no positive eigenvalue, because repulsive laws have phi' < 0; with springs that pull it has."""
     def largest(law, rng):
         cell = Atoms('H2', cell=np.eye(3) + rng.normal(0, 0.15, (3, 3)) * np.outer([1, 1, 0], [1, 1, 0]),
                      scaled_positions=[(0, 0, 0), (0.5, *rng.uniform(0.3, 0.7, 1), 0)], pbc=(True, True, False))
@@ -136,14 +136,14 @@ def shear_at_M(patch):
 
 
 def crossing(q, t):
-    """Time at which the cubic through four samples vanishes."""
+    """Time at which the cubic through four samples is zero."""
     roots = np.roots(np.polyfit(t - t[1], q, 3))
     real = roots[abs(roots.imag) < 1e-9 * (t[1] - t[0])].real
     return t[1] + real[abs(real - (t[2] - t[1]) / 2).argmin()]
 
 
 def at_every_amplitude(paper):
-    """However small the motion, D* halves the shear frequency at M: it is no matter of large displacements."""
+    """D* halves the shear frequency at M however small the motion: its effect does not need large displacements."""
     rows = []
     for A in AMPLITUDES:
         complete, conventional = (frequency_at_M(model, A) for model in ('complete', 'conventional'))
@@ -156,7 +156,7 @@ def at_every_amplitude(paper):
 
 
 def literal_update(paper):
-    """In time steps: with "only the magnitude" of the force updated, the frequency is that of D0 alone."""
+    """In time steps that update "only the magnitude" of the force, the frequency is that of D0 alone."""
     here = frequency_at_M('literal', AMPLITUDES[1])
     what = 'M shear in time, only the magnitude updated'
     return [Check(f'{what}, against D0 alone (rad/s)', here, paper['M_conventional'][0], 1e-6),
@@ -165,9 +165,9 @@ def literal_update(paper):
 
 
 def loop_work():
-    """Work of the oscillator's force around a small loop: the literal force is not conservative, the others are.
+    """Work of the oscillator's force around a small loop: the force taken literally is not conservative, the others are.
 
-    Symmetry hides it in a whole lattice and in a loop about rest; this loop of the oscillator passes through rest.
+    In a whole lattice, and in a loop about the rest position, symmetry makes the work zero; this loop passes through rest.
     """
     def work(model, radius, points=64):
         atoms, total = oscillator(np.pi / 4, 'complete' if model == 'literal' else model), 0.0
@@ -194,7 +194,7 @@ def loop_work():
 
 
 def elastic_rim(out):
-    """The prototype's rim on beams of 1/4 inch, which bend, instead of held ideally: how much the measured row notices."""
+    """The prototype's rim on beams of 1/4 inch, which bend, instead of an ideally held rim: the change along the measured row."""
     scene = read_scene(ready_scene('prototype'))
     patch = scene.patch_atoms()
     where = burst_setup(scene.atoms(), patch, scene.burst.source)
@@ -215,16 +215,16 @@ def elastic_rim(out):
         ax.set(xlabel='steps along the measured row', ylabel='amplitude (µm)', ylim=(3e-3, 2))
         ax.label_outer()
     legend_of_set(figure)
-    return [Reported('rim on beams: how far static repulsion bends them (mm), and the spacing', sag / units.mm, 10),
+    return [Reported('rim on beams: how far static repulsion bends the beams (mm), and the spacing', sag / units.mm, 10),
             *(Reported(f'rim on beams: change along the measured row at {carrier:g} Hz / largest amplitude', change)
               for carrier, change in zip(scene.burst.carriers_Hz, off, strict=True))], \
         save_picture(figure, out / 'elastic_rim.png', (
-            'The prototype with a rigidly held rim, as everywhere else here, and with a rim on elastic beams of 1/4 inch, '
-            f'{BEAM} times as stiff as a pillar, which static repulsion bends outwards by {sag / units.mm:.2g} mm.'))
+            'The prototype with a rigidly held rim, as everywhere else here, and with a rim on elastic beams of 1/4 inch. A beam '
+            f'is {BEAM} times as stiff as a pillar; static repulsion bends it outwards by {sag / units.mm:.2g} mm.'))
 
 
 def on_beams(patch, push, omega, damping):
-    """Steady displacements in mm, shape (frequencies, particles, 2), and how far the rim gives way at rest in mm."""
+    """Steady displacements in mm, shape (frequencies, particles, 2), and the displacement of the rim at rest in mm."""
     calc, free = patch.calc, patch.copy()
     rim = np.unique(np.concatenate([constraint.index for constraint in patch.constraints]))
     free.set_constraint()

@@ -20,7 +20,7 @@ SPACINGS_m = 0.007, 0.02
 
 
 def main(out):
-    """Spacing and foundation against the paper's; the soft lattice against its closed form; a wish that cannot be met."""
+    """Spacing and foundation against the paper's; the soft lattice against its closed form; a frequency out of reach."""
     paper = reference()['prototype']
     scene = read_scene(ready_scene('design'))
     k, (found,) = scene.design.solve(scene)
@@ -39,12 +39,12 @@ def main(out):
     checks.append(Check(f'design: a = {SOFT}, M shear at {SHARE:g} of the cut-off, spacing (m)', held.spacing / units.m, expected,
                         1e-9))
     reach = cut_off * np.sqrt(1 - (verge / SPACINGS_m[1]) ** (SOFT + 1))
-    checks.append(Check('design: largest frequency offered when too much is asked (Hz)', offered(soft, 2 * reach), reach, 1e-5))
+    checks.append(Check('design: largest frequency that the error message offers (Hz)', offered(soft, 2 * reach), reach, 1e-5))
     return Outcome(checks, [draw(out, scene, found, soft, held, verge)])
 
 
 def soft_lattice(scene, b):
-    """The scene with an exponent below 3 and a weak foundation; its verge in m, where `2 (3 - a) f/L = k`; its cut-off in Hz."""
+    """The scene with an exponent below 3 and a weak foundation; the spacing in m at which it buckles; its cut-off in Hz."""
     law = scene.law.model_copy(update={'a': SOFT, 'b_N_m_a': b})
     foundation = scene.foundation.model_copy(update={'pillar': None, 'stiffness_N_per_m': WEAK})
     verge = (2 * (3 - SOFT) * b / WEAK) ** (1 / (SOFT + 1))
@@ -53,12 +53,12 @@ def soft_lattice(scene, b):
 
 
 def wish(scene, frequency):
-    """A [design] that wants this frequency in Hz of the shear branch at M."""
+    """A [design] table that asks for this frequency in Hz of the shear branch at M."""
     return DesignPlan(edge={'point': 'M', 'branch': 1, 'frequency_Hz': frequency}, spacings_m=list(SPACINGS_m))
 
 
 def offered(scene, frequency):
-    """The upper end of the range that the refusal of a wish names, Hz."""
+    """The upper end in Hz of the range that the error message names if a frequency cannot be reached."""
     try:
         wish(scene, frequency).solve(scene)
     except ValueError as error:
@@ -67,7 +67,7 @@ def offered(scene, frequency):
 
 
 def draw(out, scene, found, soft, held, verge):
-    """M shear over the spacing, in both lattices and models, with what was found."""
+    """Draw the frequency of shear at M over the spacing, in both lattices and models, with the designs found."""
     figure, (axes,) = panels(1, 2, height=2.5)
     stiff = reference()['prototype']['k_eq']
     letter_panels(axes, [f'prototype: $a$ = {scene.law.a:.2f}, $k$ = {stiff:.1f} N/m', f'$a$ = {SOFT}, $k$ = {WEAK:g} N/m'])
@@ -87,8 +87,9 @@ def draw(out, scene, found, soft, held, verge):
     axes[1].tick_params(labelleft=False)
     legend_of_set(figure)
     return save_picture(figure, out / 'design.png',
-                        'Spacings found for a wanted shear edge. For a below 3 the static forces buckle the lattice at small '
-                        'spacings; the conventional model does not show this, and gives a wrong spacing for the other law.')
+                        'Spacings found for a wanted shear frequency at M. For an exponent a below 3 the static forces buckle '
+                        'the lattice at small spacings. The conventional model does not show this; for the other law it gives a '
+                        'wrong spacing.')
 
 
 def shear(scene, spacing, k, model):

@@ -59,7 +59,7 @@ def ready():
 
 
 def main(out, quick=False):
-    """All four devices, designed here; `quick`: the demultiplexer that comes with the package is judged, and a wave slowed."""
+    """All four devices, designed here; `quick`: a wave is slowed, and the demultiplexer of the package is tested."""
     table = out / 'demultiplexer.csv'
     if quick:
         table.write_bytes(ready().read_bytes())
@@ -73,7 +73,7 @@ def main(out, quick=False):
 
 # ------------------------------------------------------------------------------------------------------------- demultiplexer
 def patch():
-    """The hexagon of the paper's magnets, held at its rim, all pairs within 45 mm; and the place at a point in mm, along x."""
+    """A hexagon of the paper's magnets, held at its rim, with all pairs within 45 mm, and a function that finds a magnet."""
     atoms = lattices.hexagon(lattices.triangular(SPACING, MASS), SIDE)
     springs = np.full(len(atoms), PILLAR)
     springs[atoms.constraints[0].index] *= PILLARS[2]  # what is held has one of the four pillars, too
@@ -83,7 +83,7 @@ def patch():
 
 
 def contrast(atoms, at, width=2.0):
-    """The weaker of the two contrasts, softly: the right port over the wrong one, in dB."""
+    """Soft minimum of the two contrasts in dB: the level at the right port over that at the wrong port."""
     source, *ports = (at(*(np.array(place) * units.m)) for place in (bench.SOURCE, *bench.PORTS))
     loud = abs(ports[0].seen(Rest(LinearSystem.about(atoms.calc, atoms)).response(source, bench.HERTZ[0] * HZ, GAMMA)))
 
@@ -95,7 +95,7 @@ def contrast(atoms, at, width=2.0):
 
 
 def demultiplexer(table):
-    """Design and write it: first without scatter, then against more and more draws, and of parts; a second start if needed."""
+    """Design the demultiplexer and write it: without scatter, then with more and more draws, then with real parts."""
     atoms, at = patch()
 
     def robust(draws, width, own=0):
@@ -121,7 +121,7 @@ def demultiplexer(table):
 
 
 def judged(table):
-    """The table by a solver that shares no code with the package, and by the package."""
+    """The levels of a table, by a solver that shares no code with the package, and by the package."""
     told = bench.judge(table, DRAWS)
     rows = [Check(f'demultiplexer: draws of {DRAWS} at 1 % scatter that fail {GOAL:g} dB, by another solver',
                   told['draws'] - told['kept'], 0, (1 - SHARE) * DRAWS),
@@ -147,7 +147,7 @@ def own_decibels(read):
 
 
 def promises_of_d0(starts=STARTS):
-    """Designs of the same bounds with D0 alone, one start each: what they promise, and what another solver says of them."""
+    """Designs with D0 alone within the same bounds, one start each: the contrast promised, and that found by another solver."""
     atoms, at = patch()
     design = optimise(atoms, contrast(atoms, at), OVER, steps=60, model='conventional', starts=starts)
     kept = [number for number in design.given_by_starts if number >= GOAL]
@@ -157,7 +157,7 @@ def promises_of_d0(starts=STARTS):
 
 
 def ends(promised, given):
-    """Of several starts the one that gives least and the one that gives most."""
+    """The worst and the best result of several starts."""
     worst, *_, best = np.argsort(given)[[0, -1]]
     return [('worst start', promised[worst], given[worst]), ('best start', promised[best], given[best])][: len(given)]
 
@@ -165,7 +165,7 @@ def ends(promised, given):
 # -------------------------------------------------------------------------------------------------------------- other devices
 @dataclass(frozen=True)
 class Four:
-    """The four numbers of a device: what D0 promises of its own design, what that gives, and the same of D0 + D*."""
+    """Four numbers for a device: promised and true value of the design with D0 alone, and those of the design with D0 + D*."""
 
     name: str
     promised_by_d0: float
@@ -182,7 +182,7 @@ class Four:
 
 
 def mesh(n):
-    """Half of a mesh of wavevectors with Gamma; the other half has the same frequencies."""
+    """Wavevectors of half of a mesh that contains Gamma; the other half has the same frequencies."""
     g = np.arange(n) / n
     return np.array([(a, b, 0) for a in g for b in g if b <= 0.5])
 
@@ -195,7 +195,7 @@ def cell(n, **neighbours):
 
 
 def gap(starts=3):
-    """A gap opened above branch 9 of a cell of nine magnets, by strengths, pillars, masses and feet."""
+    """A cell of nine magnets whose strengths, pillars, masses and feet are chosen to open a gap above branch 9."""
     def designed(model, seed):
         x, atoms = None, cell(3, cutoff=REACH)
         for sharp in SHARPNESSES:
@@ -219,7 +219,7 @@ def gap(starts=3):
 
 
 def corner(starts=2):
-    """The share of the energy of a burst that is guided round a corner."""
+    """A device that guides a burst round a corner: the share of its energy that arrives."""
     atoms, at = patch()
     X, free = (atoms.positions - atoms.positions.mean(0))[:, :2], LinearSystem.about(atoms.calc, atoms).mobile
     there = free & (np.hypot(*(X - np.array(CORNER) * units.mm).T) < 1.1 * SPACING)
@@ -234,7 +234,7 @@ def corner(starts=2):
 
 
 def slow_wave():
-    """A wave of one wavelength and branch that travels at a wanted speed, in a cell of nine."""
+    """A cell of nine magnets in which a wave of one branch and wavelength travels at a wanted speed."""
     atoms, speed = cell(3, cutoff=REACH), GroupVelocity(WAVE, 0, np.array([1.0, 0.0]))
     design = optimise(atoms, speed.near(SLOW, 0.01), ALL, steps=60, compare=True)
     other = design.conventional
@@ -248,7 +248,7 @@ def slow_wave():
 
 # ------------------------------------------------------------------------------------------------------------------- pictures
 def draw(out, table):
-    """The demultiplexer: its parts, and both levels over frequency beside those of the lattice as it was."""
+    """Draw the demultiplexer: its parts, and both levels over frequency, before and after the design."""
     at, rest = patch()[1], built(bench.read(table))
     figure, axes = panels(2, 2, height=2.6)
     plot_design(rest.system.atoms, {'source': at(-40, 0), 'A': at(30, 34.64), 'B': at(30, -34.64)}, axes=axes[0])
@@ -260,17 +260,17 @@ def draw(out, table):
     axes[1][1].tick_params(labelleft=False)
     axes[1][1].legend(['port A', 'port B'], frameon=False)
     return save_picture(figure, out / 'design_sites.png',
-                        'A demultiplexer of five grades of magnets and four pillars: 60 Hz leaves at A, 80 Hz at B.')
+                        'A demultiplexer of magnets of five grades and pillars of four kinds: 60 Hz leaves at A, 80 Hz at B.')
 
 
 def uniform(table):
-    """The patch before: all magnets and pillars alike."""
+    """The patch before the design: all magnets and pillars alike."""
     feet, strengths, springs, held = bench.read(table)
     return feet, np.ones_like(strengths), np.full_like(springs, PILLAR / (units.N / units.m)), held
 
 
 def levels(ax, read, f):
-    """Levels at both ports over frequency."""
+    """Levels at both ports for each frequency."""
     at, rest = patch()[1], built(read)
     for place, colour in ((at(30, 34.64), COLOURS[0]), (at(30, -34.64), COLOURS[1])):
         h = np.array([abs(place.seen(rest.response(at(-40, 0), one * HZ, GAMMA))) for one in f])

@@ -25,7 +25,7 @@ SPARSE = 5               # unconstrained, every so many frequencies
 
 
 def main(out):
-    """Amplitudes and phases of the driven magnet, guided and free, and after one impulse, beside the linear theory."""
+    """Amplitudes and phases of the driven magnet (guided, free, and after one impulse) beside the linear theory."""
     paper = reference()['oscillator']
     angles = np.pi * np.array(paper['theta0_over_pi'])
     guided, free, impulse = respond(angles, OMEGA)
@@ -57,7 +57,7 @@ def departure(response, theory):
 
 
 def closed_form(theta0, omega, model='complete'):
-    """Vertical displacement per vertical force in mm/N, shape (frequencies,), on a vertical line: off it pi/2 is unstable."""
+    """Vertical displacement per force in mm/N, shape (frequencies,), guided along a line, without which pi/2 is unstable."""
     push = np.zeros((4, 3))
     push[3, 1] = 1
     atoms = oscillator(theta0, model)
@@ -68,9 +68,9 @@ def closed_form(theta0, omega, model='complete'):
 def respond(angles, omega, model='complete', dt=DT, steady=STEADY):
     """Responses in the time domain, all in one run.
 
-    Every angle and frequency has a replica of its own that is driven on its vertical line; every angle but the last,
-    unstable one has some without the line, knocked sideways at the start so that they show their stability; and every
-    angle has one on its line that only receives a vertical impulse.
+    For every angle and frequency there is a replica that is guided along a vertical line and driven.  For every angle but the
+    last, which is unstable, there are also free replicas; a sideways push at the start shows whether they are stable.  One more
+    guided replica for every angle only receives a vertical impulse.
 
     Parameters
     ----------
@@ -112,13 +112,13 @@ def respond(angles, omega, model='complete', dt=DT, steady=STEADY):
 
 
 def batch(angles, which, model):
-    """Many oscillators in one Atoms, number r at `angles[which[r]]`, and the indices of their free magnets."""
+    """Many oscillators in one Atoms (number r at the angle `angles[which[r]]`), and the indices of their free magnets."""
     each = [oscillator(theta0, model) for theta0 in angles]
     return replicas([each[k] for k in which]), 3 + 4 * np.arange(len(which))
 
 
 def draw(out, paper, guided, free, complete):
-    """Amplitude over frequency at each angle, with both natural frequencies and the oscillator itself."""
+    """Draw the amplitude over frequency at each angle, with both natural frequencies and a sketch of the oscillator."""
     omega, unit = OMEGA * units.s, units.mm / units.N
     figure, axes = panels(2, 2, height=2.1)
     angles = [np.pi * share for share in paper['theta0_over_pi']]

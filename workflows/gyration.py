@@ -35,7 +35,7 @@ MODELS = {'complete': 3 * (A - 1), 'conventional': 3 * A}
 
 
 def main(out):
-    """Closed forms, the Chern numbers, a strip, a burst and a hill, each with D0 or the other side of a threshold beside it."""
+    """Closed forms, Chern numbers, a strip, a burst and a hill; the controls are D0 alone, or the other side of a threshold."""
     gaps = {model: band_gaps(honeycomb(G), 60, model)[1] for model in MODELS}
     return Outcome([*closing(), *numbers(), *edges(gaps), *bursts(gaps), *hill()], [bands_of_edges(out), waves(out, gaps)])
 
@@ -47,14 +47,14 @@ def with_magnets(atoms, g=G, model='complete'):
 
 
 def honeycomb(g):
-    """A cell of it."""
+    """The unit cell of the honeycomb with f = L = m = 1."""
     return with_magnets(lattices.honeycomb(1.0, 1.0), g)
 
 
 def closing():
     """The gyration at which the second and third branch meet at Gamma, sqrt(k + g^2/4) + g/2 = sqrt(k + 2 D + g^2/4) - g/2."""
     def gap(g, model):
-        """Positive as long as both magnets of the cell move alike in the second branch."""
+        """A number that is positive as long as both magnets of the cell move alike in the second branch."""
         (omega,), (shapes,) = bloch_modes(honeycomb(g), np.zeros((1, 3)), model, vectors=True)
         alike = abs(shapes[1, 0] + shapes[1, 1]).max() > abs(shapes[1, 0] - shapes[1, 1]).max()
         return (omega[2] - omega[1]) * (1 if alike else -1)
@@ -67,7 +67,7 @@ def closing():
 
 
 def numbers():
-    """Chern numbers on both sides, from the lowest band up."""
+    """Chern numbers on both sides of the closing of the gap, from the lowest band up."""
     bands = 'first', 'second', 'third', 'fourth'
     here = chern_numbers(honeycomb(G)), chern_numbers(honeycomb(G), 'conventional')
     return [*pairs('Chern number below, g = 1', chern_numbers(honeycomb(1.0)), (1, 0, 0, -1), 1e-12, bands),
@@ -76,7 +76,7 @@ def numbers():
 
 
 def edges(gaps):
-    """The gap of the lattice, and what runs along the held edges of a strip within it."""
+    """The gap of the lattice, and the waves in this gap that run along the held edges of a strip."""
     strip = with_magnets(lattices.ribbon(lattices.honeycomb(1.0, 1.0), ROWS))
     flows = {model: edge_flow(strip, gap.mean(), model) for model, gap in gaps.items()}
     slope = abs(flows['conventional'].velocity).mean() / strip.cell.lengths()[0]
@@ -90,7 +90,7 @@ def edges(gaps):
 
 
 def bursts(gaps):
-    """A burst of 60 cycles at the middle of the gap on a magnet of the rim: where its energy is when it ends."""
+    """A burst of 60 cycles on a magnet of the rim, in the middle of the gap: where its energy is when the burst ends."""
     shares = {model: burst(lattices.parallelogram(lattices.honeycomb(1.0, 1.0), 60, 10), gap.mean(), model)
               for model, gap in gaps.items()}
     (there, back, energy), with_dstar = shares['conventional'], shares['complete']
@@ -102,14 +102,14 @@ def bursts(gaps):
 
 
 def burst(patch, omega, model):
-    """Shares of the energy along the rim on the right of the source and on its left, and all of it."""
+    """Shares of the energy along the rim to the right and to the left of the source, and the whole energy."""
     place, source, energy = sent(patch, omega, model)
     along, inwards = (place - place[source]).T
     return *(energy[(inwards < BESIDE) & side].sum() / energy.sum() for side in (along > BESIDE, along < -BESIDE)), energy.sum()
 
 
 def sent(patch, omega, model):
-    """Places, the source in the middle of the lower rim, and the energy of each magnet at the end of the burst."""
+    """Positions, the source (in the middle of the lower rim), and the energy of each magnet at the end of the burst."""
     patch = with_magnets(patch, model=model)
     place = patch.positions[:, :2] - patch.positions[:, :2].mean(axis=0)
     free = np.flatnonzero(LinearSystem.of(patch, 'gyration').mobile)
@@ -122,7 +122,7 @@ def sent(patch, omega, model):
 
 
 def hill():
-    """One free magnet on a hill of stiffness -1/2, which gyration holds from g = sqrt(2) on."""
+    """One free magnet on a hill of stiffness -1/2, which is stable by gyration for g above sqrt(2)."""
     atoms = lattices.square(1.0, 1.0).repeat((3, 3, 1))
     atoms.pbc = False
     atoms.set_constraint(FixAtoms([n for n in range(9) if n != 4]))
@@ -135,7 +135,7 @@ def hill():
 
 
 def bands_of_edges(out):
-    """Bands of a strip of the ready scene, with D0 alone and with the static forces."""
+    """Draw bands of a strip of the ready scene, with D0 alone and with the static forces."""
     cell = read_scene(ready_scene('gyro')).atoms()
     strip, calc = lattices.ribbon(cell, 20), cell.calc
     strip.calc = MagneticRepulsion(strip, calc.laws, foundation=calc.foundation, gyration=calc.gyration)
@@ -153,12 +153,12 @@ def bands_of_edges(out):
     axes.flat[1].set_ylabel('')
     return save_picture(figure, out / 'gyration_edges.png',
                         'Magnets on a bench that turns 72 times a minute: bands of a strip with held edges around the '
-                        'second gap of the lattice (shaded). With D0 alone one wave along each edge crosses it; with the static '
-                        'forces none does.')
+                        'second gap of the lattice (shaded). With D0 alone one wave along each edge crosses the gap; with the '
+                        'static forces none does.')
 
 
 def waves(out, gaps):
-    """Where the energy of the burst is when it ends, in a hexagon."""
+    """Draw where in a hexagon the energy of the burst is when it ends."""
     figure, axes = panels(1, 2, height=3.2)
     largest = None
     for ax, model, name in zip(axes.flat, ('conventional', 'complete'), ('(a) $D^0$ alone', '(b) $D^0+D^*$'), strict=True):

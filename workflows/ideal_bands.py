@@ -47,7 +47,7 @@ def main(out):
 
 
 def draw_lattice(out, cell):
-    """The lattice with its vectors, and its zone, in the basis of the paper: R2 and R3, 60 degrees apart."""
+    """Draw the lattice with its vectors, and its zone, in the basis of the paper: R2 and R3, 60 degrees apart."""
     R1, R2 = cell.cell.array[:2]
     paper = cell.copy()
     paper.set_cell([R2, R2 - R1, cell.cell.array[2]])
@@ -66,7 +66,7 @@ def draw_lattice(out, cell):
 
 
 def draw_bands(out, bands):
-    """Both models along the path, in Hz and rad/s."""
+    """Draw both models along the path, in Hz and rad/s."""
     ax = new_axes()
     for (model, own), line in zip(bands.items(), ('-', '--'), strict=True):
         plot_bands(own, ax=ax, linestyle=line, label=model)
@@ -77,7 +77,7 @@ def draw_bands(out, bands):
 
 
 def draw_mode(out, cell, bands):
-    """The shear wave at M on the lattice."""
+    """Draw the shear wave at M on the lattice."""
     ax = plot_mode(cell, bands, 'M', 0, ax=new_axes(height=3.4))
     ax.set_title('shear wave at M, ' + ax.get_title(loc='left').splitlines()[1].partition(',')[0], loc='left')
     return save_picture(ax.figure, out / 'mode_M.png',
@@ -86,7 +86,7 @@ def draw_mode(out, cell, bands):
 
 
 def draw_ratios(out, complete, conventional):
-    """Where in the zone the branches fall, on one scale."""
+    """Draw the ratio of both models over the zone, on one scale for both branches."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -106,7 +106,7 @@ def draw_ratios(out, complete, conventional):
 
 
 def draw_contours(out, complete, conventional):
-    """Contours of the shear branch in both models, on one scale, with directions of the group velocity."""
+    """Draw contours of the shear branch in both models, on one scale, with directions of the group velocity."""
     figure, (axes,) = panels(1, 2, height=2.9)
     letter_panels(axes, ['conventional', 'complete'])
     levels = np.arange(0, 75, 10)
@@ -134,7 +134,7 @@ def draw_contours(out, complete, conventional):
 
 
 def add_radians(ax):
-    """Angular frequencies on the right of axes whose frequencies are in Hz."""
+    """Add a scale of angular frequencies on the right of axes whose frequencies are in Hz."""
     there_and_back = (lambda f: 2 * np.pi * f), (lambda omega: omega / (2 * np.pi))
     ax.secondary_yaxis('right', functions=there_and_back).set_ylabel(r'$\omega$ (rad/s)')
     ax.tick_params(axis='y', right=False)

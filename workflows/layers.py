@@ -37,7 +37,7 @@ GROWTH_STEPS, GROWTH_DT = 400, 0.02    # ms
 
 
 def main(out):
-    """Each known result, with what fails it."""
+    """Each known result, with a wrong model that must fail it."""
     known = reference()['layer']
     return Outcome([*triangular_lattice(), *upright_magnets(), *threshold(), *plasma_crystal(known)], [picture(out)])
 
@@ -81,7 +81,7 @@ def upright_magnets():
 
 
 def threshold():
-    """A support one tenth too soft for the wave at K: the growth of that wave in a run."""
+    """Supports that are one tenth too soft for the wave at K: the growth of this wave in a run."""
     needed = 9 * -LAW.dphi(L0) / L0
     stable = [verdict(layer(LAW, factor * needed)).stable for factor in (1.001, 0.999)]
     cell = layer(LAW, 0.9 * needed)
@@ -119,7 +119,7 @@ def plasma_crystal(known):
 
 
 def plasma(kappa, trap=0.0):
-    """The crystal, a path, the square of its longitudinal branch along it and the drop of the branch out of the plane."""
+    """The crystal, a path, and along it the squared longitudinal branch and the drop of the branch out of the plane."""
     atoms = lattices.triangular(1.0, 1.0)
     atoms.calc = AllNeighbours(atoms, Yukawa(c=1.0, kappa=kappa), foundation=[[0, 0, trap**2]])
     path = band_path(atoms, 'GMKG', 121)
@@ -128,12 +128,12 @@ def plasma(kappa, trap=0.0):
 
 
 def special(path, names):
-    """Where a path meets its special points."""
+    """Distances along a path at which it meets its special points."""
     return [abs(path.kpts - path.special_points[name]).max(axis=1).argmin() for name in names]
 
 
 def picture(out):
-    """Bands of the plasma crystal for three traps; at the gate the branch out of the plane touches the longitudinal one."""
+    """Draw the bands of the plasma crystal for three traps; in one, the two branches just touch."""
     ax = new_axes()
     _, path, _, _ = plasma(KAPPA)
     x = path.get_linear_kpoint_axis()[0]
@@ -150,5 +150,5 @@ def picture(out):
     legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'layers.png',
                         'A plasma crystal (kappa = 1, all neighbours, omega_0^2 = Q^2/(4 pi epsilon_0 m a^3)): as the trap '
-                        'softens, its branch comes down, touches the longitudinal one at M and crosses it; without D* it '
-                        'would be flat.')
+                        'softens, the branch out of the plane comes down, touches the longitudinal branch at M and crosses it. '
+                        'Without D* the branch out of the plane would be flat.')

@@ -26,7 +26,7 @@ SHOWN = np.linspace(27.5, 58.0, 62)  # Hz
 
 
 def main(out):
-    """Decay per row of shear waves in the prototype against its closed form, behind a row of sources, by the group velocity."""
+    """Decay per row of shear waves in the prototype: closed form, behind a row of sources, and by the group velocity."""
     cell, checks = read_scene('prototype').atoms(), []
     for f in (30.0, 40.0, 50.0):
         xi = shear(cell, f)
@@ -53,18 +53,18 @@ def closed(f, model='complete', c=C):
 
 
 def shear(cell, f, model='complete'):
-    """The complex wavenumber of the shear wave per row; at these frequencies the longitudinal one is smaller."""
+    """Complex wavenumber of the shear wave per row; at these frequencies that of the longitudinal wave is smaller."""
     xi = complex_bands(cell, GAMMA_M, [2 * np.pi * f * u.Hz], model, damping=C / u.s).xi[0]
     return xi[xi.real.argmax()]
 
 
 def row_height(cell):
-    """Distance of rows in mm, so that velocities over it are in rows per ms."""
+    """Distance of two rows in mm; a velocity divided by it is in rows per ms."""
     return cell.cell.array[1, 1]
 
 
 def behind_a_row(cell):
-    """Decay per row of the response of a strip of rows whose lowest is pushed along itself."""
+    """Decay per row in the response of a strip whose lowest row is pushed along itself."""
     strip = cell.repeat((1, ROWS, 1))
     strip.pbc = (True, False, False)
     strip.calc = MagneticRepulsion(strip, cell.calc.laws, foundation=cell.calc.parameters.foundation).balanced([0, ROWS - 1])
@@ -76,7 +76,7 @@ def behind_a_row(cell):
 
 
 def each_its_own():
-    """A chain in which every other particle loses energy: its poles, and how it rings down, against a quartic in s."""
+    """A chain in which every other particle loses energy: its poles and its free decay, compared with the roots of a quartic."""
     chain, k, c = lattices.chain(1.0, 1.0).repeat((2, 1, 1)), 5.0, 0.6
     chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0), foundation=k)
     # along x: (s^2 + c s + k + 8) (s^2 + k + 8) = (8 cos(xi/2))^2 with springs of a f/L = 4
@@ -105,7 +105,7 @@ def each_its_own():
 
 
 def picture(out, cell):
-    """Decay per row over frequency, with D* and without, and c/(2 v)."""
+    """Draw the decay per row over frequency, with D* and without, and the estimate c/(2 v)."""
     ax = new_axes()
     for model, style, label in (('complete', '-', 'complete, $D^0+D^*$'), ('conventional', '--', 'conventional, $D^0$')):
         ax.plot(SHOWN, [shear(cell, f, model).imag for f in SHOWN], style, label=label)

@@ -17,7 +17,7 @@ MISSING = "magpylib skipped: pip install 'magphonon[magnets]'"
 
 
 def chart(ring):
-    """Relative error of the force between two rings against wall time, near and nearer; without magpylib, less of it."""
+    """Relative error of the force between two rings against wall time, at two distances; with magpylib if it is installed."""
     try:
         import magpylib
     except ImportError:
@@ -40,7 +40,7 @@ def chart(ring):
 
 
 def candidates(ring, r, magpylib):
-    """Roads to the force at the distance `r`; the setting is the number of points or cells."""
+    """Methods for the force at the distance `r`; their setting is the number of points or cells."""
     panel, law = f'{r / u.mm:g} mm apart', magnet_law(ring)
     methods = [Candidate(RIMS, str(n), partial(by_rims, ring, r, n), panel) for n in (8, 12, 16, 24, 32, 48, 96, 160)]
     methods.append(Candidate(SERIES, str(len(law.series)), lambda cost: repulsion(law, r), panel))
@@ -53,7 +53,7 @@ def candidates(ring, r, magpylib):
 
 
 def by_rims(ring, r, n, cost):
-    """Force by `n` points on each circle."""
+    """Force from the rims of the faces, with `n` points on each circle."""
     return pair_force(ring, ring, (r, 0, 0), n)[0]
 
 
@@ -74,7 +74,7 @@ def by_mesh(magpylib, magnet, r, n, cost):
 
 
 def reading(table):
-    """The chart in words."""
+    """The conclusion of the chart in words."""
     near = [m for m in table if m.panel == table[0].panel]
 
     def takes(method, tolerance):

@@ -1,4 +1,4 @@
-"""The law of real magnets: from the printed shape and grade against the paper's fit, the cost of accuracy, a fitted law."""
+"""The law of real magnets, computed from the printed shape and compared with the paper's fit, and a law fitted to forces."""
 
 from dataclasses import replace
 from importlib.resources import files
@@ -46,7 +46,7 @@ def main(out):
 
 
 def published():
-    """Forces that others printed."""
+    """Computed forces against forces that others have published."""
     checks = []
     for one, other, force in COAXIAL:
         first, second = (Ring(diameter, 0, height, 1.3 * u.T) for diameter, height in (one, other))
@@ -59,7 +59,7 @@ def published():
 
 
 def spheres(n=24):
-    """Two spheres by their surface charges, against the point dipoles that stand for them."""
+    """The force between two spheres from their surface charges, against that of two point dipoles."""
     sphere, r = Sphere(5 * u.mm, 1.2 * u.T), 10 * u.mm
     x, weight = np.polynomial.legendre.leggauss(n)
     angle = np.pi * np.arange(2 * n) / n
@@ -75,7 +75,7 @@ def spheres(n=24):
 
 
 def beside_the_fit(ring, law, L0, paper):
-    """The computed law beside the paper's fit, what could be behind their difference, and the pull out of the plane."""
+    """The computed law beside the paper's fit, possible causes of their difference, and the stiffness out of the plane."""
     f, a, lift = repulsion(law, L0), local_exponent(law, L0), 1e-3 * u.mm
     stiffness = -pair_force(ring, ring, (L0, 0, lift))[2] / lift
     fit = paper['f_at_spacing'] * u.N
@@ -93,7 +93,7 @@ def beside_the_fit(ring, law, L0, paper):
 
 
 def candidates(ring, L0):
-    """Force at L0 in N if the magnets were not quite those of the datasheet, by what would differ.
+    """Force at L0 in N for magnets that differ from the datasheet, by the name of the difference.
 
     Demagnetisation: the field that a magnet makes in itself lowers its magnetisation by (mu_r - 1) N, to first order, with the
     demagnetising factor N of a cylinder of the same shape along its axis (Sato and Ishii, J. Appl. Phys. 66, 983 (1989)).
@@ -109,20 +109,20 @@ def candidates(ring, L0):
 
 
 def other_shapes(ring):
-    """Rings that would have the fitted force and exponent, and contradict the printed shape and mass."""
+    """Rings that would have the fitted force and exponent, although they contradict the printed shape and mass."""
     inch = 25.4 * u.mm
     return {'for a ring with a bore of 1/8 inch': Ring(inch / 4, inch / 8, inch / 8, ring.remanence),
             'for a metric ring, 6 x 2 x 3 mm': Ring(6 * u.mm, 2 * u.mm, 3 * u.mm, ring.remanence)}
 
 
 def fitted_exponent(law, near, far):
-    """Of an inverse power by least squares in force, over distances in mm."""
+    """Exponent of an inverse power fitted by least squares in the force, over distances in mm."""
     r = np.linspace(near * u.mm, far * u.mm, 71)
     return curve_fit(lambda r, f, a: f * (r / r[0]) ** -a, r, repulsion(law, r), p0=(1, 4))[0][1]
 
 
 def draw_law(out, ring, law, L0, paper):
-    """Force against distance, computed and fitted, and the local exponent."""
+    """Draw the force against distance, computed and fitted, and the local exponent."""
     from matplotlib.ticker import NullFormatter, ScalarFormatter
 
     r = np.geomspace(law.nearest, 40 * u.mm, 300)
@@ -154,12 +154,12 @@ def draw_law(out, ring, law, L0, paper):
     low, high = (f(fitted_exponent(law, *window) for window in WINDOWS) for f in (min, max))
     return save_picture(figure, out / 'magnet_law.png', (
         'Fig. S3 of the paper: (a) force between the rings, computed from the printed shape and grade, and (b) the exponent '
-        f"-d ln f/d ln r, {local_exponent(strong, L0):.3f} at 10 mm; fits of an inverse power have {low:.2f} to {high:.2f}, the "
-        "paper's 4.58."))
+        f"-d ln f/d ln r, {local_exponent(strong, L0):.3f} at 10 mm; fits of an inverse power give {low:.2f} to {high:.2f}, "
+        "the paper 4.58."))
 
 
 def fitted(law, L0):
-    """The synthetic measurement fitted, its distances and forces told to be exact: how far it is from what it was made of."""
+    """The synthetic measurement fitted, with distances and zero of force taken as exact: how far the fit is from the truth."""
     forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')
     fit = fit_forces(forces, L0, SharedErrors(distance=0.0, zero=0.0, hysteresis=0.0, backlash=0.0, gain=0.0))
     (f, a), covariance = curve_fit(lambda r, f, a: f * (r / L0) ** -a, forces.r, forces.f, p0=(1, 4), sigma=forces.sigma,
@@ -176,6 +176,6 @@ def fitted(law, L0):
 
 
 def draw_fit(out, fits):
-    """The synthetic measurement with the curve through it and its residuals."""
+    """Draw the synthetic measurement with the fitted curve and the residuals."""
     return save_picture(plot_fit(*fits), out / 'magnet_fit.png', 'The force between two rings from synthetic measurements '
                         '(computed, not measured: data/synthetic_force.csv), with the interval of 95 % at the spacing.')

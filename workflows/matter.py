@@ -77,7 +77,7 @@ def _planar_crystals(known):
         Check('Wigner crystal, long plasmon, omega^2/(2 pi n e^2 k/m)', plasmon**2 / (2 * np.pi * n * k), 1, 3e-4),
         Check('colloidal dipole crystal, shear modulus (kT Gamma/L^2)', mu, known['dipole_shear_modulus'], 1e-9),
         Check('plasma crystal at kappa L = 1.618, nearest neighbours: c_T/c_L', nearest / steep, 0, 1e-7),
-        Check('control: with all neighbours, which stabilise it: c_T/c_L', np.divide(*sound_speeds(cell)), 0, 0.1, control=True),
+        Check('control: with all neighbours it is stable: c_T/c_L', np.divide(*sound_speeds(cell)), 0, 0.1, control=True),
     ]
 
 
@@ -106,7 +106,7 @@ def _crystals_in_space(known, fcc):
 
 
 def _mass_defect():
-    """A lighter particle in a chain: above the band a mode stands around it, at omega_max/sqrt(1 - e^2), e = 1 - m'/m."""
+    """A lighter particle in a chain: a mode above the band is localised around it, at omega_max/sqrt(1 - e^2), e = 1 - m'/m."""
     chain = lattices.chain(1.0, 1.0).repeat((41, 1, 1))
     chain.calc = MagneticRepulsion(chain, DIPOLES)
     edge = 2 * np.sqrt(DIPOLES.d2phi(1.0))
@@ -131,7 +131,7 @@ def _draw_bands(out):
     legend_of_set(figure, handles=[lines[0], lines[-1]], labels=['complete, $D^0+D^*$', 'conventional, $D^0$'])
     return save_picture(figure, out / 'matter.png',
                         'Other matter, same theory: the slower the force falls with distance, the more D* softens shear; '
-                        'in steel balls, where it is 1e-4 of D0, the two models are one line.')
+                        'in steel balls D* is 1e-4 of D0, and the two models coincide.')
 
 
 def _draw_shares(out, ratios):
@@ -146,5 +146,5 @@ def _draw_shares(out, ratios):
     ax.grid(axis='y')
     ax.set(xlim=(3e-5, 3), ylim=(-0.6, len(order) - 0.4), xlabel="$D^*/D^0$ of nearest neighbours, $-(\\varphi'/r)/\\varphi''$")
     return save_picture(ax.figure, out / 'matter_shares.png',
-                        'The static stiffness that the conventional model neglects: 1/a for a force r^-a, almost nothing for a '
-                        'contact of hard balls.')
+                        'D*/D0, the share of stiffness that the conventional model neglects: 1/a for a force r^-a, almost '
+                        'nothing for a contact of hard balls.')

@@ -34,13 +34,13 @@ NUMBER = 140                            # rows
 
 
 def main(out):
-    """Closed forms of coupled modes and an integration of its own, each with D0 or the other side of a threshold beside it."""
+    """Closed forms of coupled modes and an independent integration; controls: D0 alone, or the other side of a threshold."""
     fronts = {model: front(model) for model in MODELS}
     return Outcome([*gap(), *gain(), *speeds(fronts)], [picture(out, fronts)])
 
 
 def prototype(eps, omega=W, rows=ROWS):
-    """A cell of it, modulated across the rows, or everywhere alike without rows."""
+    """A cell of the prototype, with a modulation across the rows, or the same everywhere without rows."""
     cell = read_scene('prototype').perfect_cell()
     kap = (0, 2 * np.pi / (rows * cell.cell.array[1, 1]) if rows else 0)
     cell.calc = cell.calc.about(cell, foundation=Travelling(cell.calc.foundation, eps, omega, kap))
@@ -56,13 +56,13 @@ def shear(q, model='complete'):
 
 
 def pair(bands):
-    """The two frequencies that share the shear wave, and the least share of a wave that goes by itself."""
+    """The two frequencies between which the shear wave is split, and the smallest share of a wave that is not coupled."""
     by_weight = np.argsort(bands.weight[0])
     return np.sort(bands.omega[0, by_weight[1:3]].real), bands.weight[0, by_weight[2]]
 
 
 def gap():
-    """Against the modulation shear meets another wave, with it does not."""
+    """Shear that runs against the modulation couples to another wave; shear that runs with it does not."""
     cell = prototype(EPS)
     there, back = (floquet_bands(cell, [0, q, 0], tolerance=1e-11) for q in (GAP, -GAP))
     (low, high), _ = pair(there)
@@ -75,12 +75,12 @@ def gap():
     wrong = abs(np.exp(-1j * back.omega[0] * T)[:, None] - multipliers).min(axis=1).max() / T
     return [Check('width of the gap at -q, in Hz', (high - low) / HZ, 0.476629, 2e-6),
             Check('width of this gap by coupled modes, eps k/(2 m sqrt(w1 w2)), in Hz', (high - low) / HZ, coupled / HZ, 2e-4),
-            Check('middle of this gap, in Hz: two waves of the mean lattice that differ by W', shear(crossing['complete']) / HZ,
+            Check('middle of this gap in Hz, where two waves of the mean lattice differ by W', shear(crossing['complete']) / HZ,
                   33.18603, 1e-6),
             Check('control: D0 alone', shear(crossing['conventional'], 'conventional') / HZ, 33.18603, 0.01, control=True),
             Check('quasi-frequencies minus those from the monodromy matrix of three rows, in rad/ms', away, 0, 1e-11),
             Check('control: those at +q', wrong, 0, 1e-4, control=True),
-            Check('share of the harmonic at +q itself, where there is no gap', pair(back)[1], 1, 1e-3),
+            Check('share of the main harmonic at +q, where there is no gap', pair(back)[1], 1, 1e-3),
             Check('control: at -q', pair(there)[1], 1, 0.1, control=True)]
 
 
@@ -142,7 +142,7 @@ def stiffness(model):
 
 
 def speeds(fronts):
-    """The front of the continuous chain, q sqrt(k/(c^2 + m q^2)) with q = sqrt(A/2) (1 - 2 u2)."""
+    """Speed of the front in the continuous chain, q sqrt(k/(c^2 + m q^2)) with q = sqrt(A/2) (1 - 2 u2)."""
     q = np.sqrt(A / 2) * (1 - 2 * U2)
     formula = {model: q * np.sqrt(stiffness(model) / (C**2 + q**2)) for model in MODELS}
     return [Check('front through the rows, in rows per time', fronts['complete'][0], formula['complete'], 5e-3),
@@ -151,7 +151,7 @@ def speeds(fronts):
 
 
 def picture(out, fronts):
-    """Gaps of the ready scene, and the front."""
+    """Draw the gaps of the ready scene, and the front."""
     cell = read_scene('modulated').atoms()
     q = np.linspace(-0.5, 0.5, 161)
     row = cell.cell.array[1, 1]

@@ -37,7 +37,7 @@ RADII = np.array([1.2, 1.8, 2.2, 2.8, 3.2, 4.2, 5.7, 7.7, 10.3, 14.2, 20.3, 28.3
 
 
 def main(out):
-    """Sums against closed forms, the prototype with all neighbours and its pillars' mass, shells and patches."""
+    """Sums against closed forms; the prototype with all neighbours and the mass of its pillars; shells and patches."""
     known = reference()['all_neighbours']
     checks = [*_closed_forms(known), *_prototype(known), *_as_built(known)]
     patch, rest = _relaxation()
@@ -84,14 +84,14 @@ def _prototype(known):
         *pairs('prototype M, all neighbours (Hz)', at_M(everyone), known['prototype_M_Hz'], 1e-9, BRANCHES),
         Check('M shear, direct sum over 30 spacings (Hz)', shear[3], known['prototype_M_Hz'][0], 1e-4),
         Check('control: M shear of nearest neighbours (Hz)', shear[0], known['prototype_M_Hz'][0], 0.1, control=True),
-        Check('mass of the pillar that moves, over that of the magnet', share, known['pillar_share'], 1e-3),
+        Check('moving mass of the pillar / mass of the magnet', share, known['pillar_share'], 1e-3),
         *(Reported(f'{branch} at M, all neighbours and the pillars\' mass / the paper\'s model', heavy / paper, 1)
           for branch, heavy, paper in zip(('shear', 'longitudinal'), at_M(heavier), at_M(nearest), strict=True)),
     ]
 
 
 def _as_built(known):
-    """The prototype's frequencies with each effect that the paper's model leaves out, alone, and with all of them."""
+    """The prototype's frequencies with each single effect that the paper's model omits, and with all of them."""
     nearest, heavier = read_scene('prototype'), read_scene('neighbours')
     cells = {'paper': nearest.perfect_cell(), 'neighbours': _without_pillars(heavier.perfect_cell(), nearest.cell()),
              'mass': _without_pillars(nearest.perfect_cell(), heavier.cell()), 'lean': nearest.with_lean(True).perfect_cell(),
@@ -109,12 +109,12 @@ def _as_built(known):
 
 
 def at_M(atoms):
-    """Frequencies at M in Hz, shear and longitudinal."""
+    """Frequencies of shear and of longitudinal waves at M in Hz."""
     return bloch_modes(atoms, [M])[0][0] / (2 * np.pi) / units.Hz
 
 
 def _without_pillars(atoms, others):
-    """The same cell with the masses of others."""
+    """A copy of the cell with other masses."""
     lighter = atoms.copy()
     lighter.calc = atoms.calc
     lighter.set_masses(others.get_masses())
@@ -122,7 +122,7 @@ def _without_pillars(atoms, others):
 
 
 def _draw_shells(out):
-    """Error of the shear frequency at M, of laws that reach more or less far, against the reach."""
+    """Error of the shear frequency at M against the distance up to which neighbours are counted, for laws of different range."""
     laws = {'$r^{-2}$ (screened 100 $L_0$)': Yukawa(1.0, 0.01), 'dipoles, $r^{-4}$': InversePower(1.0, 4.0),
             'prototype, $r^{-4.58}$': InversePower(1.0, 4.5824), 'Yukawa, $\\kappa L_0 = 1$': Yukawa(1.0, 1.0)}
     ax = new_axes()
@@ -140,9 +140,9 @@ def _draw_shells(out):
     ax.set_xticks([], minor=True)
     ax.set(xlabel='neighbours up to (spacings)', ylabel='error of the shear frequency at M', ylim=(1e-12, 3))
     legend_above(ax, ncols=2)
-    return save_picture(ax.figure, out / 'shells.png', 'The error of counting neighbours up to a distance R instead of all: '
-                                                       'R^(1-a) for forces that fall like r^-a, exponentially small for '
-                                                       'screened forces.')
+    return save_picture(ax.figure, out / 'shells.png', 'The error made by counting neighbours only up to a distance R. It '
+                                                       'falls like R^(1-a) for forces r^-a, and exponentially for screened '
+                                                       'forces.')
 
 
 def _draw_prototype(out):
@@ -155,8 +155,8 @@ def _draw_prototype(out):
         plot_bands(analytic_bands(atoms, scene.band_path()), ax=ax, linestyle=style, label=label)
     legend_above(ax, ncols=1)
     return save_picture(ax.figure, out / 'prototype_neighbours.png',
-                        'The prototype beyond its model: all neighbours raise the shear branch at M from 58.2 to 67.5 Hz; '
-                        'the 27 % of mass that the pillars add lowers it again, to 59.9 Hz.')
+                        'What the model of the prototype omits: all neighbours raise the shear branch at M from 58.2 to 67.5 Hz; '
+                        'the moving mass of the pillars, 27 % of the mass of the magnets, lowers it again, to 59.9 Hz.')
 
 
 def _relaxation():

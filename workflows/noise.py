@@ -41,7 +41,7 @@ def main(out):
 
 
 def in_the_cold(cell, kT):
-    """Thermal bands of a run in which forces are harmonic."""
+    """Bands from thermal motion in a run that is so cold that forces are harmonic."""
     atoms = cell.repeat((6, 6, 1))
     atoms.calc = cell.calc.on(atoms)
     moved, fastest = atoms.copy(), highest_frequency(atoms)
@@ -54,7 +54,7 @@ def in_the_cold(cell, kT):
 
 
 def closed(cell, stiffness, model='complete'):
-    """Angular frequencies at M, three times, and K: 2a - 6, 6a - 2 and 4.5 (a - 1), with D0 alone 2a, 6a and 4.5 a, times f/L."""
+    """Angular frequencies at three M and K: m w^2 - k is 2a - 6, 6a - 2, 4.5 (a - 1), with D0 alone 2a, 6a, 4.5 a times f/L."""
     a, D0 = 4.5824, model == 'conventional'
     at_m, at_k = ([2 * a, 6 * a], 4.5 * a) if D0 else ([2 * a - 6, 6 * a - 2], 4.5 * (a - 1))
     k = np.array([at_m, at_m, at_m, [at_k, at_k]]) * stiffness + cell.calc.foundation
@@ -62,7 +62,7 @@ def closed(cell, stiffness, model='complete'):
 
 
 def picture(out, scene, cell, cold, change, error):
-    """Bands with what a cold bath shows, and the change of stiffness with the temperature."""
+    """Draw bands with the points from a cold bath, and the change of stiffness with the temperature."""
     figure, (axes,) = panels(1, 2, height=3.0)
     letter_panels(axes)
     bands, shift = axes

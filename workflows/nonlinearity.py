@@ -56,7 +56,7 @@ BESIDE, ANEW = 1e-7, 10                # a disturbance, of L0; steps of order 4 
 
 
 def main(out):
-    """Coefficients and slopes against closed forms, the frozen bond directions of D0 as the control."""
+    """Coefficients and slopes against closed forms; the control is D0 alone, with frozen bond directions."""
     angles = np.pi * np.array(reference()['oscillator']['theta0_over_pi'])
     measured = backbones(angles)
     theory = np.array([shift(theta0) for theta0 in angles])
@@ -76,7 +76,7 @@ def main(out):
     t, h, expected = harmonics[-2]
     checks += [
         # Verlet moves 2 w - w_2, which is small, by 0.25 %: 1.6 % of the phase at the end of the beat
-        Check('second harmonic over time - closed form, largest', abs(h - expected).max() / abs(expected).max(), 0, 2e-2),
+        Check('second harmonic over time, difference from closed form', abs(h - expected).max() / abs(expected).max(), 0, 2e-2),
         # at 0.01 L0 it is 6 % of the wave and takes from it
         Check('second harmonic against amplitude, slope', slope(WAVES, growth), 2, 1e-2),
     ]
@@ -96,7 +96,7 @@ def main(out):
                         closed, 0.1, control=True))
     checks += [
         Check('strain under a burst, sum over bonds / L0', under[-2], RATIO * WAVES[-2] ** 2 * WIDTH * np.sqrt(np.pi), 1e-2),
-        Check('strain along the chain - closed form, largest', abs(e - forms).max() / abs(forms).max(), 0, 0.05),
+        Check('strain along the chain, difference from closed form', abs(e - forms).max() / abs(forms).max(), 0, 0.05),
         Check('strain under a burst against amplitude, slope', slope(WAVES, under), 2, 1e-3),
         Check('control: strain under a burst times the amplitude, against the amplitude, slope',
               slope(WAVES, np.array(under) * WAVES), 2, 0.1, control=True),
@@ -118,7 +118,7 @@ def main(out):
 
 
 def slope(x, y):
-    """Of a straight line on logarithmic axes."""
+    """Slope of a straight line on logarithmic axes."""
     return np.polyfit(np.log(x), np.log(y), 1)[0]
 
 
@@ -130,7 +130,7 @@ def shift(theta0):
 
 
 def backbones(angles, model='complete'):
-    """Relative change of frequency of free vibrations at AMPLITUDES, all in one run, shape (amplitudes, angles)."""
+    """Relative change of the frequency of free vibrations at AMPLITUDES, all from one run, shape (amplitudes, angles)."""
     which = np.tile(np.arange(len(angles)), len(AMPLITUDES))
     atoms, replicas = batch(angles, which, model)
     softest = np.sqrt(min(stiffness(theta0, model) for theta0 in angles) / units.kg)
@@ -167,7 +167,7 @@ def plane():
 
 
 def in_plane(q, branch, cells, model='complete'):
-    """`dw/w` over (A/L0)^2 of a wave in time steps, from the phase of its component over many turns."""
+    """`dw/w` over (A/L0)^2 of a wave in time steps, from the phase of the wave over many periods."""
     cell = plane()
     w, shapes = bloch_modes(cell, [q], model, vectors=True)
     w, e = w[0, branch], shapes[0, branch, 0, :2]
@@ -196,7 +196,7 @@ def in_plane(q, branch, cells, model='complete'):
 
 
 def local_mode():
-    """The vibrations of a light particle in a row; their frequencies, and the rates at which disturbances grow, in time steps."""
+    """The vibrations of a light particle in a row: frequencies, and growth rates of disturbances in time steps."""
     row = lattices.chain(1.0, 1.0).repeat((ROW, 1, 1))
     row.pbc = False
     row.set_masses(np.where(np.arange(ROW) == ROW // 2, LIGHT, 1.0))
@@ -248,7 +248,7 @@ def ring(psi, frames, every):
 
 
 def second_harmonic(A):
-    """Times, complex amplitude h of the component Im(h e^{2 i k n}) over a beat, and its closed form; starts at zero."""
+    """Times, complex amplitude h of the component Im(h e^{2 i k n}) over a beat, and its closed form; h starts at zero."""
     n = np.arange(RING)
     t, u = ring(A * np.exp(1j * RING_K * n), frames=45, every=20)
     h = 1j * u @ np.exp(-2j * RING_K * n) * 2 / RING
@@ -259,7 +259,7 @@ def second_harmonic(A):
 
 
 def strain(A):
-    """Slowly varying strain at the end of the flight of a burst, and its closed form: under the burst, and two free waves."""
+    """Slow strain at the end of the flight of a burst, and its closed form: strain under the burst, and two free waves."""
     n, start = np.arange(LONG), LONG / 2
     psi = A * np.exp(-((n - start) ** 2) / (2 * WIDTH**2) + 1j * BURST_K * n)
     _, u = ring(psi, frames=1, every=int(FLIGHT / STEP))
@@ -275,12 +275,12 @@ def strain(A):
 
 
 def dilatation(x, e):
-    """Sum of the strains under the burst, far from the free waves."""
+    """Sum of the strains of the bonds under the burst, far from the free waves."""
     return e[abs(x - np.sqrt(2) * FLIGHT) < 44].sum()  # they are 88 ahead
 
 
 def draw_backbones(out, angles, measured, theory):
-    """Change of frequency over amplitude."""
+    """Draw the change of frequency over the amplitude."""
     ax = new_axes()
     A = np.linspace(0, AMPLITUDES[-1], 60)
     for k, (theta0, marker) in enumerate(zip(angles, 'os^D', strict=True)):
@@ -294,7 +294,7 @@ def draw_backbones(out, angles, measured, theory):
 
 
 def draw_path(out, measured):
-    """The shift of both branches along a path, and in time steps where there is a run."""
+    """Draw the shift of both branches along a path, and the shift from time steps where there is a run."""
     ax, path = new_axes(), plane().cell.bandpath('GMKG', npoints=121, pbc=(1, 1, 0))
     x, ticks, names = path.get_linear_kpoint_axis()
     known = [k for k, q in enumerate(path.kpts) if np.linalg.norm(q) > 0.01 and abs(x[k] - ticks[2]) > 1e-9]  # K is a point apart
@@ -319,7 +319,7 @@ def draw_path(out, measured):
 
 
 def draw_local_mode(out, family, seen, rates):
-    """Frequency of the light particle over its amplitude, and how fast disturbances grow."""
+    """Draw the frequency of the light particle over its amplitude, and the growth rates of disturbances."""
     figure, (axes,) = panels(1, 2, height=2.5)
     letter_panels(axes)
     backbone, growth = axes
@@ -339,7 +339,7 @@ def draw_local_mode(out, family, seen, rates):
 
 
 def draw_waves(out, harmonic, slow):
-    """The second harmonic of a wave over time, and the slow strain that a burst carries with it."""
+    """Draw the second harmonic of a wave over time, and the slow strain that a burst carries with it."""
     figure, (axes,) = panels(1, 2, height=2.5)
     letter_panels(axes)
     grown, strain = axes
@@ -358,4 +358,4 @@ def draw_waves(out, harmonic, slow):
         legend_above(ax, ncols=2)
     return save_picture(figure, out / 'dilatation.png',
                         'In a chain, waves of the amplitude 0.001 L0 (a) have a second harmonic that beats with the free wave '
-                        'of its frequency, (b) carry a dilatation, balanced by two free sound waves.')
+                        'of the same frequency, (b) carry a dilatation, balanced by two free sound waves.')

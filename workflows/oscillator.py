@@ -28,7 +28,7 @@ def oscillator(theta0, model='complete'):
 
 
 def at_angle(theta0):
-    """An angle in rad as it is printed in the tables."""
+    """Name in the tables of an angle given in rad."""
     return f'theta0 = {np.rad2deg(theta0):.0f} deg'
 
 
@@ -63,7 +63,7 @@ def main(out):
 
 
 def draw(out, critical):
-    """The oscillator, and its frequencies over the angle, complete and conventional, the unstable range shaded."""
+    """Draw the oscillator and its frequencies over the angle in both models, with the unstable range shaded."""
     theta = np.sort(np.append(np.linspace(0, np.pi / 2, 181), critical))
     figure, axes = panels(1, 2, height=2.7)
     letter_panels(axes)
@@ -90,7 +90,7 @@ def draw(out, critical):
 
 
 def draw_oscillator(ax, atoms, named=True):
-    """The free magnet on its fixed ones with the static forces on it, lengths in spacings; `named` with angle and names."""
+    """Draw the free magnet, the fixed ones and the static forces, lengths in spacings; `named` adds the angle and names."""
     bonds = atoms.calc.bonds
     L0, n = bonds.lengths[0], np.array([-1, 1])[(bonds.i == 3).astype(int)][:, None] * bonds.vectors[:, :2]  # from the free one
     places = n / L0

@@ -1,8 +1,8 @@
 """Other people's papers: ions, Wigner crystals, gyroscopes, tensegrity, strings and foams, each number beside that of D0 alone.
 
 Every reference is a closed form written out here, a printed number, or a number from public code; none comes from the package.
-Those marked `(printed)` or `(IonSim.jl's tests)` were read there, those `(quoted from memory)` were not; all others are closed
-forms of the theory that a paper uses, written from knowledge of the field and not copied from its pages.
+Numbers marked `(printed)` or `(IonSim.jl's tests)` were read in that paper or code; those marked `(quoted from memory)` were not.
+All others are closed forms of the theory that a paper uses. We wrote them from knowledge of the field, not from its pages.
 
 Not found in full text, and therefore not among the rows: the tables of Wang et al. 2018 (one-way gap), Chong et al. 2021, Lee et
 al. 2025 (magnets on cantilevers) and Watkins et al. 2020 (demultiplexer), the Chern numbers of the spindle lattice of Mitchell et
@@ -59,7 +59,7 @@ ZERO = 1e-6  # of the highest squared frequency: below it a mode is a mechanism 
 
 @dataclass(frozen=True)
 class Row:
-    """A number of a paper, the package's own, and what D0 alone would have said; None where it says nothing finite."""
+    """A number of a paper, that of the package, and that of D0 alone, which is None where it is not finite."""
 
     paper: str
     what: str
@@ -70,7 +70,7 @@ class Row:
 
     @property
     def checks(self):
-        """The row, and D0's answer as a control; where it is the same the row says so."""
+        """The row and, as its control, the number of D0 alone; if this is the same, the row says so."""
         name = f'{self.paper}: {self.what}'
         row = Check(name, float(self.here), float(self.reference), self.tolerance)
         if self.alone is None:
@@ -80,14 +80,14 @@ class Row:
 
 
 def main(out):
-    """Numbers of twelve publications, and a picture of what D0 alone would have said of them."""
+    """Numbers of twelve publications, and a picture of the numbers that D0 alone gives."""
     rows = [row for paper in (_ion_chains, _zigzag, _wigner, _penning, _gyroscopes, _anomalies, _strings, _prisms, _honeycombs,
                               _argon) for row in paper()]
     return Outcome([check for row in rows for check in row.checks], [_draw(out, rows)])
 
 
 def ions(places, springs, gyration=0.0):
-    """Charges in a trap, one anchor for all, at rest."""
+    """Charges at rest in a trap, which is one anchor for all of them."""
     atoms = Atoms(f'H{len(places)}', places, masses=np.ones(len(places)))
     atoms.calc = PairCalculator(atoms, CHARGES, bonds=list(combinations(range(len(places)), 2)), foundation=[springs],
                                 anchors=np.zeros((len(places), 3)), gyration=gyration, dim=3)
@@ -95,7 +95,7 @@ def ions(places, springs, gyration=0.0):
 
 
 def without_static_forces(atoms):
-    """Squared frequencies of D0 and the supports, ascending."""
+    """Squared frequencies of D0 and the supports together, ascending."""
     return np.linalg.eigvalsh(atoms.calc.rest_hessian('conventional').toarray() / MASS)
 
 
@@ -181,7 +181,7 @@ def _nearest(values, exact):
 
 
 def _gyroscopes():
-    """Gyroscopes so fast that their inertia is nothing: i psi' = (k0 + bonds) psi/(m g), in units of the bond's rate."""
+    """Gyroscopes so fast that inertia is negligible: i psi' = (k0 + bonds) psi/(m g), in units of the bond's rate."""
     g, k0, bond, cell = 3e3, 2.0, 1.0, lattices.honeycomb(1.0, MASS)
     G, K = [[0, 0, 0]], [[1 / 3, -1 / 3, 0]]
     for tension in (0.0, 0.4):
@@ -202,7 +202,7 @@ def _gyroscopes():
 
 @dataclass(frozen=True)
 class Tensions:
-    """Constant forces in N between neighbours of each order, at the distances 1, 2, ... mm; stiffness D0 they have none."""
+    """Constant forces in N between first, second, ... neighbours, at the distances 1, 2, ... mm; they have no stiffness D0."""
 
     T: tuple
 
@@ -263,7 +263,7 @@ def prism(n, height=1.0):
 
 
 def taut_prism(n, k=10.0, tension=0.5):
-    """The prism with the self-stress that its own geometry asks for."""
+    """The prism with the self-stress that its geometry allows."""
     nodes, pairs = prism(n)
     bare = net(nodes, [(*pair, Spring(k, 0.0)) for pair in pairs])
     state = self_stress(bare)
@@ -287,7 +287,7 @@ def _prisms():
 
 @dataclass(frozen=True)
 class Film:
-    """A film of constant tension, whatever its length."""
+    """The law of a film, whose tension does not depend on its length."""
 
     tension: float
 
@@ -302,7 +302,7 @@ class Film:
 
 
 def _honeycombs():
-    """Speeds of sound of the honeycomb of bonds with stiffness k along and t across, both sublattices at rest within the cell."""
+    """Speeds of sound of a honeycomb with bond stiffness k along and t across, when the forces on both sublattices balance."""
     cell, k = lattices.honeycomb(1.0, MASS), 1.0
     for stretch in (0.05, 0.2):
         t = k * stretch
@@ -320,7 +320,7 @@ def _honeycombs():
 
 @dataclass(frozen=True)
 class LennardJones:
-    """4 (r^-12 - r^-6)."""
+    """The Lennard-Jones law 4 (r^-12 - r^-6)."""
 
     def phi(self, r):
         return 4 * (r**-12 - r**-6)
@@ -333,7 +333,7 @@ class LennardJones:
 
 
 def _argon():
-    """Cut at nine spacings, where the energy lacks 0.1 %; the printed numbers have two or three digits."""
+    """Law cut off at nine spacings, which changes the energy by 0.1 %; the printed numbers have two or three digits."""
     law, cell = LennardJones(), bulk('Ar', 'fcc', a=np.sqrt(2))
     cell.set_masses([MASS])
     r = find_bonds(cell, cutoff=9.1).lengths
@@ -348,7 +348,7 @@ def _argon():
 
 
 def _draw(out, rows):
-    """What D0 alone says over the number of the paper, for every row in which both are finite and not zero."""
+    """Draw the number of D0 alone divided by that of the paper, for every row in which both are finite and not zero."""
     ax = new_axes()
     rows = [row for row in rows if row.alone is not None and row.reference]
     papers = list(dict.fromkeys(row.paper for row in rows))

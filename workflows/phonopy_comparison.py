@@ -11,7 +11,7 @@ from .rows import Check, Outcome, save_picture
 
 
 def main(out):
-    """Both methods on the prototype, a control of each, and the error against the displacement distance."""
+    """Both methods on the prototype, each with a control, and the error against the displacement."""
     cell = read_scene(ready_scene('prototype')).atoms()
     path = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc)
     phonon = finite_displacements(cell)
@@ -19,9 +19,9 @@ def main(out):
     D0, Dstar = bond_stiffness(cell.calc.bonds.vectors[:, :2], cell.calc.laws)
     extracted = extracted_dstar(phonon, cell)
     checks = [
-        Check('phonopy bands - analytic, largest / highest frequency', deviation(phonon, path, exact), 0.0, 1e-8),
-        Check('D* from phonopy - analytic D*, largest / phi"', abs(extracted - Dstar).max() / abs(D0).max(), 0.0, 1e-8),
-        Check('control: D* from phonopy - zero, largest / phi"', abs(extracted).max() / abs(D0).max(), 0.0, 0.1, control=True),
+        Check('phonopy bands - analytic, largest difference / highest frequency', deviation(phonon, path, exact), 0.0, 1e-8),
+        Check('D* from phonopy - analytic D*, largest entry / phi"', abs(extracted - Dstar).max() / abs(D0).max(), 0.0, 1e-8),
+        Check('control: D* from phonopy, largest entry / phi"', abs(extracted).max() / abs(D0).max(), 0.0, 0.1, control=True),
     ]
     symmetrised = phonon.replicate()
     symmetrised.force_constants = phonon.force_constants.copy()
@@ -45,7 +45,7 @@ def deviation(phonon, path, exact):
 
 
 def draw(out, d, errors):
-    """Error of phonopy's bands against the displacement distance, with its two asymptotes."""
+    """Draw the error of phonopy's bands against the displacement, with its two asymptotes."""
     ax = new_axes()
     ax.loglog(d, errors, 'o', color=COLOURS[0], label='phonopy against analytic')
     ax.loglog(d[-12:], errors[-1] * (d[-12:] / d[-1]) ** 2, '--', color=COLOURS[1], label=r'$(d/L_0)^2$: curvature')
@@ -53,4 +53,5 @@ def draw(out, d, errors):
     ax.axvline(1e-5, color='0.6', lw=0.8, label='default')
     ax.set(xlabel=r'displacement $d/L_0$', ylabel='largest error / highest frequency')
     legend_above(ax, ncols=2)
-    return save_picture(ax.figure, out / 'displacement.png', 'The error of phonopy against the size of its displacements.')
+    return save_picture(ax.figure, out / 'displacement.png',
+                        'The error of the frequencies from phonopy, as a function of the size of the displacements.')

@@ -1,7 +1,7 @@
-"""Plans judged: do the chosen methods meet the tolerance, and would a simpler one surely have met it?
+"""Plans tested: do the chosen methods meet the tolerance, and would a simpler method surely have met it?
 
-`python -m workflows.planning` judges hundreds of plans on a grid and two hundred drawn at random, in a few minutes; `python -m
-workflows planning` judges a few of each sort.
+`python -m workflows.planning` tests hundreds of plans on a grid and two hundred drawn at random, in a few minutes; `python -m
+workflows planning` tests a few of each kind.
 """
 
 import sys
@@ -23,7 +23,7 @@ DRAWN = 100
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one plan.
+    """One plan, the true error of its choice, and whether a simpler method would have done.
 
     Attributes
     ----------
@@ -48,32 +48,32 @@ class Verdict:
 
 
 def judge(found, tolerances=TOLERANCES):
-    """Plan every situation for every tolerance and look for the truth; a list of Verdict."""
+    """Plan every situation for every tolerance and compare with the truth; returns a list of Verdict."""
     return [verdict(s, s.plan(tolerance)) for s in tqdm(found, desc='situations', leave=False, disable=None)
             for tolerance in tolerances]
 
 
 def judge_drawn(count, seed=0):
-    """The same at random, with one tolerance each."""
+    """Plan random situations, each for one tolerance; returns a list of Verdict."""
     return [verdict(s, s.plan(tolerance)) for s, tolerance in tqdm(drawn(count, seed), desc='drawn', leave=False, disable=None)]
 
 
 def verdict(situation, plan):
-    """The choice of a plan, its true error, and whether it is too complete."""
+    """The method that a plan chooses, its true error, and whether a simpler method would have done."""
     choice, simpler = plan.choice, plan.methods[: plan.methods.index(plan.choice)]
     needless = any(situation.truth(method) <= NEEDLESS * plan.tolerance for method in simpler)
     return Verdict(situation, plan, choice, situation.truth(choice), needless)
 
 
 def without_dstar(plan):
-    """The plan of one who takes D* for nothing."""
+    """The plan of a user who ignores D*."""
     error = next(method.error for method in plan.methods if method.name == 'complete linear')
     first, *others = plan.methods
     return replace(plan, methods=(replace(first, error=error, doubt=0.0), *others))
 
 
 def without_amplitude(plan):
-    """The plan of one who takes every motion for small."""
+    """The plan of a user who takes every motion as small."""
     if all(method.dt is None for method in plan.methods):
         return plan
     shift = next(method.error for method in plan.methods if method.name == 'complete linear')
@@ -82,13 +82,13 @@ def without_amplitude(plan):
 
 
 def met_by(distort, verdicts):
-    """Share of the cases that a distorted plan would have met."""
+    """Share of the cases in which the plans changed by `distort` meet the tolerance."""
     plans = [(v.situation, distort(v.plan)) for v in verdicts]
     return float(np.mean([s.truth(plan.choice) <= plan.tolerance for s, plan in plans]))
 
 
 def statistics(verdicts):
-    """The figures in words."""
+    """The results as lines of text."""
     lines = []
     for kind in dict.fromkeys(type(v.situation).__name__ for v in verdicts):
         own = [v for v in verdicts if type(v.situation).__name__ == kind]
@@ -102,7 +102,7 @@ def statistics(verdicts):
 
 
 def main(out, quick=True):
-    """Judge the situations, and those who ignore D* or the amplitude."""
+    """Test the plans of all situations, and as controls plans that ignore D* or the amplitude."""
     verdicts = judge(situations(quick), TOLERANCES[::2] if quick else TOLERANCES)
     missed, needless = np.mean([not v.met for v in verdicts]), np.mean([v.needless for v in verdicts])
     checks = [
@@ -120,7 +120,7 @@ def main(out, quick=True):
 
 
 def errors_of_linear(amplitude):
-    """What a plan for the oscillator at 45 degrees says of both linear methods, with its doubt."""
+    """The error, with its uncertainty, that a plan for the oscillator at 45 degrees states for both linear methods."""
     methods = Peak(InversePower(1.0, 4.0), 45, amplitude).plan(1e-5).methods
     return {name: method.error * (1 + method.doubt) for name, method in zip(('frozen', 'linear'), methods, strict=False)}
 
@@ -129,7 +129,7 @@ MARKERS = {'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
 
 
 def draw(out, verdicts):
-    """Estimates over truths, and the method chosen for the oscillator over amplitude and tolerance."""
+    """Draw estimated over true errors, and the method chosen for the oscillator over amplitude and tolerance."""
     figure, ((ax, regions),) = panels(1, 2, height=2.7)
     letter_panels((ax, regions), ['', 'oscillator at 45 degrees: the least model'])
     for (kind, marker), colour in zip(MARKERS.items(), COLOURS, strict=False):

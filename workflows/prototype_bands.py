@@ -12,7 +12,7 @@ from .rows import BRANCHES, Check, Outcome, pairs, save_picture
 
 
 def main(out):
-    """The supplement's numbers, analytic and through phonopy; the pillar recovered from the row sums."""
+    """The numbers of the Supplement, analytic and by phonopy; the pillar's stiffness recovered from sums of force constants."""
     paper = reference()['prototype']
     scene = read_scene(ready_scene('prototype'))
     cell = scene.atoms()
@@ -56,7 +56,7 @@ def main(out):
 
 
 def draw_foundation(out, cell):
-    """The lattice in space, with the spring between each magnet and the ground."""
+    """Draw the lattice in space, with the spring between each magnet and the ground."""
     ax, up = new_axes(height=2.2), 1.2                       # in spacings
     R = cell.cell.array[:2, :2] / cell.cell.lengths()[0]
     seen = np.array([[1.0, 0.0], [0.35, 0.45]])               # of x and y in the plane of the paper

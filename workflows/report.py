@@ -42,13 +42,13 @@ def text_table(outcomes):
 
 
 def counted(outcomes):
-    """In words, how many rows of each kind pass, and how many fail."""
+    """One sentence that says how many rows of each kind pass, and how many fail."""
     checks = [check for outcome in outcomes.values() for check in outcome.checks]
     count = Counter(check.kind for check in checks if check.passed)
     failed = sum(not check.passed for check in checks)
     return (f'{count["reproduction"]} numbers agree with a reference from outside the package, {count["consistency"]} with '
-            f'another method of it; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers are '
-            f'reported without a reference; {failed} rows fail')
+            f'another method of the package; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers '
+            f'are reported without a reference; {failed} rows fail')
 
 
 def write_summary(path, outcomes):
@@ -63,7 +63,7 @@ def write_summary(path, outcomes):
 
 
 def write_html(path, outcomes, provenance):
-    """Claims, pictures and tables together in one file; `provenance` are lines that say when, with what, on which machine."""
+    """Claims, pictures and tables in one file; lines of `provenance` say when, with what and on which machine they were made."""
     with whole_file(path) as file:
         file.write(page(path, outcomes, provenance))
 
@@ -93,7 +93,7 @@ def page(path, outcomes, provenance):
 
 
 def as_built(outcome):
-    """Rows of texts: the paper's model, and each effect that it leaves out with the change that it makes."""
+    """Rows of texts: the paper's model, and each effect that it omits with the change due to this effect."""
     found = {row.quantity: row.here for row in outcome.checks} if outcome is not None else {}
     table = []
     for name, *_ in PLACES if AS_BUILT.format('K', 'all') in found else ():

@@ -12,11 +12,11 @@ DPI = 220
 BRANCHES = 'shear', 'longitudinal'
 """Names of the two branches of a planar lattice, by ascending frequency."""
 ROUNDING = 1e-9
-"""A quantity that should vanish, and is smaller than this, is zero to rounding: the digits left of it mean nothing."""
+"""A quantity that should vanish and is smaller than this is zero to rounding: its digits mean nothing."""
 
 
 def number(value, digits=6):
-    """A number with as many digits as one reads; what rounding left of zero has one.
+    """A number as text with so many digits; a number that is zero apart from rounding has one digit.
 
     Examples
     --------
@@ -28,7 +28,7 @@ def number(value, digits=6):
 
 
 def apart_in_words(difference, relative=True):
-    """How far a number is from its reference, relative to it or, where that is zero, absolute.
+    """Words for the distance of a number from its reference, relative, or absolute if the reference is zero.
 
     Examples
     --------
@@ -47,7 +47,7 @@ def apart_in_words(difference, relative=True):
 
 
 def bound_in_words(tolerance, relative=True):
-    """A tolerance: `bound_in_words(0.05)` is '5 %', `bound_in_words(1e-9)` is '1e-9'."""
+    """A tolerance as text: `bound_in_words(0.05)` is '5 %', `bound_in_words(1e-9)` is '1e-9'."""
     if relative and tolerance >= 1e-3:
         return _percent(tolerance)
     return f'{tolerance:.2g}' if tolerance >= 1e-3 or not tolerance else f'{tolerance:.0e}'.replace('e-0', 'e-')
@@ -59,7 +59,7 @@ def _percent(share):
 
 @dataclass(frozen=True)
 class Check:
-    """A quantity here, its reference and the tolerance between them.
+    """A quantity as computed here, its reference and the tolerance between them.
 
     Attributes
     ----------
@@ -89,12 +89,12 @@ class Check:
 
     @property
     def difference(self):
-        """Distance from the reference, relative to it unless it is zero."""
+        """Distance of the number from the reference, relative unless the reference is zero."""
         return float(abs(self.here - self.reference) / (abs(self.reference) or 1.0))
 
     @property
     def passed(self):
-        """Whether the number agrees, or, for a control, visibly does not."""
+        """Whether the number agrees with its reference; for a control, whether it clearly differs."""
         apart, bound = self.difference, self.tolerance  # a NaN passes neither comparison
         return bool(apart > bound if self.control else apart <= bound)
 
@@ -111,7 +111,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Reported:
-    """A quantity that nothing judges, as no independent reference is known; `beside` is a number to read it against."""
+    """A quantity without an independent reference, which nothing tests; `beside` is a number to compare it with."""
 
     quantity: str
     here: float
@@ -126,7 +126,7 @@ class Reported:
 
 
 class Picture(NamedTuple):
-    """A picture as a file of pixels, with its caption; the same for print, a PDF, lies beside it."""
+    """A picture as a file of pixels, with its caption; a PDF for print lies in the same folder."""
 
     file: Path
     caption: str
@@ -141,7 +141,7 @@ class Outcome:
 
 
 def pairs(quantity, here, reference, tolerance, of, control=False):
-    """One check for each entry of two sequences, called by the names `of`."""
+    """One check for each pair of entries of two sequences; the checks are named by `of`."""
     return [Check(f'{quantity}, {name}', float(a), float(b), tolerance, control)
             for name, a, b in zip(of, here, reference, strict=True)]
 

@@ -15,7 +15,7 @@ TOO_SOFT = 0.4  # foundation in k1, where half of it is needed
 
 
 def main(out):
-    """Bands, foundation needed and the waves that grow against `omega^2 m = k - 2 k1 cos(xi) (1 - cos(xi))`."""
+    """Bands, foundation needed and range of growing waves, against `omega^2 m = k - 2 k1 cos(xi) (1 - cos(xi))`."""
     bare, k1 = chain(0.0)
     found, q = critical_foundation(bare)
     qs = np.linspace(-0.45, 0.5, 7)
@@ -41,7 +41,7 @@ def main(out):
 
 
 def chain(share):
-    """The cell of the scene, guided along the chain, on a foundation of this share of k1; and k1 in N/mm."""
+    """The cell of the scene, guided along the chain, on a foundation of `share` times k1; and k1 in N/mm."""
     atoms = read_scene('signs').atoms()
     k1 = atoms.calc.laws[0, 1].d2phi(atoms.cell.lengths()[0] / MAGNETS)
     atoms.calc.set(foundation=share * k1)
@@ -50,7 +50,7 @@ def chain(share):
 
 
 def closed(xi, share=0.0):
-    """Squared frequency times mass in k1."""
+    """Squared frequency times mass in units of k1, in closed form."""
     return share - 2 * np.cos(xi) * (1 - np.cos(xi))
 
 
@@ -61,7 +61,7 @@ def squares(atoms, q):
 
 
 def growth(cell):
-    """Of three cells, whose waves have phases of sixths of a turn, from a push at random."""
+    """Growth rate of three cells, whose waves have phases of sixths of a turn, after a random push."""
     atoms = cell.repeat((3, 1, 1))
     atoms.calc = cell.calc.on(atoms)
     atoms.set_constraint(FixedLine(range(len(atoms)), (1, 0, 0)))
@@ -71,7 +71,7 @@ def growth(cell):
 
 
 def picture(out):
-    """Squared frequencies over the phase on three foundations."""
+    """Draw squared frequencies over the phase on three foundations."""
     ax, xi = new_axes(), np.linspace(0, np.pi, 200)
     for share, style in zip((0.0, TOO_SOFT, 0.55), ('-', '--', ':'), strict=True):
         (line,) = ax.plot(xi / np.pi, closed(xi, share), style, label=f'foundation of {share:g} $k_1$')

@@ -26,7 +26,7 @@ LOW = (0.3, 0.6, 1.2)                  # its frequencies, over sqrt(k/m), where 
 
 
 def main(out):
-    """Each known result, with what fails it."""
+    """Each known result, with a wrong model that must fail it."""
     known = reference()
     honeycomb, local = missing_magnet(out, known['sites'])
     spread, widths = scattered_magnets(out, known['prototype'])
@@ -62,7 +62,7 @@ def light_mass():
 
 
 def dimerised_chain():
-    """Two kinds of magnets in pairs, A A B B: springs k1 and k2 by turns; strong bonds at the walls hold a mode at each end."""
+    """Two kinds of magnets in pairs, A A B B: springs k1 and k2 in turn; one way to end the chain has a mode at each end."""
     laws, k1, k2 = {(0, 0): STRONG, (1, 1): STRONG, (0, 1): WEAK}, 6.0, 3.0
     squares = bloch_modes(along_x(4, law=laws, tags=[0, 0, 1, 1]), [[0, 0, 0]])[0][0] ** 2  # the zone of k1, k2, folded once
     edges = pairs('dimerised chain, omega^2 m', squares[1:], (2 * k2, 2 * k1, 2 * (k1 + k2)), 1e-9,
@@ -73,13 +73,13 @@ def dimerised_chain():
     left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
     return [*edges, *pairs('dimerised chain: modes at its ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5,
                            ('first', 'second')),
-            Check('decay of these modes per cell', left[3] / left[1], k2 / k1, 1e-4),
+            Check('decay per cell of the modes at the ends of the dimerised chain', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
             Check('control: number of modes in the gap with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
 
 
 def missing_magnet(out, known):
-    """A honeycomb patch of two masses with one magnet missing: its local modes stand in the gap once the others have moved."""
+    """A honeycomb patch of two masses with one magnet missing: local modes lie in the gap once the other magnets have relaxed."""
     law, _ = prototype(reference()['prototype'])
     cell = lattices.honeycomb(10.0, 0.707)
     cell.set_masses([0.707, 1.5 * 0.707])
@@ -98,7 +98,7 @@ def missing_magnet(out, known):
                     title=f'{found[2]:.2f} Hz, in the gap of {low:.2f} to {high:.2f} Hz')
     ax.figure.colorbar(ax.collections[0], ax=ax, label='share of the kinetic energy')
     picture = save_picture(ax.figure, out / 'missing_magnet.png', (
-        'A local mode around a missing magnet (cross), towards which the others have moved by up to '
+        'A local mode around a missing magnet (cross), towards which the other magnets have moved by up to '
         f'{rest.shift:.2g} mm.'))
     return [*pairs('honeycomb, a magnet missing: local modes (Hz)', found, known['honeycomb_hole_Hz'], 1e-4,
                    ('first', 'second', 'third')),
@@ -107,7 +107,7 @@ def missing_magnet(out, known):
 
 
 def pressed_lattice():
-    """Nearest neighbours on a triangular lattice: stress and moduli in closed form, and sound with the static stress in it."""
+    """Nearest neighbours on a triangular lattice: stress and moduli in closed form, and speeds of sound under static stress."""
     rows = []
     for a in (4.0, 4.5824):
         law = InversePower(b=1.0, a=a)
@@ -129,7 +129,7 @@ def pressed_lattice():
 
 
 def all_neighbours():
-    """Dipoles, every one repelling every other: the ratio of the speeds of sound, from energies of strained lattices."""
+    """Dipoles, all of which repel each other: the ratio of the speeds of sound, from energies of strained lattices."""
     def ratio(a):
         cell = lattices.triangular(1.0, 1.0)
         cell.calc = AllNeighbours(cell, InversePower(b=1.0, a=a))
@@ -146,7 +146,7 @@ def prototype(known):
 
 
 class Supercells:
-    """Many small supercells of the prototype, every magnet drawn by itself, at rest by Newton's method: the theory written out.
+    """Many small supercells of the prototype, at rest by Newton's method; all masses, strengths and springs are random.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class Supercells:
 
 
 def scattered_magnets(out, known):
-    """The prototype's magnets not all alike: how broad M shear becomes, by kernel polynomials and by exact supercells."""
+    """Scatter of the prototype's magnets: the width of shear at M, by kernel polynomials and by exact supercells."""
     law, k = prototype(known)
     cell = lattices.triangular(known['spacing'] * units.m, known['mass'] * units.kg)
     f, smooth, rng = np.linspace(*SHEAR, 401), 0.0, np.random.default_rng(0)
@@ -226,7 +226,7 @@ def scattered_magnets(out, known):
 
 
 def shear_at_M(cells):
-    """Frequencies in Hz of all modes of all supercells, and their share of the three shear waves, in which rows move by turns."""
+    """Frequencies in Hz of all modes of all supercells, and their share of the three shear waves at M."""
     one, two = np.divmod(np.arange(SMALL**2), SMALL)  # repeat counts along the last vector fastest
     share = 0.0
     for q, angle in zip(M, (np.pi / 3, 0.0, -np.pi / 3), strict=True):  # rows along R2, R1, R1 - R2
@@ -236,7 +236,7 @@ def shear_at_M(cells):
 
 
 def width_of(f, weight):
-    """Standard deviation of a distribution."""
+    """Standard deviation of the weighted distribution of f."""
     mean = np.average(f, weights=weight)
     return float(np.sqrt(np.average((f - mean) ** 2, weights=weight)))
 
@@ -262,7 +262,7 @@ def each_magnet(known):
 
 
 def disordered_chain():
-    """Masses at random between 0.2 and 1.8: modes counted by the transfer matrix, and how far they reach in long waves."""
+    """Random masses between 0.2 and 1.8: modes counted by the transfer matrix, and the localisation length of long waves."""
     masses = np.random.default_rng(0).uniform(0.2, 1.8, CHAIN)
     chain = along_x(CHAIN, masses=masses)
     omega = np.array([0.25, 0.5, 1.0, 1.5, 1.95])
@@ -285,6 +285,6 @@ def disordered_chain():
 
 
 def reach_power(chain):
-    """Slope of the mean localisation length of modes over their frequency, on logarithmic axes."""
+    """Slope of the mean localisation length over the frequency of the modes, on logarithmic axes."""
     lengths = [localisation(local_modes(chain, (w - 0.01 / w, w + 0.01 / w)), chain).length.mean() for w in LOW]
     return np.polyfit(np.log(LOW), np.log(lengths), 1)[0]

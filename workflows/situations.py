@@ -32,7 +32,7 @@ STEPS = 0.03
 
 @dataclass(frozen=True)
 class Peak:
-    """The oscillator, driven along its line to an amplitude (in spacings, about) at its peak."""
+    """The oscillator, driven along its line to about a given amplitude (in spacings) at its peak."""
 
     law: object
     angle: float
@@ -57,7 +57,7 @@ class Peak:
         return self.amplitude * self.damping * self._linear('complete')
 
     def _pull(self, y):
-        """Force along the line at the height y above rest, the static one taken off; the magnets as three points."""
+        """Force along the line at the height y above rest, minus the static force; the magnets are three points."""
         s, c = np.sin(np.deg2rad(self.angle)), np.cos(np.deg2rad(self.angle))
         force = 0.0
         for x0, y0 in ((c, -s), (-c, -s), (0, -1)):
@@ -73,7 +73,7 @@ class Peak:
 
     @cached_property
     def _true(self):
-        """Frequency at which the first harmonic is that of the force at 90 degrees: A = F/(gamma W)."""
+        """Frequency at which the first harmonic lags the force by 90 degrees and has the amplitude A = F/(gamma W)."""
         from scipy.integrate import solve_ivp
         from scipy.optimize import brentq
 
@@ -101,7 +101,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class Waveform:
-    """A burst that a row of particles sends through a strip, its force as a share of f(L0)."""
+    """A burst that a row of particles sends through a strip; its force is given as a share of f(L0)."""
 
     kind: str
     law: object
@@ -160,7 +160,7 @@ class Waveform:
 
 @dataclass(frozen=True)
 class Beam(Waveform):
-    """A burst from a row of a patch, its force falling off to the sides."""
+    """A burst from a row of a patch; its force falls off to the sides."""
 
     rows: int = 14
 
@@ -187,7 +187,7 @@ class Beam(Waveform):
 
 
 def strip(cell, rows, law, foundation=0.0):
-    """A ribbon with a law; a burst from a whole row of its sources travels as in the lattice."""
+    """A ribbon with a given law, in which a burst from a whole row of sources travels as in the lattice."""
     ribbon = lattices.ribbon(cell, rows)
     ribbon.calc = MagneticRepulsion(ribbon, law, foundation=foundation)
     return ribbon
@@ -200,7 +200,7 @@ def patch_with_law(cell, patch):
 
 
 def situations(quick=False):
-    """On a grid: all of them, or a few of each sort."""
+    """The situations of the grid: all of them, or a few of each kind."""
     r3, r4, r458, yukawa = LAWS
     peaks = [Peak(law, angle, amplitude) for law in LAWS for angle in (0, 30, 45, 90) for amplitude in (1e-3, 0.01, 0.03, 0.08)]
     waves = [Waveform(kind, law, 0.2 if kind == 'triangular' else 8.0, direction, carrier, force)
@@ -228,7 +228,7 @@ def drawn(count, seed):
 
 
 def held(kind, law, draw):
-    """A foundation that holds the lattice, with some to spare, in N/mm."""
+    """A foundation in N/mm somewhat stiffer than the lattice needs to be stable."""
     cell = getattr(lattices, kind)(1.0, 1.0)
     cell.calc = AllNeighbours(cell, law)
     nearest = cell.copy()

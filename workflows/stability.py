@@ -38,7 +38,7 @@ MOST_GROWTH = 3.0  # of a step, beyond which a run is not linear for long
 
 
 def main(out):
-    """Borders against closed forms, in the zone and by runs; angles of the oscillator; growth per step of three integrators."""
+    """Stability boundaries from bands and runs against closed forms; angles of the oscillator; growth per step of integrators."""
     needed = {model: {name: np.array([needed_by(name, model, a) for a in EXPONENTS]) for name in KINDS}
               for model in MODELS}
     fates = {(name, model): runs(name, model) for name in KINDS for model in MODELS}
@@ -49,8 +49,8 @@ def main(out):
         checks += [
             Check(f'{name}: foundation needed, largest misfit over a from 1 to 8 (f/L0)', misfit['complete'], 0, 1e-9),
             Check(f'control: {name}, D0 alone (f/L0)', misfit['conventional'], 0, 0.5, control=True),
-            Check(f'{name}: number of runs 5 % from the border that end wrongly', wrong(grown['complete']), 0, 0),
-            Check(f'control: {name}, D0 alone, number of runs that end wrongly',
+            Check(f'{name}: number of runs 5 % from the border with the wrong outcome', wrong(grown['complete']), 0, 0),
+            Check(f'control: {name}, D0 alone, number of runs with the wrong outcome',
                   wrong(grown['conventional']), 0, 0, control=True),
             Check(f'{name}: growth rates of runs, largest misfit', misfit_of_rates(grown['complete']), 0, 1e-3),
         ]
@@ -63,19 +63,19 @@ def main(out):
 # --- lattices --------------------------------------------------------------------------------------------------------
 
 def cell(name, a, foundation=0.0, model='complete', repeat=(1, 1, 1)):
-    """Some cells of a lattice, unit spacing, mass and static force."""
+    """A supercell of a lattice with unit spacing, mass and static force."""
     atoms = getattr(lattices, name)(1.0, 1.0).repeat(repeat)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=foundation, model=model)
     return atoms
 
 
 def needed_by(name, model, a):
-    """Foundation that a lattice needs, f/L0."""
+    """Foundation that a lattice needs, in f/L0."""
     return critical_foundation(cell(name, a), model, steps=12)[0]
 
 
 def runs(name, model):
-    """Runs on both sides of the border: exponent, foundation, rate expected (zero where stable) and found, one row each."""
+    """Runs on both sides of the boundary, one row each: exponent, foundation, expected rate (zero if stable) and rate found."""
     closed, repeat = KINDS[name]
     rows = []
     for a in RUNS:
@@ -99,12 +99,12 @@ def growth(atoms, rate, dt=0.1):
 
 
 def wrong(rows):
-    """How many runs grew that should stay, or stayed that should grow."""
+    """Number of runs whose motion grew where it should stay small, or the other way round."""
     return int(np.sum((rows[:, 2] > 0) != (rows[:, 3] > 0)))
 
 
 def misfit_of_rates(rows):
-    """Largest difference between the rates found and expected."""
+    """Largest difference between the growth rates found and expected."""
     return abs(rows[:, 3] - rows[:, 2]).max()
 
 
@@ -146,12 +146,12 @@ def stiffness(theta0, a, model='complete'):
 
 
 def critical(a):
-    """Angle above which it runs away sideways: D_xx = 2 (a + 1) cos^2 - 3 = 0."""
+    """Angle above which the oscillator is unstable sideways: D_xx = 2 (a + 1) cos^2 - 3 = 0."""
     return np.arccos(np.sqrt(3 / (2 * (a + 1))))
 
 
 def critical_upwards(a):
-    """Angle below which it runs away along the vertical: D_yy = 2 (a + 1) sin^2 - (2 - a) = 0, for a < 2."""
+    """Angle below which the oscillator is unstable vertically: D_yy = 2 (a + 1) sin^2 - (2 - a) = 0, for a < 2."""
     return np.arcsin(np.sqrt(np.maximum(2 - a, 0) / (2 * (a + 1))))
 
 
@@ -207,7 +207,7 @@ def _draw_oscillator(out):
 # --- integrators -----------------------------------------------------------------------------------------------------
 
 class ExplicitDamping(VelocityVerlet):
-    """The control: velocity Verlet with -m gamma v among the forces, from the latest velocity known."""
+    """The control: velocity Verlet with the force -m gamma v, from the latest known velocity."""
 
     def __init__(self, atoms, timestep, damping, push=0.0):
         super().__init__(atoms, timestep)
@@ -228,7 +228,7 @@ def exact_split(w, zeta):
 
 
 def explicit(w, zeta):
-    """The same of ExplicitDamping."""
+    """Trace and determinant of one step of ExplicitDamping at omega dt = w."""
     left = 1 - zeta * w  # of the velocity after half a step
     return 1 + left**2 - w**2 / 2 * (1 + left), left**2
 
@@ -246,9 +246,9 @@ def fitted_growth(y):
 
 
 def integrators(zeta):
-    """Growth per step of each oscillator of `STEPS`, measured: DrivenVerlet and ExplicitDamping, NaN where it is too much.
+    """Measured growth per step of each oscillator of `STEPS` by DrivenVerlet and ExplicitDamping; NaN where it is too large.
 
-    All oscillators are one structure: particles of different mass, each repelled along a line by one that is fixed.
+    All oscillators are one structure: particles of different mass, each repelled along a line by its own fixed particle.
     """
     found = []
     for number, law in enumerate((exact_split, explicit)):

@@ -81,7 +81,7 @@ def oscillator():
 
 
 def draw_bands(out):
-    """Bands of the ready scene with their ribbons, in both models, and the bars of what causes them."""
+    """Draw bands of the ready scene with their ribbons, in both models, and bars for the causes of the uncertainty."""
     scene = read_scene(ready_scene('tolerances'))
     atoms, tolerances = scene.atoms(), scene.uncertainty.tolerances(scene)
     path, ax = path_of(atoms, scene.band_path()), None
@@ -98,13 +98,13 @@ def draw_bands(out):
 
 
 def error_of_linear(scene, sigma):
-    """Relative error of the linear deviations, of all POINTS but the cut-off, where the spacing has the deviation `sigma`."""
+    """Relative error of linear standard deviations at all POINTS but the cut-off, if the spacing has the deviation `sigma`."""
     tolerances = Uncertainty(spacing_percent=100 * sigma).tolerances(scene)
     return abs(closed_form(scene, tolerances).std(axis=0)[1:] / at_points(scene, tolerances).std[1:] - 1)
 
 
 def draw_limit(out, scene):
-    """Where linear propagation ends: its error against the tolerance of the spacing."""
+    """Draw the error of linear propagation against the tolerance of the spacing."""
     ax = new_axes()
     apart = np.array([error_of_linear(scene, sigma) for sigma in WIDE])
     for name, row, marker, colour in zip(list(POINTS)[1:], apart.T, 'os^', COLOURS, strict=False):
@@ -119,7 +119,7 @@ def draw_limit(out, scene):
 
 
 def draw_response(out, response, sampled):
-    """The response with its ribbon, and the deviations that sampling finds."""
+    """Draw the response with its ribbon, and the standard deviations from sampling."""
     scene = read_scene(ready_scene('oscillator'))
     omega = scene.frf.omega[::3]
     ax = plot_response_ribbon(omega, response, label='linear')

@@ -44,7 +44,7 @@ MOTIONS = {'transverse': 'shear', 'longitudinal': 'longitudinal'}
 
 
 def main(out):
-    """Ridges of the four bursts at the resolution of the row; below the cut-off amplitudes, and the complex wavenumber."""
+    """Ridges of the four bursts at the resolution of the row; amplitudes and complex wavenumber below the cut-off."""
     scene = read_scene(ready_scene('prototype'))
     checks, pictures = maps(scene, out)
     for part in both_motions, gap:
@@ -80,7 +80,7 @@ def maps(scene, out):
 
 
 def draw_maps(out, table, carriers_Hz, gamma_m):
-    """Both models side by side, all maps on one scale."""
+    """Draw both models side by side, all maps on one scale."""
     names = [f'{model} simulation, {carrier:g} Hz' for carrier in carriers_Hz for model in SIDES]
     figure, axes = plot_waves(table, names, carriers_Hz)
     figure.set_size_inches(PAGE_in, HEIGHT_in * len(axes))
@@ -93,7 +93,7 @@ def draw_maps(out, table, carriers_Hz, gamma_m):
 
 
 def draw_experiment(out, scene):
-    """The half-hexagon with what drives it and where it is measured."""
+    """Draw the half-hexagon, its source and the measured row."""
     patch = scene.patch_atoms()
     ax = plot_patch(patch, burst_setup(scene.atoms(), patch, scene.burst.source), ax=new_axes(5.5, 2.9))
     return save_picture(ax.figure, out / 'experiment.png',
@@ -101,7 +101,7 @@ def draw_experiment(out, scene):
 
 
 def between_lines(record, carrier, bins):
-    """The row of Gamma-M: as near as Gamma-K where waves are long, off by more than a bin where they are not."""
+    """Rows: long waves of the ridge are as near to Gamma-M as to Gamma-K, short ones are off Gamma-M by more than a bin."""
     if carrier < APART:
         return Check(f'{record}: distance to the branch on Gamma-M, that of a row of sources (bins)', bins, 0, HALF_A_BIN)
     return Check(f'control: {record}: distance to the branch on Gamma-M, that of a row of sources (bins)',
@@ -109,7 +109,7 @@ def between_lines(record, carrier, bins):
 
 
 def longitudinal(cell, found, record):
-    """The ridge on no branch of Gamma-K: above M shear, waves M + k of which the energy runs along the row, k along Gamma-K.
+    """The ridge on no branch of Gamma-K: above M shear, waves M + k (k along Gamma-K) whose energy runs along the row.
 
     In them rows beside the measured one move against it.
     """
@@ -127,7 +127,7 @@ def longitudinal(cell, found, record):
 
 
 def both_motions(scene, out):
-    """Both ridges in one record: what D* does to the shear branch, and how much less to the longitudinal one."""
+    """Both ridges of one record: D* moves the shear branch much more than the longitudinal one."""
     count = len(BOTH)
     plan = scene.burst.model_copy(update={'source': 'row', 'carriers_Hz': BOTH, 'directions_deg': (OBLIQUE_deg,) * count})
     cell, patch, table, checks = scene.atoms(), scene.patch_atoms(), [], []
@@ -144,7 +144,7 @@ def both_motions(scene, out):
             checks += [Check(f'{record}: distance to its own branch, Gamma-M (bins)', own.bins, 0, near),
                        Check(f'control: {record}: distance to its branch of D0 alone (bins)', off.bins, 0, apart, control=True)]
     shear, along = (separations(wave) for wave in table[0])
-    checks.append(Check('row of sources, 60 Hz: distance to D0 alone, shear / longitudinal, of ridges and of branches',
+    checks.append(Check('row of sources, 60 Hz: distance to D0 alone, ratio shear / longitudinal, ridges and branches',
                         *np.divide(shear, along), OF_BRANCHES))
     figure, axes = plot_waves(table, [f'{motion} motion, {carrier:g} Hz' for carrier in BOTH for motion in MOTIONS], BOTH)
     figure.set_size_inches(PAGE_in, HEIGHT_in * len(axes))
@@ -162,12 +162,12 @@ def separations(wave):
 
 
 def overlay(ax, line, label):
-    """A further line on a map, with its name."""
+    """Draw one more line on a map, with its name."""
     ax.plot(line.xi, units.hertz(line.omega), '-.', color=COLOURS[4], label=label)
 
 
 def gap(scene, out):
-    """A burst below the cut-off: no ridge; the amplitudes of linear response, whose decay is Im k of the complete model."""
+    """A burst below the cut-off: no ridge; amplitudes are those of linear response and decay by Im k of the complete model."""
     cell, checks = scene.atoms(), []
     figure, axes = panels(1, 2, height=2.5)
     letter_panels(axes, [f'{source} source, {motion} motion' for source, (_, motion, _) in SOURCES.items()])
@@ -187,7 +187,7 @@ def gap(scene, out):
             checks += [Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], DECAY, consistency=True),
                        Check(f'control: {record}: decay, D0 alone', decay, expected['conventional'], 0.3, control=True)]
         draw(ax, measured, responses, expected['complete'], slice(6) if source == 'row' else slice(13, None))
-    axes[0, 0].set_ylabel('amplitude / that at step 0')
+    axes[0, 0].set_ylabel('amplitude / amplitude at step 0')
     legend_of_set(figure, ncols=4)
     return checks, save_picture(figure, out / 'evanescent.png',
                                 'Below the cut-off of 26.55 Hz a burst does not travel: its amplitudes are those of linear '
@@ -211,7 +211,7 @@ def shaken(scene, cell, source, force, motion):
 
 
 def draw(ax, measured, responses, decay, here):
-    """Amplitudes along the row, those of both models, and beside them the slope of the complex wavenumber."""
+    """Draw amplitudes along the row, measured and of both models, and the slope of the complex wavenumber."""
     n, first = np.arange(len(measured)), abs(measured[0])
     ax.semilogy(n, abs(measured) / first, 'o', color='k', fillstyle='none', markersize=5, label='simulated burst')
     for (model, U), look in zip(responses.items(), ({'marker': '.', 'color': COLOURS[0]}, {'marker': 'x', 'color': COLOURS[1]}),
@@ -224,7 +224,7 @@ def draw(ax, measured, responses, decay, here):
 
 
 def slowest(cell, source, motion, model):
-    """Im xi of the slowest wave that moves the particles this way."""
+    """Im xi of the slowest-decaying wave that moves the particles in this direction."""
     bands = complex_bands(cell, wavevector(cell, source), [GAP], model)
     across = abs(bands.vectors[0, :, 0] @ polarisations(cell, source)[motion])
     return bands.xi[0].imag[across > 0.9].min()

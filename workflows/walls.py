@@ -57,7 +57,7 @@ def main(out):
 
 
 def strip(rows, model='complete'):
-    """Rows of the prototype, one particle and its images wide, the outer ones held."""
+    """Rows of the prototype, periodic across with one particle in each; the outer rows are held."""
     cell = read_scene('prototype').atoms()
     atoms = cell.repeat((1, rows, 1))
     atoms.pbc = (True, False, False)
@@ -68,7 +68,7 @@ def strip(rows, model='complete'):
 
 
 def shaken(model):
-    """Amplitudes of the first rows behind one that moves along itself at 40 Hz, per its own."""
+    """Amplitudes of the first rows behind a row that moves along itself at 40 Hz, divided by that of this row."""
     walls = np.zeros((ROWS, 3))
     walls[0, 0] = 1.0
     return frequency_response(strip(ROWS, model), None, [2 * np.pi * 40 * u.Hz], C / u.s, np.arange(SEEN),
@@ -109,7 +109,7 @@ def toda():
 
 
 def picture(out, steady, true):
-    """Amplitudes of the rows and the closed form."""
+    """Draw the amplitudes of the rows and the closed form."""
     ax, n = new_axes(), np.arange(SEEN)
     for row, mark, label in zip(steady.values(), 'os', ('complete, $D^0+D^*$', 'conventional, $D^0$'), strict=True):
         ax.plot(n, abs(row), mark, fillstyle='none', label=label)
@@ -121,7 +121,7 @@ def picture(out, steady, true):
 
 
 def toda_picture(out, times, found, exact):
-    """Every third particle of the Toda chain in time."""
+    """Draw the motion of every third particle of the Toda chain."""
     ax = new_axes()
     for k, style in zip((0, 5, 10), ('-', '--', ':'), strict=True):
         (line,) = ax.plot(times, exact[:, k], style, label=f'particle {k}' if k else 'end, moved')

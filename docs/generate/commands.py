@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import io
+import re
 import shlex
 from importlib import import_module
 from importlib.resources import files
@@ -61,7 +62,7 @@ def page(name, module, place, folder):
     """Description, example and options of one command."""
     place.mkdir(parents=True)
     prepare(name, place)
-    told = module.__doc__.partition(': ')[2].strip()
+    told = re.sub(r'docs/(\w+)\.md', r'[docs/\1.md](../../\1.md)', module.__doc__.partition(': ')[2].strip())
     parts = [f'# magphonon {name}\n\n{told[:1].upper()}{told[1:]}\n']
     if name in EXAMPLES:
         given = f'{GIVEN[name]}.\n\n' if name in GIVEN else ''

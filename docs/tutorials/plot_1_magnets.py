@@ -70,7 +70,7 @@ for name, cell in cells.items():
 # Pillars
 # -------
 # A round cantilever of aluminium has the stiffness 3 E I/H^3.  How long may the pillars of the square lattice be, if they are to
-# be half as stiff again as needed?
+# be 1.5 times as stiff as needed?
 
 import numpy as np
 
@@ -98,9 +98,9 @@ print(f'lowest frequency with D*: {complete.frequencies_Hz.min():.1f} Hz')
 # The conventional model puts the lowest frequency at Γ.  In truth it is at X, where neighbouring rows slide past each other.  On
 # pillars a third weaker this frequency would be zero, and the lattice would buckle.
 #
-# Before you build it, ``magphonon check --verbose`` checks a scene in the same way.  It also prints the largest time step, the
-# range of linear motion, and the stiffness that the pillars need so that the magnets do not tilt out of the plane.  ``magphonon
-# explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
+# Before you build a lattice, ``magphonon check --verbose`` checks its scene as the next lines do.  It also prints the largest
+# time step, the range of linear motion, and the stiffness that the pillars need so that the magnets do not tilt out of the plane.
+# ``magphonon explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
 
 from magphonon import verdict
 

@@ -9,8 +9,8 @@ and does it need D*?  Here the scan is simulated, with the noise of an instrumen
 # %%
 # A scan
 # ------
-# A burst of 40 Hz enters a half-hexagon of magnets on pillars at one magnet; a row of 25 is sampled at 1 kHz with 5 nm of
-# noise.
+# A burst of 40 Hz enters a half-hexagon of magnets on pillars at one magnet.  A row of 25 magnets is sampled at 1 kHz with 5 nm
+# of noise.
 
 import numpy as np
 
@@ -65,14 +65,15 @@ ax = plot_wave(wave)
 # The ridge
 # ---------
 # At each frequency the crest of the map gives one point of the dispersion, with an uncertainty.  This uncertainty contains the
-# noise and the difference between the two halves of the row.  The distance of the point from each branch is given in bins.  A
-# bin is 2 pi divided by the number of points of the row: the resolution that the length of the row allows.
+# noise, the difference between the two halves of the row, and the scatter of the points about a smooth branch.  The distance of
+# the point from each branch is given in bins.  A bin is 2 pi divided by the number of points of the row: the resolution that the
+# length of the row allows.
 
 for (model, name), misfit in wave.misfits.items():
     print(f'{model:12} {name:12} {misfit.bins:5.2f} bins over {misfit.points} frequencies')
 
 # %%
-# The scan follows the shear branch with D*.  The conventional one is bins away, many times the uncertainty of the ridge:
+# The scan follows the shear branch with D*.  The conventional shear branch is bins away, many times the uncertainty of the ridge:
 
 ridge = wave.ridge
 print(f'sigma of a point: {np.median(ridge.sigma_xi) / ridge.bin_xi:.2f} bins')
@@ -153,4 +154,4 @@ print(f'crest at ({k[column]:.2f}, {k[row]:.2f}) rad/mm, resolution {field.bin_k
 #     omega, density = dynasor.compute_spectral_energy_density(trajectory, rest, cell, k, dt=2.0)
 #
 # In one second of thermal motion of 64 magnets, the peaks lie within one bin of 1 Hz of the bands with D*, and four bins or more
-# away from those without (``tests/waves/test_dynasor.py``).
+# away from the bands without D* (``tests/waves/test_dynasor.py``).

@@ -73,7 +73,8 @@ print('magphonon', u.hertz(omega[0]).round(4), 'Hz,', np.linalg.norm(velocity[0]
 
 # %%
 # Thermal properties are the exception: phonopy would multiply its frequencies by Planck's constant as if they were THz.  Use
-# ``thermal_properties`` of this package instead.  At room temperature each of the two modes has the heat capacity k.
+# ``thermal_properties`` of this package instead.  At room temperature each of the two modes has the heat capacity k (Boltzmann's
+# constant).
 
 from magphonon.bands import thermal_properties
 

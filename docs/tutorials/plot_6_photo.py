@@ -58,8 +58,8 @@ print('\n'.join(['x_px,y_px,held', *rows[:3]]))
 # %%
 # The scene
 # ---------
-# ``positions = "rest"`` says that the table gives the positions of the magnets at rest.  ``[uncertainty]`` says how much each of
-# them may differ from its nominal values.  The command line for this scene is ``magphonon modes photo.toml``.
+# ``positions = "rest"`` says that the table gives the positions of the magnets at rest.  ``[uncertainty]`` says by how much each
+# magnet and pillar may differ from its nominal values.  The command line for this scene is ``magphonon modes photo.toml``.
 
 text = f"""title = "From a photo"
 [lattice]
@@ -92,8 +92,8 @@ found = modes(scene.atoms())
 # %%
 # How well?
 # ---------
-# ``mode_scatter`` computes the standard deviations of the frequencies to first order in these differences.  ``magphonon modes``
-# prints them beside the frequencies.
+# ``mode_scatter`` computes the standard deviations of the frequencies, to first order in the deviations of ``[uncertainty]``.
+# ``magphonon modes`` prints them beside the frequencies.
 
 from magphonon.design import mode_scatter
 
@@ -121,8 +121,8 @@ ax.legend(frameon=False)
 # Measured shapes
 # ---------------
 # A vibrometer has measured the three lowest modes at half of the magnets, along x.  ``magphonon modes photo.toml --compare
-# shapes.csv`` finds which computed modes they are.  A match needs a MAC (modal assurance criterion, 1 for equal shapes) above a
-# half, and above the value that chance alone would reach.
+# shapes.csv`` finds the computed modes that match them.  A match needs a MAC (modal assurance criterion, 1 for equal shapes)
+# above a half, and above the value that chance alone would reach.
 
 from magphonon.response import compared
 

@@ -30,8 +30,8 @@ for name, (low, high) in over.items():
 # The design
 # ----------
 # The objective is the weaker of the two contrasts in dB.  Its derivatives with respect to every magnet and every pillar include
-# the shift of the rest positions.  All of them together cost about as much as the responses themselves.  With ``compare=True`` a
-# second design is made with D0 alone.
+# the shift of the rest positions.  All derivatives together cost about as much as the responses themselves.  With
+# ``compare=True`` a second design is made with D0 alone.
 
 design = optimise(patch, weakest, over, steps=30, compare=True)
 print(f'before: {design.before:.1f} dB; with D0 + D*: {design.value:.1f} dB')

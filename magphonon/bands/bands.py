@@ -148,7 +148,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read what `save` wrote."""
+        """Read bands from the file that `save` wrote."""
         data = saved_arrays(path, 'bands', UNITS, optional=('vectors', 'decay'))
         for name in ('cell', 'kpts', 'points', 'omega'):
             if data[name].dtype.kind != 'f' or (name != 'omega' and data[name].shape[-1] != 3) or data['cell'].shape != (3, 3):
@@ -247,11 +247,11 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
 
 
 def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
-    """A path on the very cell of `atoms`, from one of ASE, from names of special points as in `band_path`, or from wavevectors.
+    """A path on the cell of `atoms`, made from a path of ASE, from special points as in `band_path`, or from wavevectors.
 
-    ASE's `bandpath` returns it on a rotated copy of the cell, whose lengths and angles are made exactly those of the lattice that
-    it recognised, and whose vectors may be in another order.  The fractions of the reciprocal vectors are what counts: they are
-    taken to the cell of the atoms, as it is.
+    ASE's `bandpath` returns a path on a rotated copy of the cell. This copy has exactly the lengths and angles of the lattice
+    that ASE recognised, and its vectors may be in another order.  Only the fractions of the reciprocal vectors matter, so they
+    are kept and applied to the cell of the atoms as it is.
     """
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic and has no bands; use the unit cell from which it was made')
@@ -262,7 +262,7 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
     axes = np.flatnonzero(atoms.pbc)
     ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
     off = {order: abs(ours - theirs[np.ix_(order, order)]).max() / abs(ours).max() for order in permutations(range(len(axes)))}
-    for order in sorted(off, key=lambda order: round(off[order], 9))[:1]:  # of a square cell, the vectors as they are
+    for order in sorted(off, key=lambda order: round(off[order], 9))[:1]:  # in a square cell, the vectors stay as they are
         if off[order] <= SAME_LATTICE:
             own = np.arange(3)
             own[axes] = axes[list(order)]
@@ -317,7 +317,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
     For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, with the matrix B of `LinearSystem`.  At degenerate
-    points the velocity depends on the direction of approach, so each crossing branch gets their mean velocity.
+    points the velocity depends on the direction of approach, so each crossing branch gets the mean velocity of all of them.
 
     Parameters
     ----------
@@ -443,7 +443,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     """Share of the kinetic energy of each mode in the rows at the two edges of a ribbon, from 0 to 1.
 
     An edge wave has most of its energy at an edge, however wide the ribbon is; in all other modes this share falls with the
-    width. Where branches cross, as the branches of two equal edges do, modes are arbitrary and each gets the mean share.
+    width. Where branches cross, as those of two equal edges do, their modes are arbitrary, so each gets the mean share.
 
     Parameters
     ----------

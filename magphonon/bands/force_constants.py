@@ -70,7 +70,7 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     Parameters
     ----------
     atoms : ase.Atoms
-        One periodic cell with its PairCalculator or AllNeighbours; the calculator's reference is displaced.
+        One periodic cell with its PairCalculator or AllNeighbours; displacements start from the calculator's reference.
     supercell : three ints, optional
         Number of cells along each lattice vector, 1 along directions that are not periodic. By default the smallest supercell in
         which no bond spans half of it. With AllNeighbours no supercell is large enough: the bands are then right at the

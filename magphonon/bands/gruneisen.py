@@ -90,7 +90,7 @@ def growth(calc: PairCalculator, free: NDArray[np.float64]) -> NDArray[np.float6
     """Derivative `R + C u` of the bond vectors with respect to the logarithm of the spacing, in mm, shape (bonds, dim).
 
     The calculator is at rest; `free`, shape (particles * dim, free), are the orthonormal directions that constraints leave free.
-    Rest is a matter of statics, which are those of the complete model.
+    The rest positions follow from the static forces, so the complete model is used here whatever the model of the bands.
     """
     R, C = calc.bond_vectors, calc.bonds.incidence
     push = -(C.T @ np.einsum('bxy,by->bx', calc.rest_stiffness('complete'), R)).ravel()

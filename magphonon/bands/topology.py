@@ -116,6 +116,7 @@ class EdgeFlow(NamedTuple):
     velocity : ndarray, shape (waves,)
         Their group velocities along the period in mm/ms.
     at_right : ndarray of bool, shape (waves,)
+        Whether each wave runs along the right edge.
     """
 
     right: int
@@ -166,7 +167,7 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = N
     fixed = omega**2 * np.eye(len(B)) + 1j * omega * B
 
     def at(q):
-        """K(q) - omega^2 - i omega B."""
+        """The matrix K(q) - omega^2 - i omega B."""
         return system.bloch(np.atleast_1d(q)[:, None] * np.eye(3)[along], model) - fixed
 
     mesh = np.arange(STEPS + 1) / STEPS

@@ -44,7 +44,7 @@ LEAST_WRITTEN_N_per_mm = 1e-6
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with its bands, and what several findings ask of them."""
+    """A scene with its bands, and the intermediate results that several findings share."""
 
     scene: Scene
     atoms: Any
@@ -67,7 +67,7 @@ REPORT = Findings()
 
 
 def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> list[str]:
-    """Which waves grow, of Floquet bands over the distances `x` along a path, in rad/mm."""
+    """Lines that say which waves of Floquet bands grow, and where; `x` are distances along the path in rad/mm."""
     lines = []
     for model, found in bands.items():
         k, rate = found.growth.argmax(), found.growth.max() * units.s
@@ -80,14 +80,14 @@ def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> li
 
 
 def _in_words(value):
-    """A number for the terminal; a speed of sound may be infinite, if the range of the force is too long, or not exist."""
+    """A number as text; a speed of sound may be infinite, if the force has a long range, or may not exist."""
     if isnan(value):
         return 'none'
     return f'{value:.7g}' if not isinf(value) else 'unbounded' if value > 0 else '-unbounded'
 
 
 def _rows(label, columns, highest):
-    """A line for each branch with a number for each model."""
+    """Lines of a table, with a row for each branch and a number for each model."""
     table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
     return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
             for branch, row in enumerate(table)]
@@ -95,7 +95,7 @@ def _rows(label, columns, highest):
 
 @REPORT.answer
 def effect(case: Case) -> str:
-    """What D* does to the branch at a special point that it changes most, and whether the lattice stands."""
+    """The largest shift of a branch by D* at a special point, and whether the lattice is stable."""
     from ..plotting.bands import mode_names
 
     stands = verdict(case.atoms).finding('buckling') if case.turned else buckling(case)
@@ -118,7 +118,7 @@ def effect(case: Case) -> str:
 
 @REPORT.remark
 def lattice(case: Case) -> Iterator[str]:
-    """What the bands are of."""
+    """The lattice whose bands are reported."""
     given, atoms = case.scene.lattice, case.atoms
     yield case.scene.title
     if given.kind == 'file':
@@ -158,13 +158,13 @@ def long_waves(case: Case) -> Iterator[str]:
     yield from _rows('', speeds, case.bands['complete'].omega.max() * case.scene.lattice.spacing_m * units.m)
     if np.isnan(speeds).any():
         yield '  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch'
-    with suppress(ValueError):  # such as of a law that needs a neutralising background
+    with suppress(ValueError):  # such as for a law that needs a neutralising background
         yield f'with the foundation removed: {elastic_moduli(case.atoms)}'
 
 
 @REPORT.remark
 def decays(case: Case) -> Iterator[str]:
-    """The bands with damping at their special points: frequency, decay, and what of a mode is lost in a period."""
+    """The bands with damping at the special points: frequency, decay, and damping ratio."""
     if (lossy := case.lossy) is None:
         return
     yield f'\n{"with the damping":18}{"frequency (Hz)":>16}{"decay (1/s)":>14}{"damping ratio":>16}'
@@ -191,7 +191,7 @@ def thermal_motion(case: Case) -> Iterator[str]:
 
 @REPORT.remark
 def topology(case: Case) -> Iterator[str]:
-    """Of particles that gyrate: Chern numbers of bands, gaps, and the waves that run one way along an edge in each."""
+    """For particles that gyrate: Chern numbers of the bands, the gaps, and the one-way edge waves in each gap."""
     if not case.turned:
         return
     judged = verdict(case.atoms)
@@ -215,7 +215,7 @@ def topology(case: Case) -> Iterator[str]:
 
 @REPORT.remark
 def by_phonopy(case: Case) -> Iterator[str]:
-    """The foundation in the sums of phonopy's force constants, and how far its bands are from the exact ones."""
+    """The foundation found in the sums of phonopy's force constants, and the difference of its bands from the exact ones."""
     if case.phonon is None:
         if not case.turned:
             yield '\nphonopy is not installed, so its bands are omitted: pip install phonopy'
@@ -241,19 +241,19 @@ def by_phonopy(case: Case) -> Iterator[str]:
 
 @REPORT.check
 def others(case: Case) -> Finding | None:
-    """What neighbours that are omitted would change of frequencies."""
+    """How the omitted neighbours would change the frequencies."""
     return None if case.turned else omitted(case.scene)
 
 
 @REPORT.remark
 def far_ones(case: Case) -> str | None:
-    """What they would change of long waves."""
+    """How the omitted neighbours would change the speeds of long waves."""
     return None if case.turned else speeds(case.scene)
 
 
 @REPORT.remark
 def out_of_plane(case: Case) -> str | None:
-    """Whether a layer stands out of its plane."""
+    """Whether a layer is stable against motion out of its plane."""
     return verdict(case.atoms).finding('out_of_plane').words if not case.turned and case.atoms.calc.layer else None
 
 

@@ -46,7 +46,7 @@ def run(options: Namespace) -> None:
 
 
 def _bands(scene, atoms, path):
-    """The bands of both models and of phonopy, and phonopy's object; None where it is missing or the velocity turns forces."""
+    """The bands of both models and of phonopy, and phonopy's object; None without phonopy or for velocity-dependent forces."""
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
 
@@ -64,7 +64,7 @@ def _bands(scene, atoms, path):
 
 
 def _floquet(folder, save, atoms, path, plan, highest_Hz):
-    """Floquet bands along a path and back, and what they say in words."""
+    """Compute, save and draw Floquet bands along a path and back, and return the lines that report them."""
     from ..bands.floquet import floquet_bands
     from ..plotting.floquet import plot_floquet
     from .band_report import floquet_report

@@ -68,7 +68,7 @@ def run(options: Namespace) -> None:
 
 
 def _told(scene, cell, records, largest):
-    """The conclusion of the bursts with what must not be missed, and every ridge."""
+    """Lines with the conclusion of the bursts, warnings, and all ridges."""
     from ..waves.wave_report import report
 
     unstable, found = _unstable(cell), scene.relaxation()
@@ -79,7 +79,7 @@ def _told(scene, cell, records, largest):
 
 
 def _engine(options):
-    """The engine of a burst in a model: a function of the name of the burst and the model that returns keywords for `send`."""
+    """A function that returns the engine of a burst, as keywords of `send`, for the name of the burst and the model."""
     from pathlib import Path
 
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
@@ -99,7 +99,7 @@ def _engine(options):
 
 
 def _seen(row, cell, source):
-    """The waves along the row; those of a shaken bench enter at all walls, and no shift is known of them."""
+    """The waves along the row; on a shaken bench they come from all walls, and count as those of a point source."""
     from dataclasses import replace
 
     from ..waves.wave_analysis import waves
@@ -108,7 +108,7 @@ def _seen(row, cell, source):
 
 
 def _send(scene, k, cell, patch, engine):
-    """Patch, site and passage of burst number k in a patch; the row is measured by the vibrometer of the scene, if any."""
+    """Patch, source and passage of burst number k; if the scene has a vibrometer, the row is measured with it."""
     from dataclasses import replace
 
     from ..dynamics.cages import Diverged
@@ -154,7 +154,7 @@ def _draw(save, name, carrier, passages, found):
 
 
 def _conclusion(records):
-    """On which branches the ridges lie, and how far off those of the other model, a line for each branch of each simulation."""
+    """Lines that say to which branches the ridges belong, and how far they are from the branches of each model."""
     from ..waves.wave_analysis import BRANCHES, MODELS
 
     lines, astray = [], 0

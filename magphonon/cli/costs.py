@@ -45,16 +45,16 @@ SAMPLE_bytes = 1800  # burst: one particle of the row at one time, with its shar
 
 
 COSTS = Findings()
-"""By the names of the commands: the bytes that each needs for a scene, or None where the scene lacks its table."""
+"""For each command, by name: the bytes that it needs for a scene, or None if the scene lacks its table."""
 
 
 def amount(size: float) -> str:
-    """A number of bytes in words; what every process needs is not resolved."""
+    """A number of bytes in words; all sizes below 0.1 GB look the same."""
     return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'about {size / GIGABYTE:.2g} GB'
 
 
 def estimate(memory: Callable[[Scene], dict[str, float] | None]) -> None:
-    """Put a command on the list by what it needs, bytes by the key that they grow with: a fault where no memory holds it."""
+    """Decorator that adds a command to the list of costs; its function returns bytes for each key with which they grow."""
     @wraps(memory)
     def judge(scene):
         if (needed := memory(scene)) is None:
@@ -147,7 +147,7 @@ def modes(scene: Scene) -> dict[str, float] | None:
 
 
 def size_key(scene: Scene) -> str:
-    """The key that the number of particles grows with."""
+    """The key of the scene with which the number of particles grows."""
     return 'lattice.file' if scene.finite else scene.patch.size_key if scene.patch is not None else 'title'
 
 

@@ -55,7 +55,7 @@ def run(options: Namespace) -> None:
 
 
 def _left_out(scene, plan, best, k, verbose):
-    """What neighbours cost in the lattice that was found."""
+    """Lines that say how the omitted neighbours would shift the frequencies of the lattice that was found."""
     from ..scenes.tolerances import varied
     from .neighbours import REPORT, Case
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'
 CYCLES = 120  # of the tone in a structure, most of which is nearly steady
 SUM = b'<!-- magphonon explore, sha256 '
-"""Begins the last line of every such page, which holds the checksum of the rest: any other file is not replaced."""
+"""Beginning of the last line of every such page, which holds the checksum of the rest; a file without it is not replaced."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -67,7 +67,7 @@ def _write(options, file, page, words):
 
 
 def _pushed(scene):
-    """The structure, and its push in SI: by the first target of [design] if there is one, with its loud places as ports."""
+    """The structure and its force in SI; if [design] has targets, the force and the ports are those of the first target."""
     atoms, frf, targets = scene.patch_atoms(), scene.frf, getattr(scene.design, 'targets', ())
 
     def place(pick):
@@ -84,7 +84,7 @@ def _pushed(scene):
 
 
 def _template(text, scene, atoms):
-    """The scene without its comments; in the place of each value that a slider changes stands the name of this value."""
+    """The scene without its comments, with a name in place of each value that a slider changes."""
     from ..scenes.scene import toml
 
     tables, masses = tomllib.loads(text), atoms.get_masses() / u.kg

@@ -2,14 +2,14 @@
 
 Some errors are shared by all rows of a table: the zeros of the distance and of the force, hysteresis, backlash, the gain of the
 load cell. The intervals allow for them; options say how well you know each.  A length or force without a unit is in m or N:
-`--spacing 10mm` or 0.01. With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any
-other analysis: force, exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is
-stated.  The table says which kind of source sent the waves; the intervals allow for the shift that such a source gives to all
-ridges of a branch. Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised
-by its contents. Forces, ridges and transfer functions are fitted together, with one law, one foundation and one mass. The report
-then says which record contradicts the others, and what to measure next. With `--frf SCENE` the files are of measured transfer
-functions, tables or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are
-fitted to them, with D* and without.
+`--spacing 10mm` or 0.01. With `--bands SCENE` the tables hold ridge points, from `magphonon spectrum` or any other analysis:
+force, exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The table
+says which kind of source sent the waves; the intervals allow for the shift that such a source gives to all ridges of a branch.
+If a scene is named first, `magphonon fit mine.toml forces.csv ridges.csv`, each of the other files is recognised by its contents.
+Forces, ridges and transfer functions are then fitted together, with one law, one foundation and one mass. The report says which
+record contradicts the others, and what to measure next. With `--frf SCENE` the files hold measured transfer functions, as tables
+or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are fitted to them, with
+D* and without.
 
 docs/coverage.md says how often its 95 % intervals contain the true value.
 """
@@ -101,10 +101,10 @@ def _of_one_kind(options):
 
 
 def _refuse_copies(names):
-    """Raise ValueError for two files of the same numbers, in whatever format, units or order."""
+    """Raise ValueError if two files hold the same numbers, in whatever format, units or order."""
     known = []
     for name in names if len(names) > 1 else ():
-        with suppress(ValueError, OSError):  # of which the fit will tell
+        with suppress(ValueError, OSError):  # which the fit will report
             columns = [np.ravel(column) for table in columns_of(*held(ready_table(name))) for column in table.values()]
             known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
     for (first, one), (name, other) in combinations(known, 2):
@@ -114,7 +114,7 @@ def _refuse_copies(names):
 
 
 def _with_scene(options):
-    """A scene and files that are recognised by what they hold: the fit of one kind of record, or of all of them together."""
+    """Run the fit for a scene and files that are recognised by their contents: of one kind of record, or of all together."""
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
 
@@ -142,7 +142,7 @@ def _with_scene(options):
 
 
 def _fit_together(options, name, kinds):
-    """All records of one lattice at once."""
+    """Fit all records of one lattice at once, and report the result."""
     from ..scenes.frf_fits import GAIN, KEYS, UNITS
     from ..scenes.joint_fits import fit_records
     from ..scenes.scene import read_scene
@@ -174,7 +174,7 @@ def _shared_errors(options):
 
 
 def _told(options, scene, tables, report, name, figure=None):
-    """Print a report, and write all of it, with its picture if it has one, into the folder of the results if there is one."""
+    """Print a report; if there is a folder of results, write the full report and its picture, if any, into it."""
     from .results import results
 
     if options.output is not None:
@@ -216,7 +216,7 @@ def _fit_forces(options):
 
 
 def _check_options_of_forces(options):
-    """A fit of forces takes one table, and no options of the other fits."""
+    """Raise ValueError if a fit of forces is given several tables, or options of the other fits."""
     for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
         if given:
             raise ValueError(f'{name} belongs to a fit of ridges; name the scene with --bands SCENE')
@@ -263,7 +263,7 @@ def _fit_bands(options):
 
 
 def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
-    """The parameters that --fix names, with their unit or without."""
+    """The parameters that --fix names; the names may contain the unit or not."""
     names: list[str] = [name.strip() for name in options.fix.split(',')] if options.fix else []
     return [keys.get(name, name) for name in names]
 

@@ -18,15 +18,15 @@ from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .fitted import SIGMAS, entries_of, in_a_line, interval, with_unit
+from .fitted import SIGMAS, entries_of, in_a_line, interval, unlike_springs, with_unit
 from .neighbours import neighbours, omitted
 
 if TYPE_CHECKING:
     from ..interactions.fits import Fit, SharedErrors
     from ..interactions.force_tables import Forces
 
-FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it
-SURE = 0.8  # probability of a drift from which it is told
+FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
+SURE = 0.8  # probability of a drift above which it is reported
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
@@ -44,7 +44,7 @@ FORCES, RIDGES, RESPONSES = Findings(), Findings(), Findings()
 
 
 def force_report(*case, verbose: bool = True) -> str:
-    """What is said of a fit of forces, of a `ForceCase`: all of it, or the answer and what must not be missed."""
+    """The report of a fit of forces, described by a `ForceCase`: all of it, or only the answer and the warnings."""
     return '\n'.join(one.words for one in FORCES.asked(ForceCase(*case), verbose).values() if one.words)
 
 
@@ -124,7 +124,7 @@ def drift(case):
 
 @FORCES.remark
 def pairs(case):
-    """How far one pair may be from the mean of the lattice."""
+    """How far a single pair may be from the mean of all pairs in the lattice."""
     count, sigma = case.forces.pairs, case.fit.pair
     if sigma:
         told = 'as stated' if case.shared.pair is not None else 'as their scatter says'
@@ -148,7 +148,7 @@ def scatter(case):
 
 @FORCES.remark
 def reach(case):
-    """How many shells of neighbours the table reaches."""
+    """How many shells of neighbours lie within the range of the table."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
     return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. Forces at '
@@ -158,7 +158,7 @@ def reach(case):
 
 @FORCES.check
 def conflicts(case):
-    """Errors of the whole table that come out far from what was stated."""
+    """Errors shared by the whole table whose fitted values are far from what was stated."""
     for name, value, conflict, unit, symbol in zip(SHARED, case.fit.zeros, case.fit.conflicts, (u.N, u.mm, u.N, u.mm),
                                                    ('N', 'mm') * 2, strict=True):
         if conflict > CONFLICT:
@@ -172,8 +172,8 @@ def next_table(case):
 
 
 def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> str:
-    """The parameters in both models with their intervals, what is not determined, the evidence for D*, and what others shift;
-    or only the answer, its entries for a scene, and what must not be missed.
+    """The parameters in both models with their intervals, what is not determined, the evidence for D*, and shifts by omitted
+    neighbours; or only the answer, its entries for a scene, and the warnings.
     """
     if not verbose:
         beside = omitted(found.scene, {'the ridges': found.points.q})
@@ -193,7 +193,7 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
 
 
 def _called(found, branch):
-    """How the particles move on a branch, in brackets, where it is the same at all its points."""
+    """The polarisation of a branch in brackets, if it is the same at all measured points; otherwise ''."""
     points, cell = found.points, found.scene.perfect_cell()
     on = np.array(found.fits['complete'].branches)[points.ridge] == branch
     kinds = {*analytic_bands(cell, points.q[on], vectors=True).polarisations[:, branch]}
@@ -224,7 +224,7 @@ def _predicted(found):
 
 @RIDGES.remark
 def allowed(found):
-    """What the intervals contain of shifts that all ridges of a branch share."""
+    """The shifts, shared by all ridges of a branch, for which the intervals allow."""
     sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
     kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
     told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
@@ -237,19 +237,19 @@ def allowed(found):
 
 
 def _shown(report, found):
-    """What must not be missed."""
+    """The answer and the warnings of a report."""
     return [one.words for one in report.asked(found).values() if one.words]
 
 
 def _answer(found):
-    """The parameters of the better model in a line, if it follows the data."""
+    """The parameters of the better model in one line, if it fits the data."""
     model = found.better.model
     told = f'{model.capitalize()} model: {in_a_line(found.values(model), UNITS)}, with 95 % intervals in brackets.'
     return [told] if found.better.follows else []
 
 
 def _table(fits, rows):
-    """Lines of rows with one column for each model."""
+    """Lines of a table with one column for each model."""
     rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits)), *rows]
     return in_columns(rows, left=1 + len(fits))
 
@@ -264,7 +264,7 @@ def few_points(found):
 
 @RIDGES.check
 def any_law(found):
-    """Whether the intervals are those of any smooth law."""
+    """Whether the intervals hold for any smooth law."""
     return ('The intervals hold for any smooth law; the inverse power of the scene was only the start. They become several times '
             'narrower if the scene names the shape of the magnets (kind = "magnets" or "table"), or with a table of forces '
             'beside the ridges.') if found.of_any_law else None
@@ -309,7 +309,7 @@ def left_out(found):
 
 @RIDGES.check
 def stated(found):
-    """The force that was measured before, as the scene states it, beside that of the ridges."""
+    """The force stated in the scene from an earlier measurement, beside that from the ridges."""
     if found.stated is None or not found.fits['complete'].follows:
         return []
     (before, sigma), (force, share) = found.stated, found.values()['force']
@@ -348,7 +348,7 @@ def verdict(found):
 
 
 def _scattered(found):
-    """What to think of points that scatter about the better model by more than their uncertainties say."""
+    """A comment if the points scatter about the better model by more than their uncertainties."""
     fit = found.better
     if fit.chance >= FITS:  # also where only ridges that were left out do
         return []
@@ -357,13 +357,13 @@ def _scattered(found):
 
 
 def _causes(found):
-    """Why points may scatter: what was tried, with the chi2 that is left, and what explains it."""
+    """Why points may scatter: the changes that were tried, with the remaining chi2, and the one that explains it."""
     fit = found.better
     tried = [f'{one.chi2:.4g}/{one.freedom} ' + ('with as many neighbours as matter (shells = "auto")' if name == NEIGHBOURS else
                                                  f'without the ridge "{name}"') for name, one in found.causes.items()]
     told = f'Fitted again, with one thing changed, chi2/freedom is {"; ".join(tried)}. ' if tried else ''
     explain = [name for name, one in found.causes.items() if one.chi2 / one.freedom < fit.chi2 / fit.freedom / EXPLAINS]
-    best = NEIGHBOURS if NEIGHBOURS in explain else next(iter(explain), None)  # with them nothing that was measured is left out
+    best = NEIGHBOURS if NEIGHBOURS in explain else next(iter(explain), None)  # it keeps all measurements
     also = f'{"what --prior says, " if found.priors else ""}mass and spacing of the scene'
     if best is None:
         return f'{told}None of these explains it: look at {also}.' if tried else f'Look at {also}.'
@@ -400,7 +400,7 @@ def entries(found):
 
 @RIDGES.remark
 def others(found):
-    """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
+    """Shifts by omitted neighbours at the ridges; a relative shift of frequency is half that of the bond stiffness."""
     sigma = found.values()['bond stiffness'][1]
     within = {('the ridges', k + 1): NORMAL * sigma / 2 for k in set(found.fits['complete'].branches)}
     scene = found.fitted() if found.fits['complete'].follows else found.scene
@@ -408,8 +408,8 @@ def others(found):
 
 
 def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
-    """The parameters in both models with their intervals, what the lattice cannot follow, and which model does; or only the
-    answer and what must not be missed.
+    """The parameters in both models with their intervals, what no model of the lattice can fit, and which model fits better; or
+    only the answer and the warnings.
     """
     if not verbose:
         return '\n'.join([*_answer(found), *_shown(RESPONSES, found)])
@@ -464,6 +464,11 @@ def contradictions(found):
         (value, _), (known, sigma) = values[name], found.priors[name]
         yield (f'The data give {with_unit(name, UNITS)} = {value:.4g}, {sigmas:.1f} sigma from the {known:.4g} +- {sigma:.2g} '
                'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
+
+
+@RESPONSES.check
+def springs(found):
+    return unlike_springs(found.better)
 
 
 @RESPONSES.check

@@ -59,7 +59,7 @@ def _measured(scene, options):
 
 
 def _responses(scene, plan, folder, save):
-    """Write and draw the responses of both models; a line that names their highest peaks, and where each has others."""
+    """Write and draw the responses of both models; return a line with their highest peaks, and lines with further peaks."""
     from ..plotting.response import plot_response
     from ..response.frf import receptance
     from ..stiffness.rest import LinearSystem
@@ -91,7 +91,7 @@ def _responses(scene, plan, folder, save):
 
 
 def _beside(scene, measured, save):
-    """Draw what was measured over what is computed, and say how far they are from each other."""
+    """Draw the measured responses over the computed ones, and return lines that say how much they differ."""
     if not measured:
         return []
     from ..plotting.response import plot_transfer
@@ -105,7 +105,7 @@ def _beside(scene, measured, save):
 
 
 def _compared(functions, curves):
-    """How far the computed responses are from each measured one."""
+    """Lines that say how much the computed responses differ from each measured one."""
     lines = ['root mean square difference from the measurement, as a fraction of its peak:']
     for k, one in enumerate(functions):
         peak = abs(one.response).max()
@@ -117,7 +117,7 @@ def _compared(functions, curves):
 
 
 def _natural(system, omega):
-    """The natural frequencies to be drawn, and what the terminal shows of all: a large structure's are counted, not computed."""
+    """The natural frequencies to be drawn, and lines about all of them; in large structures they are counted, not computed."""
     from ..dynamics.engine import highest_frequency
     from ..response.normal_modes import SMALL, count_modes_below, local_modes, natural_frequencies
     from ..stiffness.lowest import lowest_mode
@@ -143,7 +143,7 @@ def _natural(system, omega):
 
 
 def _scattered(scene, system, omega):
-    """The lowest natural frequencies in the range with what [uncertainty] leaves unknown of them."""
+    """The lowest natural frequencies in the range, with their standard deviations due to [uncertainty]."""
     from ..design.scatter import mode_scatter
     from ..response.normal_modes import Modes, local_modes
 

@@ -14,17 +14,18 @@ from ..interactions.fits import SHAPE_WEIGHT
 from ..scenes.band_fits import TELLS
 from ..scenes.frf_fits import UNITS
 from ..tables import in_columns
-from .fitted import SIGMAS, entries_of, in_a_line, interval, with_unit
+from .fitted import SIGMAS, entries_of, in_a_line, interval, unlike_springs, with_unit
 
 PULL = 2.7
-"""Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10 cases, a false one in 1 of 100."""
+"""Pull in standard deviations above which a fault is named: a fault with a pull of 4 is then named in 9 of 10 cases, a false one
+in 1 of 100."""
 
 JOINT = Findings()
 
 
 def joint_report(found, verbose: bool = True) -> str:
-    """The parameters by all records with their intervals, and how well each record alone knows them; or only the answer and what
-    must not be missed.
+    """The parameters from all records with their intervals, and how well each record alone determines them; or only the answer
+    and the warnings.
     """
     joint, values = found.joints['complete'], found.values()
     first = f'{in_a_line(values, UNITS)}, with 95 % intervals in brackets.'
@@ -88,6 +89,8 @@ def responses(found):
         return
     complete, alone = (found.responses[model].square for model in ('complete', 'conventional'))
     yield f'Transfer functions: the residual without D* is {np.sqrt(alone / complete):.2g} times that with it.'
+    if (told := unlike_springs(found.responses['complete'])) is not None:
+        yield told
     if not found.joints['complete'].alone(RESPONSES).records[0].information.any():
         yield ('The transfer functions are given no weight, because even a scatter of 10 % from site to site would not explain '
                'them: use "magphonon fit --frf" to check whether positions, units or neighbours are wrong.')

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
-MOST_TURNING = 1500  # the same where forces turn velocities: matrices are complex and of twice the size
+MOST_TURNING = 1500  # the same limit with gyration: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
@@ -74,7 +74,7 @@ def run(options: Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene, and what several findings ask of the modes of its lattice and of its patch."""
+    """A scene, and the modes of its lattice and of its patch that several findings share."""
 
     scene: Scene
     left: list[str]
@@ -84,7 +84,7 @@ class Case:
 
     @cached_property
     def bands(self) -> dict[str, Bands]:
-        """Of the lattice, along its special points, by model."""
+        """The bands of the lattice along its special points, by model."""
         from ..bands.bands import analytic_bands
         from .neighbours import special_points
 
@@ -93,7 +93,7 @@ class Case:
 
     @cached_property
     def at(self) -> dict[str, int]:
-        """The wavevectors of the special points on that path, by their names."""
+        """Indices of the wavevectors of the special points on the path of `bands`, by their names."""
         from .neighbours import special_points
 
         path = self.bands['complete'].path
@@ -109,7 +109,7 @@ class Case:
 
     @cached_property
     def system(self) -> LinearSystem:
-        """Of the patch or the finite structure, as all that follows."""
+        """The linear system of the patch or the finite structure."""
         from ..stiffness.rest import LinearSystem
         from ..traits import LINEAR
 
@@ -117,14 +117,14 @@ class Case:
 
     @cached_property
     def ranges(self) -> NDArray[np.float64]:
-        """Of the bands of the lattice; none of a finite structure."""
+        """Frequency ranges of the bands of the lattice; empty for a finite structure."""
         from ..bands.density import band_ranges
 
         return np.empty((0, 2)) if self.lattice is None else band_ranges(self.lattice)
 
     @cached_property
     def computed(self) -> tuple[Modes, bool]:
-        """Modes, and whether they are all."""
+        """The computed modes of the patch, and whether these are all its modes."""
         return _modes(self.system, self.ranges)
 
     @property
@@ -150,7 +150,7 @@ class Case:
 
     @cached_property
     def local(self) -> list[int]:
-        """The modes outside the bands of the lattice, the most local first."""
+        """Indices of the modes outside the bands of the lattice, the most local first."""
         room = OUTSIDE * abs(self.found.omega).max()
         outside = [k for k, omega in enumerate(self.found.omega)
                    if not any(low - room <= omega <= high + room for low, high in self.ranges)]
@@ -158,14 +158,14 @@ class Case:
 
     @cached_property
     def shown(self) -> list[int]:
-        """The modes that are drawn: the most local ones, or the lowest of a patch without local ones."""
+        """Indices of the modes that are drawn: the most local ones, or the lowest if the patch has no local modes."""
         order = np.argsort(self.extent.participation)
         every = range(len(self.found.omega)) if len(self.ranges) else order[~self.free[order]]
         return (self.local or [*every])[:SHOWN]
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which modes cost no energy."""
+        """Mask of the modes that cost no energy."""
         return _of_no_stiffness(self.found.omega)
 
     @cached_property
@@ -174,7 +174,7 @@ class Case:
 
     @property
     def about(self) -> dict[str, Any]:
-        """About what pictures and films show one image of a periodic patch: its first defect or else its most local mode."""
+        """Centre of the pictures of a periodic patch: its first defect, or else its most local mode; and the defects."""
         own = self.defects if len(self.defects) else self.extent.centre[self.shown, :2]
         return {'defects': self.defects, 'centre': own[0]}
 
@@ -218,7 +218,7 @@ def of_lattice(case: Case) -> Iterator[str]:
 
 @REPORT.check
 def without_energy(case: Case) -> Finding | None:
-    """Of a finite structure: how many modes cost no energy, and how many would with D0 alone; told always where there are any."""
+    """How many modes of a finite structure cost no energy, and how many would with D0 alone; always printed if there are any."""
     from ..stiffness.rest import LinearSystem
 
     if case.patch is None or not case.scene.finite or case.system.turning or case.system.directions > MOST_REPEATED:
@@ -231,7 +231,7 @@ def without_energy(case: Case) -> Finding | None:
 
 @REPORT.check
 def stands(case: Case) -> Finding | None:
-    """Whether what stands in a photo would stand with this law."""
+    """Whether a lattice that stands in a photo would be stable with this law."""
     if case.patch is None or not case.scene.finite or getattr(case.scene.lattice, 'positions', None) != 'rest':
         return None
     unstable = case.found.omega[0] < -OUTSIDE * abs(case.found.omega).max()
@@ -241,7 +241,7 @@ def stands(case: Case) -> Finding | None:
 
 @REPORT.check
 def most_local(case: Case) -> Finding | None:
-    """The most local modes; told always where some lie outside the bands, or there are no bands."""
+    """The most local modes; always printed if some lie outside the bands, or if there are no bands."""
     if case.patch is None or not (case.local or not len(case.ranges)):
         return None
     lines, extent, std = ['the most local ones:'], case.extent, case.spread[0].get('std_Hz')
@@ -255,7 +255,7 @@ def most_local(case: Case) -> Finding | None:
 
 @REPORT.check
 def scatter(case: Case) -> Finding | None:
-    """What +- means, and whether structures drawn at random buckle."""
+    """An explanation of the +- values, and whether structures drawn at random buckle."""
     if case.patch is None or not case.spread[0]:
         return None
     columns, lost = case.spread
@@ -276,20 +276,20 @@ def unused_tolerances(case: Case) -> Finding | None:
 
 @REPORT.remark
 def other_neighbours(case: Case) -> list[str] | None:
-    """What the neighbours that a patch leaves out would change of the modes that are shown."""
+    """How the omitted neighbours would change the modes of the patch that are shown."""
     return None if case.patch is None else _with_others(case.scene, case.system, case.found, case.shown)
 
 
 @REPORT.check
 def measured(case: Case) -> Finding | None:
-    """The computed mode that is most like each measured shape: told always, as it is asked for."""
+    """The computed mode most similar to each measured shape; always printed, because the user asked for it."""
     found = None if case.patch is None else case.comparison
     return None if found is None else Finding(found, '\n'.join(matches(found, case.found)), fault=True)
 
 
 @REPORT.check
 def others(case: Case) -> Finding:
-    """What neighbours that the scene omits would change of the lattice."""
+    """How the omitted neighbours would change the frequencies of the lattice."""
     from .neighbours import omitted
 
     return Finding() if case.scene.finite else omitted(case.scene)
@@ -303,7 +303,7 @@ def unused(scene: Scene) -> Finding:
 
 
 def _of_no_stiffness(omega):
-    """Which modes cost no energy, such as the motion of the whole structure where nothing holds it."""
+    """Mask of the modes that cost no energy, such as the motion of a whole structure that nothing holds."""
     from .band_report import ZERO_FRACTION
 
     return abs(omega) < ZERO_FRACTION * abs(omega).max()
@@ -329,14 +329,14 @@ def _modes(system, ranges):
 
 
 def _spread(scene, system, found):
-    """Columns of modes.csv with the scatter that [uncertainty] names for each site; the share of structures drawn that buckle."""
+    """Columns of modes.csv with standard deviations due to [uncertainty]; and the share of random structures that buckle."""
     from ..design.scatter import mode_scatter, sampled_modes
 
     scatter, _ = scene.known_of_structure
     if not scatter:
         return {}, 0.0
     first = units.hertz(mode_scatter(system, scatter, found).std)
-    if system.directions > MOST_DRAWN or not scatter.std.any():  # what all sites share mixes no modes
+    if system.directions > MOST_DRAWN or not scatter.std.any():  # deviations that all sites share mix no modes
         return {'std_Hz': first}, 0.0
     drawn = sampled_modes(system.atoms, scatter, DRAWN)
     lost = float(np.isnan(drawn[:, 0]).mean())
@@ -348,7 +348,7 @@ def _spread(scene, system, found):
 
 
 def _with_others(scene, system, found, shown):
-    """What the neighbours that a patch or a structure leaves out would change of the modes that are shown."""
+    """Lines that say how the omitted neighbours of a patch or structure would change the modes that are shown."""
     from ..scenes.scene import LONG_RANGE, PAIRS
     from ..stiffness.rest import LinearSystem
 
@@ -372,7 +372,7 @@ def _with_others(scene, system, found, shown):
 
 
 def _shifted(system, every, found, shown, how):
-    """Where modes of a system are found in the same with more neighbours, in words; modes are those that are most alike."""
+    """Lines with the shifts of modes if more neighbours count; a mode is identified by the similarity of its shape."""
     from scipy.spatial import KDTree
 
     from ..response.normal_modes import modes
@@ -391,7 +391,7 @@ def _shifted(system, every, found, shown, how):
 
 
 def matches(comparison, found) -> list[str]:
-    """A line for each measured shape: the computed mode that is it, and which others look the same at the measured points."""
+    """A line for each measured shape: the computed mode that matches, and others that look the same at the measured points."""
     from ..response.measured_shapes import FAR
 
     f = found.frequencies_Hz
@@ -403,7 +403,7 @@ def matches(comparison, found) -> list[str]:
         what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
         off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
         if mac[best] > least:
-            far = bool(abs(f[best] - measured) > FAR * measured)  # not, if unknown
+            far = bool(abs(f[best] - measured) > FAR * measured)  # False if unknown
             others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
             lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
                          + (', too far apart in frequency for one mode: are u_x and u_y exchanged, or is the law wrong?' * far)
@@ -457,7 +457,7 @@ def _draw_lattice(save, case):
 
 
 def _write(folder, save, case):
-    """Tables and pictures of the modes of the patch, and a film of one."""
+    """Write tables and pictures of the modes of the patch, and a film of one mode."""
     from ..plotting.modes import plot_comparison
 
     filmed, f = case.options.animate, case.found.frequencies_Hz
@@ -476,7 +476,7 @@ def _write(folder, save, case):
 
 
 def _draw(save, case):
-    """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
+    """Draw how many particles take part in each mode, and the shapes of the most local or the lowest modes."""
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.modes import plot_extents, plot_shape
 
@@ -493,8 +493,8 @@ def _draw(save, case):
 
 
 def _film(folder, case, filmed):
-    """A film of one period of a mode whose largest displacement is a thousandth of the shortest bond; its title says how much
-    larger it is drawn.
+    """Save a film of one period of a mode whose largest displacement is a thousandth of the shortest bond; its title says by
+    which factor motion is enlarged.
     """
     from ..plotting.animation import animate, mode_frames
 

@@ -1,4 +1,4 @@
-"""What the neighbours that a scene omits would change, in words, per branch at the points asked.
+"""How the neighbours that a scene omits would change its frequencies, in words, for each branch at given points.
 
 `check`, fits, designs and tolerances list the shifts in full. The other commands print a line with the largest one if it matters.
 """
@@ -29,7 +29,7 @@ MOST_SHOWN = 6
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, and where the shifts by its neighbours are asked for."""
+    """A scene, and the points and intervals for which shifts by omitted neighbours are reported."""
 
     scene: Scene
     points: Mapping[str, ArrayLike] | None = None
@@ -43,13 +43,13 @@ class Case:
 
     @cached_property
     def q(self) -> dict[str, NDArray[np.float64]]:
-        """The wavevectors by the names of their points."""
+        """The wavevectors of the points, by the names of these."""
         points = special_points(self.scene) if self.points is None else self.points
         return {name: np.reshape(np.asarray(several, dtype=float), (-1, 3)) for name, several in points.items()}
 
     @property
     def unknown(self) -> str | None:
-        """Why shifts are not known, the end of a sentence; None where they are."""
+        """The end of a sentence that says why shifts are not known; None if they are known."""
         lattice: Any = self.scene.lattice
         if self.scene.finite:
             chosen = lattice.cutoff_m is None and not isinstance(self.scene.law.asked, int)
@@ -65,7 +65,7 @@ class Case:
 
     @property
     def matters(self) -> bool:
-        """Whether a frequency shifts by more than real lattices are known to."""
+        """Whether a frequency shifts by more than the accuracy to which real lattices are known."""
         return self.unknown is None and bool(abs(self.found.relative).max() > TOLERANCE)
 
     @property
@@ -88,8 +88,8 @@ class Case:
 
     @cached_property
     def counted(self) -> str:
-        """Which neighbours count, in words."""
-        law, lattice = self.scene.law, self.scene.lattice  # of a file, where it has a cutoff
+        """Which neighbours the scene counts, in words."""
+        law, lattice = self.scene.law, self.scene.lattice  # a lattice from a file may have a cutoff
         if lattice.cutoff is not None:
             reach = f'Neighbours within {lattice.cutoff / 1e3:.4g} m count'
             return reach if getattr(lattice, 'cutoff_m', None) is not None else f'{reach} (shells = "{law.asked}")'
@@ -105,7 +105,7 @@ REPORT = Findings()
 
 @REPORT.remark
 def shifts(case: Case) -> str:
-    """How many neighbours count, and the largest shifts by the others, or that there is none."""
+    """How many neighbours the scene counts, and the largest shifts by the others, if there are any."""
     if case.unknown is not None:
         return case.counted + case.unknown
     if not case.matters:
@@ -120,7 +120,7 @@ def shifts(case: Case) -> str:
 
 @REPORT.check
 def not_enough(case: Case) -> Finding | None:
-    """Shifts that exceed half the width of an interval that is given."""
+    """The shifts that exceed half the width of a given interval."""
     exceeding = [place for x, place, _, which in case.shifts if abs(x) > max((case.within or {}).get(which, np.inf), TOLERANCE)
                  ] if case.matters else []
     few = 'Nearest neighbours' if case.scene.law.shells == 1 else 'So few neighbours'
@@ -130,7 +130,7 @@ def not_enough(case: Case) -> Finding | None:
 
 @REPORT.remark
 def advice(case: Case) -> str | None:
-    """What to do where a shift matters."""
+    """Advice for the user if a shift matters."""
     if not case.matters:
         return None
     if not case.found.known:
@@ -142,13 +142,13 @@ def advice(case: Case) -> str | None:
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
                within: Mapping[tuple[str, int], float] | None = None, limit: str = 'the 95 % interval',
                brief: bool = False) -> list[str]:
-    """A line that says how many neighbours are counted and what all of them would change; nothing for a scene where the number
-    cannot be chosen.
+    """Lines that say how many neighbours are counted and how all of them would change the frequencies; no line if a scene cannot
+    choose their number.
 
     If `brief`, it names only the largest shift, if any matters. `points` are wavevectors in fractions of the reciprocal vectors:
     one for each name, or several under one name, for which the largest shift is given; by default the special points of the
-    bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch from 1: shifts that
-    exceed them are named, and `limit` says in words what these widths are.
+    bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch (counted from 1).
+    Shifts that exceed them are named, and `limit` says in words what these widths are.
     """
     if scene.single or isinstance(scene.law, SavedLaw) or KINDS[scene.law.kind].shells == 1:
         return []
@@ -161,7 +161,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
 
 
 def omitted(scene: Scene, points: Mapping[str, ArrayLike] | None = None) -> Finding:
-    """The largest shift as a finding of a command: a fault, except in the ready scenes, which say that they omit others."""
+    """The largest shift by omitted neighbours, as a finding: a fault, except in ready scenes, which state the omission."""
     return Finding(words=''.join(neighbours(scene, points, brief=True)), fault=scene._name not in ready_scenes())
 
 

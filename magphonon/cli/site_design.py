@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 PARAMETERS = 'design.npy'
-GOAL_dB = 30.0  # contrast that counts as one
-JUDGES, SEED = 60, 1  # specimens by which a design is judged, from a seed that made none of it
+GOAL_dB = 30.0  # contrast above which a copy counts as good
+JUDGES, SEED = 60, 1  # number of specimens for the test of a design, and their seed, which its own draws do not use
 FRAMES = 24
 
 
@@ -76,7 +76,7 @@ def _many(robust):
 
 
 def _draw(scene, design, patch, source, tolerances, folder, save):
-    """Parts, levels before and after, the way there, tolerances, and one film for each frequency."""
+    """Draw the parts, the levels before and after, the progress of the design, its tolerances, and a film for each frequency."""
     from ..design import Rest
     from ..plotting.animation import animate, mode_frames
     from ..plotting.designs import plot_convergence, plot_design, plot_levels, plot_sites

@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
             raise ValueError(f'two of the scans are called {stem}, so their results would have the same name; rename one of them')
     ridges, notes = [], []
     for table, stem in zip(options.tables, stems, strict=True):
-        options.table = table  # the one that an error is about
+        options.table = table  # errors name this table
         if _analysed(options, scene):
             ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
         notes += options.notes
@@ -66,7 +66,7 @@ def run(options: Namespace) -> None:
 
 
 def _analysed(options, scene):
-    """Write and print what the scan `options.table` shows; whether it has ridges."""
+    """Write and print what the scan `options.table` shows, and return whether it has ridges."""
     from ..waves.fields import is_field
     from ..waves.scan_tables import read_places, read_scan
 
@@ -90,7 +90,7 @@ def _analysed(options, scene):
 
 @dataclass(frozen=True)
 class Case:
-    """What a scan shows: lines on what was read, and on its ridges, those that answer first; the wavevectors of the ridges."""
+    """Results of a scan: notes on how it was read, the answer, all lines on its ridges, and the wavevectors of these."""
 
     scene: Scene
     name: str
@@ -111,20 +111,20 @@ def ridges(case: Case) -> list[str]:
 
 @REPORT.remark
 def scan(case: Case) -> list[str]:
-    """What was read, and how far every ridge is from every branch."""
+    """Notes on how the scan was read, and the distance of every ridge from every branch."""
     return ['', case.scene.title, *case.notes, '', case.text]
 
 
 @REPORT.check
 def others(case: Case) -> Finding:
-    """What neighbours that the scene omits would change of the ridges."""
+    """How the omitted neighbours would change the frequencies at the ridges."""
     from .neighbours import omitted
 
     return omitted(case.scene, case.asked)
 
 
 def _row(options, scene, cell, scan, folder, save):
-    """What a row of points shows."""
+    """Analyse a row of points: write its files and pictures, and return its `Case`."""
     from ..plotting.waves import plot_wave
     from ..waves.ridge_tables import write_ridges
     from ..waves.rows import row_of
@@ -150,7 +150,7 @@ def _row(options, scene, cell, scan, folder, save):
 
 
 def _field(options, scene, cell, scan, folder, save):
-    """What points of the plane show."""
+    """Analyse points that cover the plane: write their files and pictures, and return their `Case`."""
     from ..bands.bands import band_path
     from ..plotting.fields import plot_field, plot_field_at
     from ..waves.fields import field_at, field_map, field_of, field_ridges
@@ -176,7 +176,7 @@ def _field(options, scene, cell, scan, folder, save):
 
 
 def _particles(scene):
-    """Places of the particles of the row of a scene with [patch] and [burst], by their numbers."""
+    """Positions of the particles in the row of a scene with [patch] and [burst], by their numbers."""
     from ..waves.wave_source import burst_setup
 
     if scene.patch is None or scene.burst is None:

@@ -72,7 +72,7 @@ def run(options: Namespace) -> None:
 
 @contextmanager
 def _where(options: Namespace) -> Iterator[dict[str, Any] | None]:
-    """The arguments of `sweep` that say where the points are computed; None in a process that only worked for another one."""
+    """Context with the arguments of `sweep` that say where points are computed; None in an MPI rank that was only a worker."""
     if options.executor == 'processes':
         yield {'workers': options.workers or -1}
     elif options.executor == 'here':
@@ -127,7 +127,7 @@ def axis_of(text: str) -> tuple[str, NDArray[np.float64]]:
 
 @contextmanager
 def _new(path: Path) -> Iterator[RawIOBase | None]:
-    """A file that this process makes, open for writing; None if there is one already."""
+    """Context with a new file, open for writing; None if a file of this name exists already."""
     try:
         file = path.open('xb', buffering=0)
     except FileExistsError:
@@ -163,7 +163,7 @@ def _lead(options, workers):
             save(plot_sweep(answers, name).figure, f'sweep_{name}')
         told += _report(scene.title, answers, options.ask, options.verbose)
         told += [f'At the values of the scene itself: {line}' for line in omission(scene, options.verbose)]
-    if own:  # this process made it; another one that took it up may have seen the end of it
+    if own:  # this process made the journal; a later process that continued it may have finished it
         journal.unlink(missing_ok=True)
     else:
         options.notes.append(f'{journal} of an earlier command is still there; the sweep is complete, so you may remove it')
@@ -186,7 +186,7 @@ def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> li
 
 
 def _reasons(answers: Dataset) -> list[str]:
-    """Why points lack an answer: reasons that differ in their numbers only are one, with the range of each number."""
+    """Lines that say why points lack an answer; reasons that differ only in numbers are merged, with the range of each number."""
     from collections import defaultdict
 
     alike: defaultdict[str, list[list[str]]] = defaultdict(list)

@@ -152,9 +152,9 @@ def _response(folder, save, scene, tolerances):
 
 
 def _peaks(f, spread):
-    """What the second order says of peaks, where the amplitude has no slope: it can only fall.
+    """Lines on the peaks of the response to second order: at a peak the amplitude has no slope, so it can only fall.
 
-    It holds for a peak of one resonance that moves by less than its width; between peaks it means nothing.
+    They are valid for a peak of a single resonance that moves by less than its width, and not between peaks.
     """
     v, std, second = spread.values, spread.std, spread.second_order
     peaks = 1 + np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] > v[2:]))

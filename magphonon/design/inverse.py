@@ -31,7 +31,7 @@ EQUAL_MASSES = 1e-12
 
 @dataclass(frozen=True)
 class Design:
-    """A spacing that gives the wanted value.
+    """A spacing at which a lattice has the wanted value, and the foundation that it needs there.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Design:
     value, slope : float
         The value at this spacing, and its derivative with respect to the logarithm of the spacing, rad/ms.
     needed : float
-        Foundation in N/mm that the static forces require there.
+        Foundation in N/mm that the static forces require at this spacing.
     """
 
     spacing: float
@@ -50,7 +50,7 @@ class Design:
 
 
 def _by_spacing(atoms, target):
-    """A value, and its derivative by the logarithm of the spacing, rad/ms."""
+    """The value of a target and its derivative by the logarithm of the spacing, rad/ms."""
     rest = Rest(LinearSystem.of(atoms))
     value, slope = target.value_and_slope(rest)
     return value, SiteSlopes(rest.system).of(slope)['spacing']
@@ -63,7 +63,7 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     Raises
     ------
     ValueError
-        If the cut-off is not positive, or the particles have different masses, because on a common foundation no mode is then
+        If the cut-off is not positive, or the particles have different masses, because then no mode on a common foundation is
         uniform.
 
     Examples
@@ -85,16 +85,16 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
 
 def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: float,
                   between: tuple[float, float]) -> list[Design]:
-    """All spacings in a range at which a lattice is stable and a target has the value wanted.
+    """All spacings in a range at which a lattice is stable and a target has the wanted value.
 
     Parameters
     ----------
     build : callable
         Function that takes the spacing in mm and returns the cell with its PairCalculator.
     target : Objective
-        In rad/ms, such as a `BandEdge` or `band_gap` with infinite sharpness.
+        A quantity in rad/ms, such as a `BandEdge` or `band_gap` with infinite sharpness.
     wanted : float
-        In rad/ms.
+        Wanted value in rad/ms.
     between : (float, float)
         Range of spacings in mm.
 
@@ -146,7 +146,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
 
 
 class NoDesign(PhysicsError):
-    """No spacing in the range gives the wanted value.
+    """No spacing in the range gives a lattice the wanted value.
 
     Attributes
     ----------

@@ -31,16 +31,16 @@ AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0)}
 
 def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
                  along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """What to measure next: one more burst along the row with the most points, or one of the quantities `along` by other means.
+    """Proposals for the next measurement: a burst along the row with the most points, or one of the quantities `along`.
 
     Parameters
     ----------
     fit, points
-        The fit and its points.
+        The fit and the points to which it belongs.
     cell, changes
-        The fitted lattice, and what each parameter changes there.
+        The fitted lattice, and what each parameter changes in it.
     along : dict of ndarray, shape (parameters,)
-        Quantities to know better, as powers of the parameters whose product they are.
+        Quantities that other means can measure, each as the powers of the parameters whose product it is.
     """
     rows, which = np.unique((points.q / points.xi[:, None]).round(9), axis=0, return_inverse=True)
     row, modes = rows[np.bincount(np.ravel(which)).argmax()], np.array(fit.branches)[points.ridge]
@@ -55,7 +55,7 @@ def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: 
             low, high = np.sort(u.hertz(bloch_modes(cell, more.q[[-MORE, -1]])[0][:, branch]))
             plans[f'measure {MORE} points of branch {branch + 1} from {low:.3g} to {high:.3g} Hz'] = (
                 _information(fit, cell, changes, more) - _information(fit, cell, changes, points))
-    return best(fit, along, plans)
+    return best(fit.sigma_along, fit.scatter, along, plans)
 
 
 def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
@@ -76,9 +76,9 @@ def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, Stiffnes
 
 def after_responses(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                     functions: Sequence[TransferFunction], along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """One more receiver in the patch, longer averages, or one of the quantities `along` by other means.
+    """Proposals for the next measurement: one more receiver in the patch, longer averages, or one of the quantities `along`.
 
-    The `fit` is that of `build` and `functions`, with unknowns of its sites or without.
+    The `fit` is that of `build` to `functions`, with or without unknowns of its sites.
     """
     built = build(fit.by_name)
     first, n, system = functions[0], len(fit.names), built.system
@@ -94,4 +94,4 @@ def after_responses(fit: TransferFit, build: Callable[[dict[str, float]], Parame
     plans = {f'measure along {axis} at ({places[k, 0]:.3g}, {places[k, 1]:.3g}) m': eliminated(measured + part, n) - now
              for (k, axis), part in zip(asked, parts[len(functions) :], strict=True)}
     plans[f'average {AVERAGED} times as long'] = eliminated(AVERAGED * measured, n) - now
-    return best(fit, along, plans)
+    return best(fit.sigma_along, fit.scatter, along, plans)

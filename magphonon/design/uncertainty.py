@@ -56,7 +56,7 @@ class Tolerances:
         object.__setattr__(self, 'covariance', C)
 
     def samples(self, count: int, seed: int = 0) -> NDArray[np.float64]:
-        """Factors by which the parameters deviate, log-normal as they are positive, shape (count, parameters)."""
+        """Random factors of the parameters, log-normal because they are positive, shape (count, parameters)."""
         rng = np.random.default_rng(seed)
         return np.exp(rng.multivariate_normal(np.zeros(len(self.changes)), self.covariance, whole('count', count)))
 
@@ -67,12 +67,12 @@ class Spread(Saved, kind='uncertainties', units={
     'values': ('rad/ms for frequencies, mm for amplitudes', '...'),
     'slopes': ('that of the values, for each relative change', 'parameters', '...'),
 }, missing=('slopes',)):
-    """Values of one kind, and their uncertainty to first order in the tolerances.
+    """Frequencies or amplitudes, and their uncertainty to first order in the tolerances.
 
     Attributes
     ----------
     names : tuple of str
-        The parameters.
+        Names of the parameters.
     covariance : ndarray, shape (parameters, parameters)
         Covariance of the relative changes of the parameters.
     values : ndarray, shape (...)
@@ -141,8 +141,8 @@ def _std(covariance, slopes):
 def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: Model | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
-    Where branches cross, each keeps its own spread; see
-    `magphonon.design.sensitivities.frequency_sensitivities`, which says where there is NaN.
+    Where branches cross, each keeps its own spread.
+    `magphonon.design.sensitivities.frequency_sensitivities` says where values are NaN.
 
     Parameters
     ----------
@@ -213,8 +213,8 @@ def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike
                         seed: int = 0) -> NDArray[np.float64]:
     """Frequencies of `count` lattices whose parameters are drawn at random, to check the linear propagation.
 
-    `build` takes a dict of parameter name to factor and returns the cell with its PairCalculator.  Shape (count, wavevectors,
-    modes), in rad/ms.
+    `build` takes a dict from parameter name to factor and returns the cell with its PairCalculator.  The result has the shape
+    (count, wavevectors, modes) and is in rad/ms.
     """
     from tqdm import tqdm
 

@@ -59,7 +59,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class Cable(Composed, Spring):
-    """A cable: a spring while it is longer than `L0`; when shorter it is slack, with neither force nor stiffness.
+    """A cable: a spring if it is longer than `L0`; if it is shorter it is slack and has neither force nor stiffness.
 
     Examples
     --------

@@ -142,7 +142,7 @@ def _patch(cell, n1, n2, beyond):
 
 
 def _neighbours(there, shell, shifts):
-    """How many bonds of each place lead to one that is `there`; shape of both (rows of cells, cells, particles of a cell)."""
+    """Number of bonds from each site to sites that are `there`; both of the shape (rows of cells, cells, particles of a cell)."""
     found = np.zeros(there.shape, np.int16)
     for i, j, (a, b, _) in zip(shell.i, shell.j, shifts, strict=True):
         (here1, to1), (here2, to2) = ((slice(max(0, -s), max(0, n - max(0, s))), slice(max(0, s), max(0, n + min(0, s))))
@@ -156,7 +156,7 @@ def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
     """The patch together with the particles around it, all held, to which the bonds of its cell join its free particles.
 
     The rim of a patch is as thick as nearest neighbours require. With the added particles every free particle has all of its
-    neighbours and is in equilibrium, for bonds of any length. They come after those of the patch and have the tag `RIM`.
+    neighbours and is in equilibrium, for bonds of any length. The added ones come last and have the tag `RIM`.
 
     Examples
     --------
@@ -198,7 +198,7 @@ def _planar(cell):
 
 
 def _with_rim(patch, rim):
-    """The patch with its `rim` tagged and held, where a particle has fewer neighbours than in the lattice."""
+    """The patch with the particles of its `rim`, which have fewer neighbours than in the lattice, tagged and held."""
     if rim.all():
         raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
     patch.set_tags(np.where(rim, RIM, 0))

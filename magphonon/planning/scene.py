@@ -1,6 +1,6 @@
-"""The plans for the tables of a scene, and their runs: [frf] for a peak, [burst] for waveforms.
+"""The plans for the tables of a scene and their runs: [frf] asks for a peak, [burst] for waveforms.
 
-The table [plan] adds what these tables do not say: the force of a response.
+The table [plan] adds what these tables do not contain: the force of a response.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 The effect of D* is the difference of the exact linear solutions with and without it.  The effect of nonlinearity is bounded by
 the largest strain s of a bond: the first nonlinear term is (a + 1) s/2 of the linear one, for a force that falls as r^-a.  Where
-this bound does not decide, the burst is run in time steps: what differs from the exact linear solution is the effect of
-nonlinearity, and the error of the steps.  Step and order are those that `magphonon.dynamics.splittings` takes for the tolerance.
+this bound does not decide, the burst is run in time steps: the difference from the exact linear solution is the effect of
+nonlinearity plus the error of the steps.  `magphonon.dynamics.splittings` chooses their length and order for the tolerance.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
 
 
 def _run(atoms, drive, row, damping, times, dt, order):
-    """Displacements of the row at the `times`, with the law itself."""
+    """Displacements of the row at the `times`, from time steps with the nonlinear law."""
     dyn = DrivenVerlet(as_model(atoms, 'complete'), dt, [drive], damping, order=order)
     record = Recorder(dyn, row, round(times[0] / dt))
     try:

@@ -29,13 +29,13 @@ MODEL_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], 
 
 @in_house_style
 def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, DispersionFit]]) -> Figure:
-    """Measured points with the branches of both models, over the residuals in standard uncertainties.
+    """Draw measured points with the branches of both models, and below them the residuals in standard uncertainties.
 
     Parameters
     ----------
     points : RidgePoints
     fits : dict of (ase.Atoms, DispersionFit)
-        By model: the cell with the parameters of the fit, and the fit.
+        For each model, the cell with the fitted parameters, and the fit.
 
     Examples
     --------
@@ -77,16 +77,16 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, Disper
 
 @in_house_style
 def plot_fit(forces: Forces, fit: Fit) -> Figure:
-    """Measured forces and the fitted law on logarithmic axes, over the residuals in standard deviations of the noise.
+    """Draw measured forces and the fitted law on logarithmic axes, and below them the residuals in standard deviations.
 
     The points are corrected for the zeros of force and distance, hysteresis and backlash that the fit found. Forces that are then
-    not positive appear in the lower panel only. The bar is the interval of 95 % of the force at the spacing.
+    not positive appear in the lower panel only. The bar is the 95 % interval of the force at the spacing.
 
     Parameters
     ----------
     forces : Forces
     fit : Fit
-        From `magphonon.interactions.fit_forces` of these forces.
+        The fit of these forces, from `magphonon.interactions.fit_forces`.
 
     Examples
     --------

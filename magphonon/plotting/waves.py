@@ -49,7 +49,7 @@ SATURATED = 0.02  # share of the particles, those next to the source, that are b
 
 @in_house_style
 def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
-    """Wavenumber-frequency map with the branches of both models and the ridge over it.
+    """Draw a wavenumber-frequency map, with the branches of both models and the ridge over it.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
 @in_house_style
 def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = (),
                carriers_Hz: Sequence[float] = ()) -> tuple[Figure, NDArray[np.object_]]:
-    """A set of wavenumber-frequency maps on equal axes, with letters, one legend and one colour bar.
+    """Draw a set of wavenumber-frequency maps on equal axes, with letters, one legend and one colour bar.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     -------
     matplotlib.figure.Figure
     ndarray of matplotlib.axes.Axes, shape (rows, columns)
-        Call `legend_of_set` again after drawing more on them.
+        The panels; call `legend_of_set` again after drawing more on them.
     """
     figure, axes = panels(len(table), len(table[0]), height=2.3)
     letter_panels(axes, names)
@@ -118,7 +118,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
 
 
 def _label_outer(axes, shown):
-    """Label an axis only where no panel is shown below it or, for y, to the left of it."""
+    """Label the x axis of a panel only if no panel is below it, and the y axis only if none is to the left of it."""
     for (row, column), ax in np.ndenumerate(axes):
         if shown[row + 1 :, column].any():
             ax.set_xlabel('')
@@ -141,7 +141,7 @@ def _decibels(spectrum):
 
 
 def _draw_map(ax, wave, top):
-    """The map up to the frequency `top` in rad/ms, with its branches and its ridge; returns the image."""
+    """Draw the map up to the frequency `top` in rad/ms, with its branches and its ridge; returns the image."""
     spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
     shown = spectrum.omega <= top
     image = ax.pcolormesh(spectrum.xi[forward], units.hertz(spectrum.omega[shown]),
@@ -162,7 +162,7 @@ def _draw_map(ax, wave, top):
 
 @in_house_style
 def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, ax: Axes | None = None) -> Axes:
-    """All particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
+    """Draw all particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
     Returns
     -------
     matplotlib.axes.Axes
-        Particles are coloured by the component u_x or u_y with most of the motion in all frames, so that the pictures of one push
+        Particles are coloured by the component u_x or u_y with most of the motion in all frames, so that all frames of one run
         can be compared. The scale is symmetric about zero.
     """
     ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in)) if ax is None else ax
@@ -192,8 +192,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
 
 @in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
-    """One moment of a burst in several simulations, each on its own scale: the time at which the first has reached the middle of
-    the row.
+    """Draw one moment of a burst in several simulations, each on its own scale. It is the time at which the first simulation has
+    reached the middle of the row.
 
     Parameters
     ----------
@@ -229,20 +229,20 @@ def _height(patch, width):
 
 
 def main_axis(displacements: NDArray[np.float64]) -> int:
-    """Number of the axis along which most of the motion is, of displacements of shape (..., dim)."""
+    """Number of the axis along which displacements, shape (..., dim), are largest on the whole."""
     flat = displacements.reshape(-1, displacements.shape[-1])
     return int(np.einsum('ix,ix->x', flat, flat).argmax())
 
 
 def visible(crests: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> float:
-    """Half the range in mm of a scale for some pictures on which particles can be told apart, except those next to the source."""
+    """Half the range in mm of a colour scale on which particles can be distinguished, except those next to the source."""
     seen = max(np.quantile(abs(u), 1 - SATURATED) for u in crests)
     return float(seen or max(abs(u).max() for u in crests) or 1.0)
 
 
 def draw_crests(ax: Axes, patch: Atoms, crests: NDArray[np.float64], largest: float,
                 diameter: float = 0.95) -> tuple[EllipseCollection, int]:
-    """Particles coloured by a displacement on a scale up to `largest`, both in mm; the dots, and the power of their unit."""
+    """Draw particles coloured by displacement on a scale up to `largest`, in mm; returns the dots and the power of their unit."""
     power = prefix_power(largest / units.m)
     dots = draw_particles(ax, patch.positions[:, :2] / units.m, diameter * spacing(patch), linewidths=0, cmap='RdBu_r')
     dots.set_array(crests / units.m / 10.0**power)
@@ -252,13 +252,13 @@ def draw_crests(ax: Axes, patch: Atoms, crests: NDArray[np.float64], largest: fl
 
 
 def mark_site(ax: Axes, patch: Atoms, site: BurstSetup) -> None:
-    """The row that is measured and the driven particles."""
+    """Mark the measured row and the driven particles."""
     rest = patch.positions[:, :2] / units.m
     ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')
     ax.plot(*rest[site.driven].T, '^', color=COLOURS[3], markersize=4, label='driven')
 
 
 def bar_of_crests(dots: EllipseCollection, axes: Any, axis: int, power: int, **options: Any) -> None:
-    """The colour bar of crests along an axis of the structure."""
+    """Add the colour bar for displacements along an axis of the structure."""
     label = f'displacement $u_{"xyz"[axis]}$ ({PREFIXES[power]}m)'
     np.ravel(axes)[0].figure.colorbar(dots, ax=axes, label=label, extend='both', **options)

@@ -28,7 +28,7 @@ LAYOUT = ('a table of measured shapes has the columns mode,x_m,y_m and u_x or u_
           'where known frequency_Hz and the imaginary parts u_x_im, u_y_im, of motion Re u e^{-i omega t}')
 NEAR = 0.25  # of the spacing: the farthest that a measured point may be from its particle
 ALIKE = 0.5
-"""MAC above which no other of the computed shapes can be as much like a measured one, if all of it was measured."""
+"""MAC above which no other computed shape can be as similar to a measured one, if all directions were measured."""
 CHANCE = 0.01
 """Probability with which the best of all computed shapes may have the MAC of a match by chance."""
 FAR = 0.25  # relative distance in frequency beyond which shapes alike are no match; a law known to 10 % gives a fifth
@@ -36,14 +36,14 @@ FAR = 0.25  # relative distance in frequency beyond which shapes alike are no ma
 
 @dataclass(frozen=True)
 class Comparison:
-    """Measured shapes and all computed ones.
+    """Similarity of measured mode shapes to all computed ones.
 
     Attributes
     ----------
     names : tuple of str
         Names of the measured shapes.
     omega : ndarray, shape (measured,)
-        Their angular frequencies in rad/ms; NaN where not known.
+        Angular frequencies of the measured shapes in rad/ms; NaN where not known.
     mac : ndarray, shape (measured, modes)
         Modal assurance criterion with each computed mode.
     least : ndarray, shape (measured,)
@@ -71,13 +71,13 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     atoms : ase.Atoms
         The structure, in the frame of the measured places.
     found : Modes
-        Of it.
+        Modes of this structure.
 
     Raises
     ------
     ValueError
-        For a frequency that is not positive, a place farther than a quarter of the spacing from every particle, or one that
-        a mode has twice.
+        For a frequency that is not positive, a place farther than a quarter of the spacing from every particle, or a place that
+        appears twice in a mode.
 
     Examples
     --------

@@ -26,7 +26,7 @@ SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
 
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
-WELL = 0.37  # a third of the largest motion, or more, but no ratio that symmetry makes: round-off would decide at that
+WELL = 0.37  # about a third, but no ratio that symmetry can produce, because round-off would then decide
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Modes(InHertz, Saved, kind='modes', units={
     omega : ndarray, shape (modes,)
         Ascending, in rad/ms; for an unstable mode, minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
-        Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, if the
-        particles are gyroscopes.  The sign is positive at the first particle and axis that moves by more than a third of the
-        largest motion. Among modes of equal frequency the first moves most there and the others not at all, and so on: they are
-        the same on every machine, if the whole group is computed.
+        Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`. If the particles are gyroscopes they are complex, for the
+        motion `Re u e^{-i omega t}`.  Modes are the same on every machine, if all modes of equal frequency are computed: the sign
+        is positive at the first particle and axis that moves by more than a third of the largest motion. Among modes of equal
+        frequency only the first moves there, and the rule is repeated for the others.
     """
 
     omega: np.ndarray
@@ -92,10 +92,10 @@ def _refuse_all(system):
 
 
 def _fixed(squares, shapes, system):
-    """The shapes as `Modes` describes them: one basis of modes with equal `squares`, a fraction of a stiffness, and fixed signs.
+    """The shapes in the form that `Modes` describes: with fixed signs, and a unique basis of modes with equal `squares`.
 
-    Such modes are rotated by the successive q of `w = q V` that move most at the first component which they move well, as in QR
-    with pivots; without a rotation eigenvectors of equal eigenvalues differ from one processor to another.
+    Without a rotation, eigenvectors of equal eigenvalues differ from one processor to another. As in QR with pivots, successive
+    rows q of the rotation maximise the motion q V at the first component that V moves well.
     """
     found = np.array(shapes, order='C')  # each mode in one piece
     for shape in np.split(found, np.flatnonzero(np.diff(squares) > EQUAL) + 1):
@@ -153,13 +153,13 @@ def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
 
 
 def refuse_unstable(system: LinearSystem, damping: ArrayLike = 0.0) -> None:
-    """`refuse_growing` for a structure of any size, without its spectrum if stiffness alone holds it."""
+    """Raise Unstable for a structure of any size that is unstable; no spectrum is needed if stiffness alone holds it."""
     if not system.stable:
         refuse_growing(*((-(system.growth(damping) ** 2), 0.0) if system.turning else lowest_mode(system.K)[:2]))
 
 
 def refuse_growing(lowest: float, highest: float) -> None:
-    """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response."""
+    """Raise Unstable if the ends of a spectrum (rad^2/ms^2) show an unstable structure, which has no steady response."""
     if lowest < -ROUND_OFF * highest:
         raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
                          f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or a larger spacing would hold it; '

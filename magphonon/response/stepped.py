@@ -117,7 +117,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
 
 
 def _differing(one, other):
-    """The properties in which two structures differ and replicas must not."""
+    """The properties in which two structures differ although replicas must share them."""
     if one.calc is not other.calc:
         a, b = one.calc, other.calc
         known = all(map(saved_by_name, laws_of(a.laws)))  # of others only == can tell
@@ -131,7 +131,7 @@ def _differing(one, other):
 
 
 def _joined(constraints, first):
-    """Constraints of structures whose particles begin at the indices `first`: one of each kind and direction."""
+    """Joint constraints of structures whose particles begin at the indices `first`: one for each kind and direction."""
     held = {}
     for shift, own in zip(first, constraints, strict=False):
         for c in own:
@@ -191,9 +191,9 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
 def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float64]:
     """The change that the transient will still make to the last of several successive lock-in amplitudes, as a share of it.
 
-    From window to window a free vibration changes by a complex factor z of modulus `decay`, e^{-gamma T/2}, so the way left is
-    the last step times z/(1 - z), at most |step| decay/(1 - decay); at resonance, where it takes longest, exactly that.  A mere
-    comparison of two amplitudes would take slow change for none.  The windows, at least three, are of equal length.
+    From window to window a free vibration changes by a complex factor z of modulus `decay`, e^{-gamma T/2}.  The remaining change
+    is the last step times z/(1 - z), at most |step| decay/(1 - decay), which is reached at resonance, where decay takes longest.
+    Merely to compare two amplitudes would mistake slow change for none.  The windows, at least three, have equal length.
     """
     amplitudes = np.asarray(amplitudes)
     if len(amplitudes) < 3:
@@ -217,7 +217,7 @@ def steady_amplitudes(dyn: DrivenVerlet, recorder: Recorder, omega: ArrayLike, a
     dyn : DrivenVerlet
         With its drives and with damping.
     recorder : Recorder
-        Recorder attached to dyn, of the particles whose amplitude is wanted.
+        Recorder attached to dyn; it records the particles whose amplitude is wanted.
     omega : array_like, shape (particles,)
         Angular frequency of the drive that each of these particles follows, in rad/ms.
     axis : {0, 1}
@@ -297,7 +297,7 @@ def impulse_response(signal: ArrayLike, dt: float, impulse: float, omega: ArrayL
     Returns
     -------
     FrequencyResponse
-        Its `transient` is the largest displacement of the last tenth of the record over that of the first.
+        Its `transient` is the largest displacement in the last tenth of the record, divided by that in the first tenth.
     """
     u = finite('signal', signal)
     dt, impulse = positive('dt', dt, 'ms'), positive('impulse', impulse, 'N ms')

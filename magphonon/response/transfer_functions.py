@@ -56,7 +56,7 @@ class TransferFunction:
     omega : ndarray, shape (frequencies,)
         In rad/ms.
     response : ndarray of complex, shape (frequencies,)
-        In mm/N, or of a shaken bench per displacement of the bench.
+        In mm/N; if the bench is shaken, displacement per displacement of the bench.
     sigma : float or ndarray, shape (frequencies,), optional
         Standard uncertainty of real and imaginary part, in the unit of the response.
     order : {0, 1, 2}
@@ -215,7 +215,7 @@ def _table(path, held, estimator):
 
 
 def _by_place(table, shaken=False):
-    """Name, rows, and place and direction of answer and drive of each function or record of a table; None where it has none."""
+    """Yield name, rows, and place and direction of answer and drive of each function in a table; None for a place not given."""
     places = []
     for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive_deg')):
         given = [name for name in names if name in table]
@@ -232,7 +232,7 @@ def _by_place(table, shaken=False):
 
 
 def _from_records(table, estimator, name, rows, place, source):
-    """One transfer function from some rows of a table, the records of one place, one of each hit."""
+    """One transfer function from some rows of a table, which hold the records of one place, one record for each hit."""
     number = table.get('record', 0.0)[rows]
     split = [rows[number == one] for one in np.unique(number)]
     frames, most = min(map(len, split)), max(map(len, split))
@@ -293,7 +293,7 @@ def _of_datasets(path, sets):
 
 
 def _end(path, one, end, places):
-    """Place and direction of one end of a function: x, y and the angle; None where the file has no nodes."""
+    """Place and direction of one end of a function: x, y and the angle; None if the file does not list its node."""
     node, direction = int(one[f'{end}_node']), int(one[f'{end}_dir'])
     if node not in places:
         return None

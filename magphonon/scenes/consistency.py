@@ -1,6 +1,6 @@
 """Consistency of the tables of a scene with each other; `Scene` calls `check` when all its tables are read.
 
-A check that fails raises ValueError with the key in front, its value and how to correct it.
+A check that fails raises ValueError, which names the key and its value and says how to correct it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
 
 
 def check(scene: Scene) -> None:
-    """Raise all faults that the tables of a scene have together."""
+    """Raise an error with all contradictions between the tables of a scene."""
     if scene.single:
         _oscillator(scene)
     if isinstance(scene.lattice, FileLattice) or isinstance(scene.law, SavedLaw):
@@ -192,7 +192,7 @@ def _out_of_plane(scene: Scene) -> None:
 
 
 def _refuse(scene: Scene, tables: tuple[str, ...], why: str) -> None:
-    """Refuse each of these tables; {0} in `why` is its name."""
+    """Raise ValueError if the scene has one of these tables; {0} in `why` stands for its name."""
     for name in tables:
         if getattr(scene, name) is not None:
             raise ValueError(f'{name}: ' + why.format(name))
@@ -352,7 +352,7 @@ def _numbers(scene: Scene) -> str:
 
 
 def _millimetres(scene: Scene, law: PairLaw, k: float) -> str:
-    """A question for the user, if the spacing would make sense in mm."""
+    """A question for the user that is added to a message if the spacing would make sense in mm."""
     meant = scene.lattice.spacing_m / 1000
     try:
         sensible = law.d2phi(meant * u.m) >= SENSIBLE_SHARE * k

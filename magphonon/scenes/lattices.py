@@ -141,12 +141,12 @@ class Pillar(Table):
 
     @property
     def stiffness_N_per_m(self) -> float:
-        """`k = 3 E I/H^3` with `I = pi R^4/4`."""
+        """Stiffness of the pillar, `k = 3 E I/H^3` with `I = pi R^4/4`."""
         return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
 
     @property
     def moving_mass_kg(self) -> float:
-        """Rayleigh's 33/140 of its mass, which moves with the tip; zero for a pillar of unknown density."""
+        """Mass of the pillar that moves with its tip, Rayleigh's 33/140 of the whole; zero if the density is unknown."""
         return 33 / 140 * (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m
 
 
@@ -170,7 +170,7 @@ class Modulation(Table):
     direction_deg: Angle = Field(0.0, description='the direction of the wave, in degrees from the x axis', examples=[90.0])
 
     def of(self, springs: Any) -> Travelling:
-        """These springs, so modulated."""
+        """These springs, modulated by this wave."""
         n = np.array([np.cos(self.direction_deg * u.deg), np.sin(self.direction_deg * u.deg)])
         kap = 0.0 if self.wavelength_m is None else 2 * np.pi / (self.wavelength_m * u.m)
         return Travelling(springs, self.depth, 2 * np.pi * self.frequency_Hz * u.Hz, kap * n)
@@ -203,7 +203,7 @@ class Foundation(Table):
         return (self.stiffness_N_per_m if self.pillar is None else self.pillar.stiffness_N_per_m) * u.N / u.m
 
     def springs(self, in_plane: Any) -> Any:
-        """The foundation as the calculators take it; `in_plane` is its stiffness in N/mm, one number or one per particle."""
+        """The foundation as an argument of the calculators; `in_plane` is its stiffness in N/mm, for all particles or each."""
         springs = self._mean(in_plane)
         return springs if self.modulation is None else self.modulation.of(springs)
 
@@ -218,7 +218,7 @@ class Foundation(Table):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What the stiffness along x, and that along y where it has one of its own, adds to the foundation in N/mm."""
+        """Contributions in N/mm to the foundation of the stiffness along x, and of that along y if the scene gives one."""
         if self.stiffness_y_N_per_m is None:
             return {'stiffness': self.stiffness}
         z = () if self.out_of_plane is None else (0.0,)
@@ -226,7 +226,7 @@ class Foundation(Table):
                 'stiffness_y': np.array([[0.0, self.stiffness_y_N_per_m * u.N / u.m, *z]])}
 
     def law(self, in_plane: PairLaw) -> Law:
-        """The pair law of the particles, `in_plane` at equal height."""
+        """The pair law of the particles, which is `in_plane` for particles at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
 
     @property
@@ -260,7 +260,7 @@ class Trap(Table):
         0.0, description='charge times magnetic field over mass in rad/s, as in a Penning trap', examples=[1e6])
 
     def sites(self, atoms: Atoms) -> dict[str, Any]:
-        """Foundation, anchors and gyration, as arguments of the calculator."""
+        """Foundation, anchors and gyration of the trapped particles, as arguments of the calculator."""
         if np.ptp(atoms.positions[:, 2]):
             raise ValueError('trap: it acts in a plane, but the particles of the file stand at different heights; give all the '
                              'same z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
@@ -282,11 +282,11 @@ class PatchTable(Table):
         return self.area(cell) / float(np.linalg.norm(np.cross(*cell.cell.array[:2]))) if cell.pbc[1] else 0
 
     def area(self, cell: Atoms) -> float:
-        """Its area in mm^2."""
+        """Area of the patch in mm^2."""
         raise NotImplementedError
 
     def shape(self, cell: Atoms) -> Atoms:
-        """The patch itself, whatever its size."""
+        """The patch itself, without a check of its size."""
         raise NotImplementedError
 
     def cut(self, cell: Atoms) -> Atoms:

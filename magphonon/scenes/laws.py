@@ -65,11 +65,11 @@ class Neighbours(Table):
 
     @property
     def reach(self) -> float | None:
-        """A distance in spacings behind the last chosen shell; it is quicker to find neighbours by it than by their number."""
+        """A distance in spacings just beyond the last chosen shell, by which neighbours are found faster than by shells."""
         return self._reach
 
     def with_shells(self, shells: int | str, reach: float | None = None) -> Self:
-        """The same law with the neighbours that were chosen for it."""
+        """The same law with the number of shells, and their reach, that were chosen for it."""
         law = self.model_copy(update={'shells': shells})
         law._reach = reach
         return law
@@ -209,7 +209,7 @@ class InversePowerLaw(ClosedForm):
         return self
 
     def placed(self, spacing_m: float) -> InversePowerLaw:
-        """The same law, whose force at this distance is force_N."""
+        """The same law, with force_N taken as the force at this distance."""
         law = self.model_copy()
         law._spacing_m = spacing_m
         law.refuse_overflow()
@@ -368,7 +368,7 @@ class LawOfKinds(Table):
 
 
 def laws_of_kinds(law: PairLaw, others: tuple[LawOfKinds, ...], kinds: Iterable[int]) -> Laws:
-    """One law, or one for each pair of the `kinds` and of those that `others` name."""
+    """One law, or a law for each pair of kinds, from `kinds` and from those that `others` name."""
     if not others:
         return law
     named = sorted({int(kind) for kind in kinds}.union(*(other.kinds for other in others)))

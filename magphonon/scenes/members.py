@@ -24,7 +24,7 @@ UNBALANCED = 1e-6  # of the largest tension: larger forces that are left at node
 
 
 def _joined(value):
-    """Two nodes, counted from 0 as in the file, and the cell of the second one if it is another: (i, j, (n1, n2, n3))."""
+    """Two nodes, counted from 0 as in the file, and the periodic cell of the second one: (i, j, (n1, n2, n3))."""
     if not isinstance(value, list) or not 2 <= len(value) <= 5:
         raise ValueError(' must be two nodes, as [0, 1], or in a periodic net two nodes and the cell of the second, as [0, 1, '
                          f'1, 0], not {shown(value)}')
@@ -68,7 +68,7 @@ class Members(Table):
         return self
 
     def law_at(self, r: float, tension: float) -> Any:
-        """The law of a member of length `r` in mm, whose tension in N is this if neither a law nor a rest length is given."""
+        """The law of a member of length `r` in mm; if neither a law nor a rest length is given, its tension in N is `tension`."""
         if self.law is not None:
             return self.law.potential()
         k = self.stiffness_N_per_m * u.N / u.m  # pyright: ignore[reportOptionalOperand]  as `_one_law` makes sure
@@ -79,7 +79,7 @@ class Members(Table):
         return (Cable if self.slack else Spring)(k, L0)
 
     def known(self, r: float) -> float | None:
-        """The tension in N of a member of length `r` in mm, or None for one that carries what balances the others."""
+        """The tension in N of a member of length `r` in mm; None if the tension follows from the balance with the others."""
         if self.tension_N is not None:
             return self.tension_N * u.N
         return None if self.law is None and self.rest_length_m is None else float(self.law_at(r, 0.0).dphi(r))
@@ -91,8 +91,8 @@ def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:
     Raises
     ------
     ValueError
-        If a member joins a node that is not there; if the tensions that are given do not balance with any of the others, or leave
-        others undecided; if a cable would have to push.
+        If a member joins a node that does not exist; if no tensions of the other members balance the given ones, or several do;
+        if a cable would have to push.
     """
     listed = [(i, j, shift, group) for group in members for i, j, shift in group.between]
     bare = net(atoms, [(i, j, shift, Spring(1.0, 0.0)) for i, j, shift, _ in listed], **sites)

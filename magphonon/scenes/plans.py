@@ -1,5 +1,5 @@
-"""The tables of a scene that say what to compute, in SI: bands, frequency responses, plans, tone bursts, and [design], the wanted
-frequencies, from which it computes the tables of a lattice that has them.
+"""The tables of a scene that say what to compute, in SI: bands, frequency responses, plans and tone bursts. [design] states
+wanted frequencies, from which the tables of a lattice that has them are computed.
 """
 
 from __future__ import annotations
@@ -64,13 +64,13 @@ them."""
 
 
 class Damped(Table):
-    """Base of the tables with one damping, which the file of the particles may change from one to the other."""
+    """Base of the tables with one damping, which the file of the particles may vary from particle to particle."""
 
     if TYPE_CHECKING:
         damping_per_s: float | None
 
     def damping_of(self, atoms: Atoms) -> Any:
-        """Damping rate gamma in 1/ms: one number, or of each particle where their file has the column relative_damping."""
+        """Damping rate gamma in 1/ms: one number, or one for each particle if their file has the column relative_damping."""
         return self.damping_per_s / u.s * atoms.arrays.get('relative_damping', 1.0)  # pyright: ignore[reportOptionalOperand]  it is given
 
 
@@ -102,7 +102,7 @@ class Pick(Table):
     direction_deg: Angle = Field(description='the direction in degrees from the x axis', examples=[0.0])
 
     def of(self, patch: Atoms) -> Dof:
-        """The Dof: the particle of a patch that is nearest, and the unit vector of the direction."""
+        """The Dof in a patch: the particle nearest to the position, and the unit vector of the direction."""
         distance = np.linalg.norm(patch.positions[:, :2] - np.array(self.at_m) * u.m, axis=1)
         particle, angle = distance.argmin(), self.direction_deg * u.deg
         x, y = patch.positions[particle, :2] / u.m
@@ -215,7 +215,7 @@ class BurstPlan(Table):
         return [f'{f:.6g}Hz_{angle:.6g}deg' for f, angle in zip(self.carriers_Hz, self.directions_deg, strict=True)]
 
     def burst(self, k: int, site: BurstSetup) -> Burst:
-        """Burst number k at a Site of a patch: its drive, damping and duration, as Burst."""
+        """Burst number k at the particles of a BurstSetup: its drive, damping and duration, as a Burst."""
         from ..waves.wave_source import Burst
 
         omega, angle = 2 * np.pi * self.carriers_Hz[k] * u.Hz, self.directions_deg[k] * u.deg
@@ -223,9 +223,9 @@ class BurstPlan(Table):
         return Burst(drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
 
     def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[BurstSetup, BurstRecord]:
-        """Send burst number k through a patch; returns its Site and Passage.
+        """Send burst number k through a patch; returns its BurstSetup and BurstRecord.
 
-        `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.wave_source.send`.
+        `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.run_burst`.
         """
         from ..waves.spectrum import FEWEST
         from ..waves.wave_source import burst_setup, run_burst
@@ -318,11 +318,11 @@ class SiteTarget(Table):
 
     @property
     def name(self) -> str:
-        """In messages and names of files, such as '60Hz'."""
+        """Name of the target in messages and file names, such as '60Hz'."""
         return f'{self.frequency_Hz:.6g}Hz'
 
     def level(self, source: Dof, patch: Atoms, damping: float, floor: float) -> Objective:
-        """Level in dB of the loud place, less that of the quiet one."""
+        """Objective: the level in dB at the loud place minus that at the quiet place."""
         def at(pick):
             return Level(source, pick.of(patch), self.frequency_Hz * HERTZ, damping, floor)
 
@@ -342,7 +342,7 @@ class SiteRanges(Table):
                                examples=[[0.5, 2.0]])
 
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """As `magphonon.design.optimise` takes them."""
+        """The ranges in the form that `magphonon.design.optimise` takes."""
         return {name: bounds for name in type(self).model_fields if (bounds := getattr(self, name)) is not None}
 
 
@@ -424,12 +424,12 @@ class DesignPlan(Table):
             self.spacing_from.target(scene)
 
     def foundation(self, scene: Scene) -> float:
-        """Stiffness in N/mm: that of the cut-off, or the scene's."""
+        """Stiffness of the foundation in N/mm, from the cut-off if it is given, otherwise from the scene."""
         atoms = scene.perfect_cell()
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
     def sites(self, scene: Scene) -> tuple[Atoms, Dof, Objective, Robust | None]:
-        """The patch, the place of the force, the softly weakest of the targets in dB, and the scatter against which it holds."""
+        """The patch, the Dof of the force, the soft minimum of the targets in dB, and the scatter that a design must tolerate."""
         patch: Any = scene.counted().patch_atoms()
         frf = scene.frf
         try:
@@ -448,7 +448,7 @@ class DesignPlan(Table):
         return patch, source, Worst(levels, WIDTH_dB), robust
 
     def solve(self, scene: Scene) -> tuple[float, list[Design]]:
-        """The foundation in N/mm and every `Design` that meets the table, with a number of shells (`Scene.counted`)."""
+        """The foundation in N/mm and every `Design` that meets the table, for a definite number of shells (`Scene.counted`)."""
         scene = scene.counted()
         k, present = self.foundation(scene), scene.lattice.spacing_m * u.m
 

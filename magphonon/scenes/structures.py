@@ -61,8 +61,8 @@ Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 def read_particles(path: Path) -> Atoms:
     """The particles of a table of text, without a cell.
 
-    The kinds are its tags, what is held has FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
-    table has them.
+    Kinds become tags, and held particles get FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
+    table has these columns.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
     if (table.header['x'] == 'x_px') != (table.header['y'] == 'y_px'):
@@ -152,7 +152,7 @@ class FileLattice(Table):
             raise ValueError(f'.file: {error}') from None
 
     def _from_photo(self, atoms: Atoms) -> Atoms:
-        """A table's particles in mm, if it is one of pixels: two points tell the scale, the turn and the place of the photo."""
+        """The particles in mm; if the table is in pixels, two known points give scale, rotation and position of the photo."""
         points = [getattr(self, name) for name in ('points_px', 'points_m')]
         if not atoms.info.pop('pixels'):
             if points != [None, None]:
@@ -168,7 +168,7 @@ class FileLattice(Table):
         return atoms
 
     def _with_cell(self, atoms: Atoms) -> Atoms:
-        """A table's particles with the lattice vectors of the scene; the vectors that are no period make a cell in space."""
+        """The particles of a table with the lattice vectors of the scene; further vectors complete the cell in space."""
         if self.planar or self.length_unit_m != PACKAGE_UNIT_m:
             raise ValueError('the columns of a table .csv name their units, and the table is planar; remove length_unit_m and '
                              'planar')
@@ -220,7 +220,7 @@ class FileLattice(Table):
                              f'and {most:g} m: check the unit of its lengths')
 
     def cell(self) -> Atoms:
-        """The particles, `ase.Atoms` in mm and g, with what holds them but without a calculator."""
+        """The particles, `ase.Atoms` in mm and g, with their constraints but without a calculator."""
         atoms = self._atoms.copy()
         if self.mass_kg is not None:
             atoms.set_masses([self.mass_kg * u.kg] * len(atoms))
@@ -238,7 +238,7 @@ class FileLattice(Table):
             raise ValueError(f'lattice.file = {self.file!r}: {error}') from None
 
     def settled(self, atoms: Atoms) -> Atoms:
-        """The particles with their calculator where the scene says that they are: at rest as they stand, or moved to rest."""
+        """The particles with their calculator, at rest at the positions in the file or moved to rest, as the scene says."""
         if self.positions == 'rest':
             atoms.calc = atoms.calc.balanced(np.flatnonzero(freedom(atoms)[0]))
             return atoms
@@ -269,7 +269,7 @@ class FileLattice(Table):
 
     @property
     def finite(self) -> bool:
-        """Whether it has no period."""
+        """Whether the structure is not periodic in any direction."""
         return not self._atoms.pbc.any()
 
     @property
@@ -282,7 +282,7 @@ class FileLattice(Table):
     @computed_field
     @property
     def contents(self) -> str:
-        """SHA-256 of all that the file says, by which results know of which structure they are."""
+        """SHA-256 of the contents of the file, by which results are linked to their structure."""
         atoms, calc = self._atoms, self._atoms.calc
         calculator = calc.todict() if isinstance(calc, Restartable) else dict(getattr(calc, 'parameters', {}))
         parts = [atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator]
@@ -300,7 +300,7 @@ def _read_by_ase(path):
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # of formats and of what a file lacks
             found: Any = ase.io.read(path, index=-1, do_not_split_by_at_sign=True)
-    except Exception as error:  # ASE's readers raise what they will
+    except Exception as error:  # ASE's readers may raise anything
         raise ValueError(f'ASE reads no structure in {path} ({type(error).__name__}: {error}); it may be a table .csv of '
                          'positions in metres instead') from None
     return found
@@ -371,7 +371,7 @@ class Defects(Table):
         return with_vacancies(atoms, missing) if missing else atoms
 
     def places(self, atoms: Atoms) -> NDArray[np.float64]:
-        """Where the defects of the perfect structure `atoms` are, in mm, shape (defects, 2)."""
+        """Positions of the defects in the perfect structure `atoms` in mm, shape (defects, 2)."""
         hosts = [*self.vacancies_m, *(guest.at_m for guest in self.substitutions)]
         sites = [atoms.positions[_site('', atoms, place), :2] for place in hosts]
         return np.array([*sites, *(np.array(guest.at_m) * u.m for guest in self.interstitials)]).reshape(-1, 2)

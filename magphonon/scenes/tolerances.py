@@ -85,10 +85,11 @@ class _Uncertainty(Table):
         return Tolerances({name: changes[name] for name in sigma}, C, scatter)
 
     def of_structure(self, scene: Scene) -> tuple[SiteScatter, list[str]]:
-        """What is known of the modes of a structure: the scatter of its sites and what all of them share; the unused tolerances.
+        """The scatter of the sites of a structure, including deviations that all sites share; and the unused tolerances.
 
-        A factor of the force is twice one of all strengths, a spacing is a ruler, a pillar is a spring.  What changes a law by
-        itself, such as an exponent, and what is correlated with it, has no such equivalent.
+        A relative change of the force equals half that change of all strengths, a change of the spacing is one of all lengths,
+        and a change of a pillar is one of its spring.  Changes of the law alone, such as of its exponent, and parameters
+        correlated with them have no such equivalent and are unused.
         """
         known, alike, unused = self.tolerances(scene), {}, []
         kinds = KINDS[scene.law.kind].parameters if scene.law.kind in KINDS else {}
@@ -184,13 +185,13 @@ def _changes(scene):
 
 
 def exponent_at(law: PairLaw, spacing: float) -> LawDerivative:
-    """Derivative of a law by its exponent, while its force at the spacing (mm) stays: of f (r/spacing)^-delta by delta."""
+    """Derivative of a law by its exponent at constant force at the spacing (mm): that of f (r/spacing)^-delta by delta."""
     return LawDerivative(lambda r: -np.log(r / spacing) * law.dphi(r),
                      lambda r: -np.log(r / spacing) * law.d2phi(r) - law.dphi(r) / r)
 
 
 def _place(scene, name):
-    """Where a parameter stands; the force that calibrates magnets, in a table of its own."""
+    """The place of a parameter in the tables; the force of magnets is in a table of its own, their calibration."""
     return ('law', 'calibration', 'force_N') if name == 'force' and scene.law.kind == 'magnets' else PLACES[name]
 
 

@@ -266,7 +266,7 @@ class EwaldSums:
     def far_series(self, along: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
         """Far stiffness to second order in the wavevector k `along`, with the phase of each particle, e^{ik.(R + offset)}.
 
-        The terms of order 1, k and k^2, shape (3, offsets, dim, dim); those that exceed k^2 (see `singular`) are omitted.
+        Returns the terms of order 1, k and k^2, shape (3, offsets, dim, dim), without those that exceed k^2 (see `singular`).
         """
         alpha, beta = self.mixture(part)
         G = self.waves(np.zeros((1, self.d)))[0]

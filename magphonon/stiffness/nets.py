@@ -1,6 +1,7 @@
 """Nets of members: springs, bars and cables with their own rest lengths, and the forces with which they balance each other.
 
-A net is a structure whose bonds are listed, each with its law. Every node is a kind of its own, so that all tools accept a net.
+A net is a structure with a list of bonds, each with its own law. All tools accept it, because each node has its own kind, and
+laws are given for pairs of kinds.
 """
 
 from __future__ import annotations

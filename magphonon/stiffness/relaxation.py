@@ -154,7 +154,7 @@ def _refuse_verge(lowest, highest, atoms):
 
 
 class _Descent:
-    """The energy of a structure as a function of the free displacements `y` in shortest bonds, with its derivatives."""
+    """The energy of a structure and its derivatives, as functions of the free displacements `y` in shortest bond lengths."""
 
     def __init__(self, atoms, calc):
         self.calc = calc.about(atoms, model='complete')
@@ -194,7 +194,7 @@ class _Descent:
         return self.force * np.linalg.norm((self.P @ self.slope(y)).reshape(len(self.atoms), -1), axis=1).max()
 
     def stiffness(self, y):
-        """Hessian of the free directions, in force over shortest bond."""
+        """Hessian of the free directions, in units of the largest bond force divided by the shortest bond."""
         if self._at is None or not np.array_equal(y, self._at[0]):
             u = self.displacements(y)
             R = self.calc.bond_vectors + self.calc.bonds.incidence @ u
@@ -244,7 +244,7 @@ class _Descent:
                              'more neighbours (shells= or cutoff=)')
 
     def softest(self, y):
-        """Lowest and a bound of the highest squared frequency, rad^2/ms^2, and the softest mode, its largest component one."""
+        """Lowest squared frequency and a bound of the highest, rad^2/ms^2, and the softest mode, scaled to largest motion one."""
         root = sparse.diags_array(np.sqrt(self.force / self.length / self.masses))
         K = sparse.csr_array(root @ self.stiffness(y) @ root)
         self._at = None  # factors need its memory
@@ -257,7 +257,7 @@ class _Descent:
         rest.calc = self.given
         if steps:
             rest.positions[:, : self.calc.dim] += u
-        rest.calc = LinearSystem.of(rest).calc  # statics know nothing of it
+        rest.calc = LinearSystem.of(rest).calc  # statics are the same in both models
         moved = np.linalg.norm(u, axis=1) if steps else np.zeros(len(u))
         rms = np.sqrt((moved[freedom(self.source)[0]] ** 2).mean())
         return Relaxation(rest, before, self.residual(y), float(moved.max()), float(rms), steps, saddles, float(lowest))
@@ -269,7 +269,7 @@ def _near(atoms, reach):
 
 
 def _pairs(bonds):
-    """Each pair (i, j, shift) from its lower end."""
+    """The set of bonded pairs (i, j, shift), each with the lower index first."""
     backward = bonds.i > bonds.j
     i, j = np.where(backward, bonds.j, bonds.i), np.where(backward, bonds.i, bonds.j)
     shift = np.where(backward[:, None], -bonds.shift, bonds.shift)

@@ -39,7 +39,7 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     parameters : dict, optional
         Parameters of the calculator; by default those that ASE's reader left on `atoms.calc`.
     laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
-        Replaces the one in the file; needed for a law that is not of this package.
+        Replaces the law in the file; needed if that law is not part of this package.
 
     Examples
     --------

@@ -94,7 +94,7 @@ def write_scan(path: str | PathLike[str], motion: Motion) -> None:
 
 
 def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
-    r"""Places of points from a table with the columns particle (or point) and x_m, y_m (or in mm, um): x and y in mm by name.
+    r"""Read x and y of points in mm, by name, from a table with the columns particle (or point) and x_m, y_m (or in mm, um).
 
     Examples
     --------
@@ -118,7 +118,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
 
 
 def _names(table: Table) -> Any:
-    """The column that names the points, if there is one; ValueError for places and times of no laboratory."""
+    """The column that names the points, if there is one; ValueError for positions and times too large for a laboratory."""
     for name, unit, most in (('x', u.m, '1e6 m'), ('y', u.m, '1e6 m'), ('time', u.s, '1e6 s')):
         table.refuse(name, abs(table.get(name, 0.0)) > 1e6 * unit, f'lie within {most}')
     columns = [name for name in NAMES if name in table]
@@ -183,7 +183,7 @@ def _of_columns(table: Table) -> tuple[dict[str, Samples], bool]:
 def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of datasets as pyuff reads them, by its number, and whether they are velocities.
 
-    A label of the ordinate such as mm/s tells its unit; without one lengths are those of dataset 164, and in m without it.
+    The label of the ordinate, such as mm/s, gives the unit. Without a label the unit of length is that of dataset 164, or else m.
     """
     metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
     places = {}

@@ -40,7 +40,7 @@ def report(records: Mapping[str, Sequence[Wave]]) -> str:
 
 
 def agreements(records: Mapping[str, Sequence[Wave]]) -> list[str]:
-    """For each ridge, the branches that it agrees with, in a line."""
+    """One line for each ridge, with the branches that it agrees with."""
     lines = []
     for record, found in records.items():
         for wave in found:
@@ -60,7 +60,7 @@ def agreements(records: Mapping[str, Sequence[Wave]]) -> list[str]:
 
 
 def _verdicts(records):
-    """The agreements of all ridges, and what they do not say."""
+    """Lines with the branches that all ridges agree with, and remarks on what this does not prove."""
     lines, waves = agreements(records), [wave for found in records.values() for wave in found]
     if any(name == 'longitudinal' for wave in waves for _, name in wave.agrees_with):
         lines += ['', 'Longitudinal waves hardly feel D*: an error of a few percent in the law moves their branch as much as D*.',
@@ -73,7 +73,7 @@ def _verdicts(records):
 
 
 def _doubts(records):
-    """Possible reasons why a record has no ridge, or none near a branch."""
+    """Lines with possible reasons why a record has no ridge, or no ridge near a branch."""
     waves, lines = [wave for found in records.values() for wave in found], []
     if any(wave.ridge is None for wave in waves):
         lines += ['', 'No ridge found (0 points): the wave is evanescent, below the noise, or a backward wave.']

@@ -1,9 +1,12 @@
 """Intervals of fitted transfer functions on patches of a laboratory that shares nothing with the package (all with -m long)."""
 
+import re
+
 import numpy as np
 import pytest
 
 from magphonon import read_scene
+from magphonon.cli.fit_report import frf_report
 from magphonon.response import Dof, TransferFunction
 from magphonon.scenes import fit_frf
 from workflows import bench_lattice as bench
@@ -74,6 +77,18 @@ def test_sites_with_unknowns_hold_and_the_mean_lattice_does_not(tmp_path):
     assert 0.007 < anchors < 0.03  # 0.015
     alone = fits.fits['conventional']
     assert not alone.follows or alone.square > 1.5 * fit.square
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('kind', 'stiff'), [('kx unlike ky', 'y'), ('holes', None)])
+def test_two_springs_are_seen_by_a_fit_of_one(kind, stiff, tmp_path):
+    _, functions, truth = specimen(tmp_path, kind, 30)
+    (tmp_path / 'one.toml').write_text(re.sub('stiffness_y.*\n', '', (tmp_path / 'lab.toml').read_text()))
+    fits = fit_frf(read_scene(tmp_path / 'one.toml'), functions)
+    ratio, sigma = fits.fits['complete'].unlike
+    assert abs(ratio - np.log(truth['foundation_x'] / truth['foundation_y'])) < 3.5 * sigma < 0.3
+    assert (f'stiffness along {stiff} to' in frf_report(fits, [])) == (stiff is not None)
+    assert ('The pillars have a larger ratio' in frf_report(fits, [])) == (stiff is not None)
 
 
 @pytest.mark.long

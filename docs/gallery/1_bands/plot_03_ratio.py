@@ -2,7 +2,7 @@
 Where D* matters
 ================
 
-The lowest branch, here the shear branch: the ratio of its frequencies with and without D*, over the whole zone.
+The frequency of the lowest branch (here the shear branch) with D*, divided by that without D*, over the whole zone.
 """
 
 from magphonon import read_scene

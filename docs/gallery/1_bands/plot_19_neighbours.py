@@ -2,7 +2,7 @@
 How many neighbours?
 ====================
 
-What distant magnets add to the bands: nearest neighbours alone, two shells of neighbours, and all of them.
+How distant magnets change the bands, which are computed with one, two and twelve shells of neighbours.
 """
 
 from magphonon import MagneticRepulsion, analytic_bands, plot_bands, read_scene

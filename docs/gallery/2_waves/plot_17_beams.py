@@ -2,7 +2,7 @@
 Where energy goes
 =================
 
-Contours of equal frequency of the shear branch: energy flows at right angles to them, so flat sides send it out in beams.
+Contours of equal frequency of the shear branch: energy flows at right angles to them, so where they are flat, it flows in beams.
 """
 
 from magphonon import read_scene, units as u

@@ -2,7 +2,7 @@
 A law from measured forces
 ==========================
 
-A table of forces, as a load cell gives it, and the inverse power that is fitted to it at a spacing of 10 mm.
+A table of forces, as a load cell gives it, and the law that is fitted to it, with the interval of the force at 10 mm.
 """
 
 from importlib.resources import files

@@ -2,8 +2,8 @@
 Ions in a Penning trap
 ======================
 
-Nineteen ions in a trap (one anchor for all) and a magnetic field (gyration).  Two drumhead frequencies are known for any number
-of ions (Wang et al., arXiv:1211.2842): that of the trap, omega^2 = kz, and that of the tilt, omega^2 = kz - k (dashed lines).
+Nineteen ions in a trap (one anchor for all) and a magnetic field (gyration).  Dashed: two known frequencies along the axis,
+omega^2 = kz if all ions move together, kz - k if their plane tilts (Wang et al., arXiv:1211.2842).
 """
 
 from itertools import combinations

@@ -2,8 +2,9 @@
 A tensegrity prism
 ==================
 
-Three struts and nine cables, which the scene `prism` lists.  Calladine (1978) counts 3 j - 6 - b + s = 1 mechanism: with D0 alone
-seven modes cost no energy. Self-stress stiffens the mechanism, and only the six rigid motions of the whole body remain.
+Three struts and nine cables, which the scene `prism` lists.  With j = 6 joints, b = 12 members and s = 1 state of self-stress,
+the rule of Calladine (1978) gives 3 j - 6 - b + s = 1 mechanism, so with D0 alone seven modes cost no energy.  Self-stress
+stiffens the mechanism, and only the six rigid motions of the whole body remain.
 """
 
 from magphonon import modes, read_scene
