@@ -144,7 +144,6 @@ def _thermal_run(folder, plan, scene, atoms, path):
     except Diverged as error:
         raise PhysicsError(f'bands.temperature_J = {plan.temperature_J:g} tears the lattice apart: after '
                            f'{error.time / units.s:.4g} s particle {error.particle} had left its neighbours; lower the '
-                           'temperature, or if "magphonon check" says that the lattice buckles, give a stiffer foundation'
-                           ) from None
+                           'temperature, or give a stiffer foundation if the lattice buckles ("magphonon check")') from None
     hot.save(folder / 'bands_thermal.npz')
     return hot

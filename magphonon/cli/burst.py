@@ -30,8 +30,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
                                                        'a burst that has already run there, on this machine or on a cluster, is '
                                                        'read and not run again')
-    parser.add_argument('--threads', metavar='N', type=int,
-                        help='threads for compiled time steps (default: chosen by the size of the patch)')
+    parser.add_argument('--threads', metavar='N', type=int, help='threads for compiled time steps (default: by patch size)')
     parser.add_argument('--animation', action='store_true',
                         help='also a GIF of each burst crossing the patch, both models side by side')
 

@@ -240,5 +240,4 @@ def _large(patch, perfect):
                 'the patch: foundation, spacing, supports and time steps. The fixed rim may make the patch stable even where the '
                 'lattice buckles. The linear amplitude is given for waves far from the rim.')
     return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). The spacing, the '
-            'supports and the linear amplitude of the patch are not checked: for these, give a smaller patch with as many '
-            'defects.')
+            'supports and the linear amplitude of the patch are not checked: give a smaller patch with as many defects.')

@@ -75,8 +75,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                           'narrows the intervals; if the data contradict it, a free curve is '
                                                           'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact; smaller distances in the table are refused (default: that of '
-                             'the magnet of --magnet)')
+                        help='distance of the centres at contact; a table with smaller ones is refused (default: from --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_pictures(parser, frequencies=False)

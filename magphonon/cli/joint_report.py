@@ -44,8 +44,7 @@ def joint_report(found, verbose: bool = True) -> str:
             rows.append((f'{name}, branch {branch + 1} (Hz)', interval(u.hertz(omega[k, branch]), sigma[k, branch])))
     rows = [(*row, *[''] * (len(rows[0]) - len(row))) for row in rows]
     return '\n'.join([first, '', found.specimen.scene.title, '', *in_columns(rows, left=2), '',
-                      '95 % intervals from all records together; then the half width of the interval that each record alone '
-                      'would give.', *JOINT.lines(found)])
+                      '95 % intervals; then, for each record alone, the half width of its interval.', *JOINT.lines(found)])
 
 
 @JOINT.remark
@@ -56,8 +55,7 @@ def contradictions(found):
         others = [(other, joint.contradiction(name, other)) for other in names[k + 1:]] if len(names) > 2 else []
         told = [f'{"all others" if other is None else other} {sigmas:.1f}' for other, sigmas in
                 [(None, joint.contradiction(name)), *others] if np.isfinite(sigmas)]
-        yield (f'  {name} against {", ".join(told)}' if told else
-               f'  {name}: the other records determine nothing that this one does')
+        yield f'  {name} against {", ".join(told) or "none: the other records determine nothing that this one does"}'
 
 
 @JOINT.check

@@ -37,9 +37,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='table of the positions of the points, with the columns point, x_m, y_m, if the scan has none; '
                              'without it points are particles, numbered as in the row.csv of "magphonon burst"')
     parser.add_argument('--source', choices=('row', 'point'),
-                        help='how the waves were driven: by a row of sources, with fronts along R1, or by a point source '
-                             '(default: as in [burst]; point without it; for points that cover the plane, noise if the '
-                             'motion does not decay)')
+                        help='the source of the waves: a row, with fronts along R1, or a point (default: as in [burst], or a '
+                             'point; for points that cover the plane, noise if the motion does not decay)')
     parser.add_argument('--at', metavar='HZ', type=float,
                         help='for points that cover the plane: draw the motion at this frequency too, over the wavevectors '
                              '(with contours of the bands) and at the points')

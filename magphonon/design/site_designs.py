@@ -138,11 +138,9 @@ class Variables:
             raise ValueError(f'the bounds of {name} must be two increasing {what}, not {low:g} and {high:g}; leave '
                              f'{name} out if it is not to vary')
         if name in ('spring', 'spring_x', 'spring_y', 'height') and not self.springs[self.sites].any():
-            raise ValueError(f'{name} varies the springs of a foundation, and there is none; give a foundation, or leave {name} '
-                             'out')
+            raise ValueError(f'{name} varies the springs of a foundation, and there is none; give a foundation, or omit {name}')
         if name == 'exponent' and not isinstance(self.calc.laws, InversePower):
-            raise ValueError(f'exponent varies one inverse-power law for all particles, not {self.calc.laws!r}; leave exponent '
-                             'out')
+            raise ValueError(f'exponent varies one inverse-power law for all particles, not {self.calc.laws!r}; omit exponent')
         return (low, high) if name == 'foot' else (np.log(low), np.log(high))
 
     def __len__(self) -> int:

@@ -58,8 +58,7 @@ def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, d
     """
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
-        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; change direction_deg in '
-                         '[frf.response]')
+        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; change [frf.response]')
     many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
     first = len(atoms) * np.arange(len(omega))
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)

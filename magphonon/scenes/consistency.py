@@ -302,8 +302,7 @@ def _frf(scene: Scene) -> None:
     driven = [key for key, given in (('base_deg', scene.frf.base_deg), ('[frf.wall]', scene.frf.wall),
                                      ('[frf.force]', scene.frf.force)) if given is not None]
     if len(driven) > 1:
-        raise ValueError(f'frf has both {" and ".join(driven)}; keep one of them: shake the bench, move a wall or push a '
-                         'particle')
+        raise ValueError(f'frf has both {" and ".join(driven)}; keep one: shake the bench, move a wall or push a particle')
     if scene.frf.wall is not None and (scene.single or isinstance(scene.patch, Supercell)):
         raise ValueError('frf.wall: a wall is a side of the held rim of a patch or finite structure, and the scene has none; '
                          'remove [frf.wall]')

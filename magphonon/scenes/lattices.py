@@ -246,10 +246,7 @@ class Foundation(Table):
 
 
 class Trap(Table):
-    """One trap for all particles of a finite structure, such as ions, in place of [foundation].
-
-    Its springs are slack at its centre; the particles move to rest in it.
-    """
+    """One trap for all particles of a finite structure, such as ions, in place of [foundation]; they move to rest in it."""
 
     stiffness_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] = Field(
         description='the stiffness in N/m of the springs that draw each particle to the centre', examples=[2.6e-12])

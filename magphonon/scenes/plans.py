@@ -109,7 +109,7 @@ class Pick(Table):
         if distance[particle] > patch.calc.bonds.lengths.min():
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if not freedom(patch)[0][particle]:
-            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose a particle '
+            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose a place '
                              'inside')
         return Dof(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
@@ -172,8 +172,8 @@ class FrfPlan(Damped):
 class PlanTable(Table):
     """Settings of "magphonon plan" that the other tables do not hold."""
 
-    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it the plan is for a '
-                                                    'vanishing force')
+    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it a vanishing force is '
+                                                    'assumed')
 
 
 class BurstPlan(Table):
@@ -349,11 +349,11 @@ class SiteRanges(Table):
 class SiteParts(Table):
     """Parts that can be bought, as factors; what is not listed may have any value within its range."""
 
-    strength: Annotated[tuple[Positive, ...], listed] = Field((), description='the factors of the strength that magnets may have',
+    strength: Annotated[tuple[Positive, ...], listed] = Field((), description='possible factors of the strength',
                                                               examples=[[0.9, 1.0, 1.1]])
-    spring: Annotated[tuple[Positive, ...], listed] = Field((), description='the factors of the stiffness that pillars may have',
+    spring: Annotated[tuple[Positive, ...], listed] = Field((), description='possible factors of the stiffness of pillars',
                                                             examples=[[0.8, 1.0, 1.2]])
-    mass: Annotated[tuple[Positive, ...], listed] = Field((), description='the factors of the mass that particles may have',
+    mass: Annotated[tuple[Positive, ...], listed] = Field((), description='possible factors of the mass',
                                                           examples=[[0.5, 1.0, 2.0]])
 
 
@@ -373,8 +373,7 @@ class DesignPlan(Table):
     The foundation follows from the cut-off, the spacing from an edge or a gap; with targets every site of the patch is designed.
     """
 
-    cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; it determines the '
-                                                            'foundation')
+    cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; it sets the foundation')
     edge: EdgePlan | None = None
     gap: GapPlan | None = None
     spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = Field(

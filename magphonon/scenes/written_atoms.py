@@ -19,8 +19,7 @@ def checked_atoms(atoms: Atoms) -> Atoms:
     """Return the atoms, or raise ValueError if a scene cannot hold them."""
     calc: Any = getattr(atoms, 'calc', None)
     if not isinstance(calc, Repulsion):
-        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach such a '
-                         'calculator')
+        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach either')
     laws_from_dict(laws_to_dict(calc.laws))
     calc.displacements(atoms)  # refuses atoms that are not those of the calculator
     return atoms

@@ -180,8 +180,7 @@ QUESTIONS = {
                                  lambda situation: situation.margin / (u.N / u.m), 'foundation minus what is needed'),
     'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its '
                                  'defects are stable', _growth, 'growth rate'),
-    'stability.spacing': Question('m', 'spacing at which the lattice begins or ceases to buckle', _spacing,
-                                  'spacing at buckling'),
+    'stability.spacing': Question('m', 'spacing at which the lattice just buckles', _spacing, 'spacing at buckling'),
     'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
                                  'amplitude for an error of 1 %'),
     'timestep.limit': Question('s', 'longest stable time step',

@@ -87,8 +87,7 @@ class Scan:
         names = tuple(self.names[k] for k in kept)
         motions = {part: u[:, kept] for part, u in self.motions.items()}
         left_out = [name for name in self.names if name not in places]
-        notes = (*self.notes, *(['points left out because their positions are unknown: '
-                                 f'{_listed(left_out)}'] if left_out else []))
+        notes = (*self.notes, *([f'points of unknown position are left out: {_listed(left_out)}'] if left_out else []))
         return Scan(self.times, names, np.array([places[name] for name in names]), motions, notes)
 
 
@@ -203,8 +202,7 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
     still = [name for name, point in points.items() if name not in short
              and not any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())]
     if short:
-        notes.append(f'points left out because they miss more than {100 * (1 - LEAST_TIME):.0f} % of the record: '
-                     f'{_listed(short)}')
+        notes.append(f'points that miss more than {100 * (1 - LEAST_TIME):.0f} % of the record are left out: {_listed(short)}')
     kept = {name: point for name, point in points.items() if name not in short}
     if not still or len(still) == len(kept):  # the map refuses a row at rest
         return kept
