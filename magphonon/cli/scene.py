@@ -52,11 +52,10 @@ def _described(key: Key, width: int) -> str:
     from textwrap import fill
 
     default, *others = key.default.replace('none', 'optional').split('; ')
-    default += '' if default in ('optional', 'required') else ' if omitted'
-    default += f' ({"; ".join(others)})' if others else ''
+    default += ' if omitted' * (default not in ('optional', 'required')) + f' ({"; ".join(others)})' * bool(others)
     kinds = f'only for kind = {" or ".join(key.kinds)}' if key.kinds else ''
-    allowed = '' if key.allowed == key.type else key.allowed
-    facts = [f'{key.type}, {key.unit}' if key.unit else key.type, default, *filter(None, (allowed, kinds))]
+    facts = [f'{key.type}, {key.unit}' if key.unit else key.type, default,
+             *filter(None, (key.allowed * (key.allowed != key.type), kinds))]
     lines = ['; '.join(facts), key.description, f'e.g. {key.example}' if key.example else '']
     margin = 28 * ' '
     text = '\n'.join(fill(line, width, initial_indent=margin, subsequent_indent=margin) for line in lines if line)

@@ -109,8 +109,7 @@ class Pick(Table):
         if distance[particle] > patch.calc.bonds.lengths.min():
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if not freedom(patch)[0][particle]:
-            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose a place '
-                             'inside')
+            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; move it inside')
         return Dof(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
@@ -172,8 +171,7 @@ class FrfPlan(Damped):
 class PlanTable(Table):
     """Settings of "magphonon plan" that the other tables do not hold."""
 
-    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it a vanishing force is '
-                                                    'assumed')
+    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; infinitesimal by default')
 
 
 class BurstPlan(Table):

@@ -247,9 +247,8 @@ class FileLattice(Table):
         found = relaxed(atoms)
         if self.positions is None and np.any(atoms.calc.foundation) and found.shift > MOVED * self.spacing_m * u.m:
             warnings.warn(f'lattice.relaxed treats the positions in {self.file} as the feet of the pillars and moves the '
-                          f'particles by up to {found.shift:.3g} mm to rest. Replace relaxed: write positions = "anchors" if '
-                          'they are the feet, or positions = "rest" if they show the particles at rest, as in a '
-                          'photo', stacklevel=2)
+                          f'particles by up to {found.shift:.3g} mm to rest. Instead write positions = "anchors" if they are the '
+                          'feet, or positions = "rest" if they show the particles at rest, as in a photo', stacklevel=2)
         return found.atoms
 
     @property

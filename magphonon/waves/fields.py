@@ -241,8 +241,7 @@ def _sites(places, cell):
     turn, stretch = np.arctan2(A[0, 1] - A[1, 0], A[0, 0] + A[1, 1]), np.sqrt(abs(np.linalg.det(A)))
     if abs(turn) > TURNED or abs(stretch - 1) > STRETCHED:
         raise ValueError(f'the points stand on a lattice turned by {np.degrees(turn):.3g} degrees against that of the scene, '
-                         f'with {stretch:.4g} times its spacing; give positions in its frame (R1 along x), or correct the '
-                         'spacing')
+                         f'with {stretch:.4g} times its spacing; give positions in its frame (R1 along x), and its spacing')
     return n @ vectors + basis[member], member, [
         f'the points say that the spacing is {stretch * near:.4g} mm (scene: {near:.4g} mm); they lie '
         f'{np.sqrt(np.mean(off**2)):.2g} mm off their sites (root mean square)']
