@@ -78,8 +78,8 @@ def ready_table(name: str) -> str:
 def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
     """Add the option -o DIR; if `default` is None, the command itself handles a missing -o."""
     parser.add_argument('-o', '--output', metavar='DIR', default=default,
-                        help='directory for the results, created if it does not exist (default: SCENE-COMMAND, such as '
-                             f'{parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
+                        help='directory for the results, created if it does not exist (default: the name of the input and of the '
+                             f'command, such as {parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
 
 
 def find_inputs(options: Namespace) -> None:

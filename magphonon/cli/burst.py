@@ -154,6 +154,7 @@ def _draw(save, name, carrier, passages, found):
 
 def _conclusion(records):
     """Lines that say to which branches the ridges belong, and how far they are from the branches of each model."""
+    from ..waves.spectrum import RESOLVED
     from ..waves.wave_analysis import BRANCHES, MODELS
 
     lines, astray = [], 0
@@ -164,13 +165,14 @@ def _conclusion(records):
         for name in BRANCHES:
             here = [wave.misfits for wave in ridges if (model, name) in wave.agrees_with]
             if here:
-                bins = [sorted(misfits[which, name].bins for misfits in here) for which in (model, other)]
-                near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
-                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges agree with its {name} branch, at {near} '
-                             f'bins from it; the same branch of the {other} model is {far} bins away')
+                near, far = (sorted(misfits[which, name].bins for misfits in here) for which in (model, other))
+                away = ' to '.join(dict.fromkeys((f'{far[0]:.2f}', f'{far[-1]:.2f}')))
+                lines.append(f'{model} simulation: {len(here)} of its {len(ridges)} ridges follow{"s" * (len(here) == 1)} its {name} branch '
+                             f'to within {near[-1]:.2f} bins; that branch of the {other} model is {away} bins away'
+                             + ', too near to tell the models apart' * (far[0] <= RESOLVED))
     lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
-        lines.append(f'{astray} of the ridges agree with no branch: --verbose lists possible reasons')
+        lines.append(f'{astray} of the ridges follow no branch: --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']
 
 
