@@ -167,8 +167,8 @@ def _conclusion(records):
             if here:
                 near, far = (sorted(misfits[which, name].bins for misfits in here) for which in (model, other))
                 away = ' to '.join(dict.fromkeys((f'{far[0]:.2f}', f'{far[-1]:.2f}')))
-                lines.append(f'{model} simulation: {len(here)} of its {len(ridges)} ridges follow{"s" * (len(here) == 1)} its {name} branch '
-                             f'to within {near[-1]:.2f} bins; that branch of the {other} model is {away} bins away'
+                lines.append(f'{model} simulation: {len(here)} of its {len(ridges)} ridges follow{"s" * (len(here) == 1)} its '
+                             f'{name} branch to within {near[-1]:.2f} bins; that branch of the {other} model is {away} bins away'
                              + ', too near to tell the models apart' * (far[0] <= RESOLVED))
     lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
