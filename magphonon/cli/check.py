@@ -167,7 +167,7 @@ def cut_off(case: Case) -> str | None:
     if not case.atoms.pbc.any() or case.judged.residual or case.modulated or (lowest := bands.cut_off(case.atoms)) is None:
         return None
     holds = 'The held particles and the foundation give' if case.atoms.constraints else 'The foundation gives'
-    return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz, the lowest frequency at Gamma.'
+    return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz at Gamma: below it no long waves propagate.'
 
 
 @REPORT.check

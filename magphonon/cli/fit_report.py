@@ -151,9 +151,9 @@ def reach(case):
     """How many shells of neighbours lie within the range of the table."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
-    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. Forces at '
-            'larger distances are extrapolated: measure to three spacings or more, or name the magnet (--magnet). "magphonon '
-            'check" says by how much the neighbours there shift the frequencies.')
+    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. The law '
+            'has no farther neighbours: measure to three spacings or more, or name the magnet (--magnet). "magphonon check" '
+            'estimates by how much farther neighbours would shift the frequencies.')
 
 
 @FORCES.check

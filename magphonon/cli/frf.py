@@ -1,4 +1,4 @@
-"""`magphonon frf SCENE`: displacement per harmonic force over frequency, for the oscillator or a patch."""
+"""`magphonon frf SCENE`: displacement per harmonic force as a function of frequency, for the oscillator or a patch."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def _scattered(scene, system, omega):
         return []
     spread = mode_scatter(system, scatter, Modes(found.omega[:SHOWN_PEAKS], found.shapes[:SHOWN_PEAKS]))
     shown = ', '.join(f'{f:.5g} +- {std:.2g}' for f, std in zip(*map(units.hertz, spread), strict=True))
-    return [f'  the lowest of them, with the standard deviations that follow from [uncertainty] to first order: {shown} Hz']
+    return [f'  the lowest natural frequencies in this range, with standard deviations due to [uncertainty]: {shown} Hz']
 
 
 def _peaks(result, unit):

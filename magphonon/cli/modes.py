@@ -363,7 +363,7 @@ def _with_others(scene, system, found, shown):
         return []
     enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
-        return ['  the effect of farther neighbours on these modes was not computed']
+        return ['  the effect of farther neighbours on the modes of the patch was not computed']
     if enough.shells <= scene.law.asked:
         return []
     law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))

@@ -1,4 +1,4 @@
-"""`magphonon spectrum SCAN ... SCENE`: measured scans of a row or of the plane, their maps and ridges over the bands of a scene.
+"""`magphonon spectrum SCAN ... SCENE`: maps and ridges of scans of a row or of the plane, drawn over the bands of a scene.
 
 A scan is a table of text or a universal file; points that cover the plane are recognised.  Points may have any numbers, and some
 may be missing or dead; the names of the columns give units and components. The scene needs only the lattice, its law and its
@@ -37,8 +37,9 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='table of the positions of the points, with the columns point, x_m, y_m, if the scan has none; '
                              'without it points are particles, numbered as in the row.csv of "magphonon burst"')
     parser.add_argument('--source', choices=('row', 'point'),
-                        help='the source of the waves: a row, with fronts along R1, or a point (default: as in [burst], or a '
-                             'point; for points that cover the plane, noise if the motion does not decay)')
+                        help='the source of the waves: a row, with fronts along R1, or a point. The default for a scanned row is '
+                             'the source in [burst], or a point without it. For a scan of the plane it is noise if the motion '
+                             'does not decay, and a point if it does')
     parser.add_argument('--at', metavar='HZ', type=float,
                         help='for points that cover the plane: draw the motion at this frequency too, over the wavevectors '
                              '(with contours of the bands) and at the points')

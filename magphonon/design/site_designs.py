@@ -140,7 +140,7 @@ class Variables:
         if name in ('spring', 'spring_x', 'spring_y', 'height') and not self.springs[self.sites].any():
             raise ValueError(f'{name} varies the springs of a foundation, and there is none; give a foundation, or omit {name}')
         if name == 'exponent' and not isinstance(self.calc.laws, InversePower):
-            raise ValueError(f'exponent varies one inverse-power law for all particles, not {self.calc.laws!r}; omit exponent')
+            raise ValueError(f"'exponent' needs one inverse-power law for all particles, not {self.calc.laws!r}; omit 'exponent'")
         return (low, high) if name == 'foot' else (np.log(low), np.log(high))
 
     def __len__(self) -> int:

@@ -126,8 +126,8 @@ class ResponseSpread(Spread, kind='uncertainties of a response', units={
         """Standard deviation that the second order adds to the amplitude, shape (frequencies,), in mm.
 
         Near a resonance u = u0/(1 + z) with a small complex z, linear in the parameters.  At the peak z is imaginary, and the
-        amplitude |u0| (1 - |z|^2/2) has no slope.  If z is normal and |z| has the variance s^2, the mean is lower by s^2/2 and
-        the standard deviation is s^2/sqrt(2), relative to |u0|.
+        amplitude |u0| (1 - |z|^2/2) has no slope.  If z is normal with the variance s^2, the mean is lower by s^2/2 and the
+        standard deviation is s^2/sqrt(2), relative to |u0|.
         """
         square = (self.std / self.values) ** 2 + _std(self.covariance, self.turns) ** 2
         return self.values * square / np.sqrt(2)

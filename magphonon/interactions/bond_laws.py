@@ -173,7 +173,7 @@ def law_from_dict(saved: dict[str, Any]) -> Law:
         For a law whose formula is not in the file and not in a module that is imported already: reading a file runs no code.
     """
     if not isinstance(saved, dict) or 'law' not in saved:
-        raise ValueError(f'a saved law must have its name, law, and its parameters, not be {shown(saved)}')
+        raise ValueError(f"a saved law must be a dict with 'law', the name of the law, and its parameters, not {shown(saved)}")
     parameters = dict(saved)
     name = parameters.pop('law')
     if 'text' in parameters:

@@ -87,7 +87,7 @@ class SharedErrors:
     zero : float, optional
         Error of the zero of the force in N; by default a tenth of the largest force.
     hysteresis : float, optional
-        Error of half the difference between return and approach in N; by default a hundredth of the largest force.
+        Half the difference between the forces on return and on approach, in N; by default a hundredth of the largest force.
     backlash : float
         Backlash of the drive in mm.
     gain : float

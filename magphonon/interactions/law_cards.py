@@ -122,7 +122,7 @@ def kinds_of_laws() -> dict[str, Kind]:
 
 
 def exponent_change(law: Any, length: float = units.m) -> LawDerivative:
-    """Derivative of an InversePower with respect to ln a, at a constant number b in units of N times `length` to the power a."""
+    """Derivative of an InversePower with respect to ln a, at a constant force at the distance `length`."""
     def x(r):
         return law.a * np.log(r / length)
 

@@ -45,7 +45,7 @@ def parallelogram(cell: Atoms, n1: int, n2: int) -> Atoms:
 
 
 def rectangle(cell: Atoms, width: float, height: float) -> Atoms:
-    """Patch of the particles within a `width` x `height` (mm) rectangle; rim and errors as in `parallelogram`.
+    """Patch of the particles within a `width` x `height` (mm) rectangle; with a rim as in `parallelogram`.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def rectangle(cell: Atoms, width: float, height: float) -> Atoms:
 
 
 def hexagon(cell: Atoms, side: float) -> Atoms:
-    """Patch within a regular hexagon of `side` (mm), corners on the x axis; rim and errors as in `parallelogram`.
+    """Patch within a regular hexagon of `side` (mm), corners on the x axis; with a rim as in `parallelogram`.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def hexagon(cell: Atoms, side: float) -> Atoms:
 
 
 def half_hexagon(cell: Atoms, side: float) -> Atoms:
-    """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; rim and errors as in `parallelogram`.
+    """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; with a rim as in `parallelogram`.
 
     Examples
     --------

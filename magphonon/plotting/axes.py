@@ -195,8 +195,8 @@ def new_figure(width: float | None = None, height: float | None = None) -> Figur
 @in_house_style
 def panels(rows: int, columns: int, width: float | None = None,
            height: float | None = None) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure with `rows x columns` panels. By default it is as wide as a column of the journal for one column of panels,
-    otherwise as wide as its page.
+    """A figure with `rows x columns` panels. By default one column of panels is as wide as a column of Physical Review B,
+    and several are as wide as its page.
 
     Parameters
     ----------

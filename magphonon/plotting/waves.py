@@ -218,7 +218,7 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]])
 
 
 def crossing(passage: BurstRecord) -> int:
-    """Index of the frame of the whole patch closest to the time of the largest displacement in the middle of the row."""
+    """Index of the frame of the whole patch when the particle in the middle of the row is displaced most."""
     u = np.linalg.norm(passage.row.displacements[:, len(passage.row.particles) // 2], axis=1)
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 

@@ -85,7 +85,7 @@ class Dof:
 class FrequencyResponse(InHertz, Saved, kind='frequency responses', units={
     'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
 }):
-    """Displacement per force over frequency, from any method.
+    """Displacement per force as a function of frequency, from any method.
 
     Attributes
     ----------

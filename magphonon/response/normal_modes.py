@@ -136,7 +136,7 @@ def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     omega : float
-        In rad/ms; negative for modes that grow faster than this rate.
+        In rad/ms; a negative value counts the modes that grow faster than its size.
 
     Examples
     --------

@@ -134,7 +134,7 @@ GYRATION_SEEN_FROM = 'bench', 'floor'
 
 
 class FrfPlan(Damped):
-    """Displacement per harmonic force over frequency; in a patch, where the force acts and where it is answered."""
+    """Displacement per harmonic force as a function of frequency; in a patch, where the force acts and where it is answered."""
 
     from_Hz: Frequency = Field(description='the lowest frequency in Hz')
     to_Hz: Frequency = Field(description='the highest frequency in Hz')

@@ -125,8 +125,8 @@ class _Uncertainty(Table):
             ((key, value),) = given.items()
             sigma[name] = value / 100 if key.endswith('_percent') else value / _at(scene, place)
             if sigma[name] > LARGEST_TOLERANCE:
-                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than '
-                                 f'the {LARGEST_TOLERANCE:g} within which a linear propagation holds; measure it better, or '
+                raise ValueError(f'uncertainty.{key} = {value!r} is {100 * sigma[name]:.4g} % of {name}, more than the '
+                                 f'{100 * LARGEST_TOLERANCE:g} % up to which linear propagation holds; measure it better, or '
                                  'leave it out')
         if self.exponent is not None:
             if 'exponent' not in changes:
@@ -144,8 +144,8 @@ class _Uncertainty(Table):
             if 'stiffness' in name and not np.any(scene.perfect_cell().calc.foundation):
                 raise ValueError(f'uncertainty.{name}_percent belongs to a foundation, but the scene has none; leave it out')
             if value > 100 * LARGEST_TOLERANCE:
-                raise ValueError(f'uncertainty.{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} '
-                                 'within which a linear propagation holds; measure it better, or leave it out')
+                raise ValueError(f'uncertainty.{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} % '
+                                 'up to which linear propagation holds; measure it better, or leave it out')
         each = {site: percent.get(f'each_{site}', 0.0) / 100 for site in SITES}
         return SiteScatter(**each, position=(self.each_position_m or 0.0) * u.m,
                            at_rest=getattr(scene.lattice, 'positions', None) == 'rest',

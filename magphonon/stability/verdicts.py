@@ -590,8 +590,8 @@ def supports(case: Case) -> Finding:
         return Finding(found)
     if wave is None or alone is None or np.isclose(wave, found.central, rtol=SAME):  # or charges, whose energy obeys Laplace too
         return Finding(found, f'{need}{_stiffness(found.central)}.')
-    return Finding(found, f'{need}{_stiffness(wave)} for upright magnets ({_stiffness(alone)} if only one of them can move), '
-                   f'{_stiffness(found.central)} if forces are along the lines between the particles.')
+    return Finding(found, f'{need}{_stiffness(wave)} for upright magnets ({_stiffness(alone)} if only one of them can move). '
+                   f'For particles whose forces are along the lines between them {_stiffness(found.central)} is enough.')
 
 
 @remark

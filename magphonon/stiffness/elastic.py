@@ -219,8 +219,8 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     along = np.eye(calc.dim)[0]
     if calc.pairwise:
         if calc.load.any() or calc.spring_forces.any():
-            raise ValueError('a dead load or stretched springs of the foundation hold the particles, and the lattice has no '
-                             'moduli without them; relax it with a calculator that has neither')
+            raise ValueError('a dead load or stretched springs of the foundation hold the particles here, so the lattice has '
+                             'no moduli of its own; relax it with a calculator that has neither')
         slopes = _of_bonds(calc, calc.law)
     elif calc.singular(along).any():
         raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '

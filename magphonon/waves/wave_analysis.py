@@ -70,8 +70,9 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: Model | None = 
     atoms : ase.Atoms
         One cell with its PairCalculator.
     direction : array_like, shape (3,)
-        Wavevector of xi = 2 pi in fractions of the reciprocal vectors.  In the triangular lattice, along R2: (0, 1, 0) for plane
-        waves from a row of sources along R1 (Gamma-M), (1/2, 1, 0) for the waves from a point source (Gamma-K).
+        The wavevector at which xi = 2 pi, in fractions of the reciprocal vectors.  In the triangular lattice, along R2, it is
+        (0, 1, 0) for plane waves from a row of sources along R1 (Gamma-M), and (1/2, 1, 0) for waves from a point source
+        (Gamma-K).
     mode : int
         Number of the branch, counted from 0 by frequency; in the triangular lattice shear is 0 and longitudinal 1.
     model : {'complete', 'conventional'}, optional

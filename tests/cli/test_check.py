@@ -22,8 +22,8 @@ SCENES = {
     'prototype': ('prototype', {}, FINE, [
         'Lattice: OK\n', 'Patch: OK\n', 'Stable in the plane, even without a foundation.',
         # 9 (a - 1) f/L0 at K, 6 (a - 1) f/L0 alone, 9 f/L0 for a central force, with a = 4.5824 and f/L0 = 23.6895 N/m
-        'at least 763.8 N/m for upright magnets (509.2 N/m if only one of them can move), 213.2 N/m if forces are along the '
-        'lines between the particles.',
+        'at least 763.8 N/m for upright magnets (509.2 N/m if only one of them can move). For particles whose forces are along '
+        'the lines between them 213.2 N/m is enough.',
         'highest frequency of 149.5 Hz',
         'a cut-off frequency of 26.5507 Hz']),  # sqrt(19.6757 N/m / 0.70698 g)/2 pi
     'chain on springs': ('chain', {}, FINE, [
