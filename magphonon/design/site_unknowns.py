@@ -402,15 +402,16 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     else:
         place, at = one.descended(place, scatter, noise, MOST, FINE)
     x, z = place.x, place.z
+    batch = at.J.T @ Eliminated(at.A)(at.J) + one.before.information
+    unlike = _unlike(at, one.sites.split / scatter[1], z, batch)
     if scatter[0] > MOST_SCATTER:
-        return replace(fit, information=0 * fit.information, site_scatter=scatter)
+        return replace(fit, information=0 * fit.information, site_scatter=scatter, unlike=unlike)
     if at.r @ at.r * noise**2 > half:
         return fit.refused
     M, before = one.sites.means(built, fit.names, scatter), one.before
-    own, batch = (at.J.T @ Eliminated(A)(at.J) + before.information for A in (at.A - at.J @ M, at.A))
+    own = at.J.T @ Eliminated(at.A - at.J @ M)(at.J) + before.information
     return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z, where=one.sites,
-                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch),
-                   unlike=_unlike(at, one.sites.split / scatter[1], z, batch))
+                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch), unlike=unlike)
 
 
 def _unlike(at, split, z, batch):
