@@ -416,10 +416,10 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
 
 def _unlike(at, split, z, batch):
     """`TransferFit.unlike` of sites z, by one step of a fit with one more parameter: ln(kx/ky), along `split`."""
-    if not split.any():
-        return 0.0, np.inf
     a = at.A @ split
     solved = Eliminated(at.A)(a)
     with_others = at.J.T @ solved
-    information = a @ solved - with_others @ np.linalg.solve(batch, with_others)
+    information = a @ solved - with_others @ np.linalg.lstsq(batch, with_others, BLIND)[0]
+    if information <= BLIND * (a @ solved):  # there is one spring, or both are fitted
+        return 0.0, np.inf
     return float(split @ z / information), float(information**-0.5)
