@@ -1,6 +1,6 @@
 """
-A measured scan to a ridge
-==========================
+From a measured scan to a ridge
+===============================
 
 A vibrometer has scanned a row of magnets while a burst ran along it.  Which dispersion does the scan show, how certain is it,
 and does it need D*?  Here the scan is simulated, with the noise of an instrument, so that the truth is known.
