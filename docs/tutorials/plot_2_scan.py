@@ -73,7 +73,7 @@ for (model, name), misfit in wave.misfits.items():
     print(f'{model:12} {name:12} {misfit.bins:5.2f} bins over {misfit.points} frequencies')
 
 # %%
-# The scan follows the shear branch with D*.  The conventional shear branch is two bins away, many times the uncertainty of a point:
+# The scan follows the shear branch with D*.  The conventional shear branch is two bins away, many times the ridge's uncertainty:
 
 ridge = wave.ridge
 print(f'sigma of a point: {np.median(ridge.sigma_xi) / ridge.bin_xi:.2f} bins')
