@@ -35,7 +35,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
 
-    Held particles, FixAtoms, do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
+    Particles held by FixAtoms do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
     that FixAtoms, FixedLine and FixedPlane leave free.
 
     Parameters

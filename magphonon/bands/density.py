@@ -58,7 +58,7 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     Attributes
     ----------
     omega : ndarray, shape (frequencies,)
-        Angular frequencies in rad/ms, ascending; unstable modes count at negative ones, as in `Bands`.
+        Angular frequencies in rad/ms, ascending; unstable modes count at negative frequencies, as in `Bands`.
     density : ndarray, shape (frequencies,)
         In ms/rad.
     modes : float
@@ -124,7 +124,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     >>> from magphonon import read_scene, ready_scene
     >>> from magphonon.bands import lattice_density
     >>> found = lattice_density(read_scene(ready_scene('ideal')).atoms(), steps=24)
-    >>> found.modes  # of a cell
+    >>> found.modes  # branches
     2.0
     """
     frequencies = _on_mesh(atoms, steps, model)

@@ -48,7 +48,7 @@ class FloquetBands(InHertz):
         Share of the harmonic at q itself in this motion, 0 to 1: it is 1 far from all resonances and 1/2 where two waves mix
         equally.
     harmonics : int
-        Number of harmonics on either side that were needed.
+        Number of harmonics that were needed on either side of the one at q.
     """
 
     q: np.ndarray

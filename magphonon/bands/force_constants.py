@@ -76,8 +76,8 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
         which no bond spans half of it. With AllNeighbours no supercell is large enough: the bands are then right at the
         wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
-        Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, which
-        gives bands to 1e-9 of the highest frequency (see `DISTANCE`), and less where the law is steep (`STEEPEST`).
+        Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, or
+        less where the law is steep (`STEEPEST`); this gives bands to 1e-9 of the highest frequency (see `DISTANCE`).
 
     Returns
     -------

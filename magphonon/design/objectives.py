@@ -5,7 +5,7 @@ An objective only says how its value changes with the stiffness of each bond, th
 
     dJ/dK_b = Re(e^x* (x) e^y)        dJ/dk_i = Re(x_i* y_i)        dJ/dm_i = Re(z x_i*.y_i)
 
-with the inertia z = -omega^2 + i omega gamma.  For a response, x is due to a unit force at the place where it is seen, and y to
+with the inertia z = -omega^2 + i omega gamma.  For a response, x is due to a unit force where the response is seen, and y to
 the drive; for a Bloch mode both are the mode; for a burst x is the adjoint motion. The effect of strengths, pillars and feet on
 the stiffness is the same for all objectives, and is computed in `magphonon.design.site_designs`.
 
@@ -305,7 +305,7 @@ class BandEdge(Objective):
     side : {'top', 'bottom'}
         Top of the branches below the gap, or bottom of those above it.
     sharp : float
-        In ms; infinite for the true edge among these wavevectors, which is smooth in parameters that all particles share.
+        In ms; infinite for the true edge among these wavevectors, a smooth function of parameters that all particles share.
     """
 
     q: np.ndarray

@@ -1,4 +1,4 @@
-"""Forces of sites beyond constant springs, on the slots of a layout, for blocks of time steps."""
+"""Forces at the sites other than those of constant springs, on the slots of a layout, for blocks of time steps."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ class Ring:
 class Cuboid:
     """Cuboid magnetised along its height; `length` lies along the line that joins two of them.
 
-    The law of distance holds for two cuboids whose faces are parallel and opposite.  Their forces are not exactly central: for
+    The pair law holds for two cuboids whose faces are parallel and opposite.  Their forces are not exactly central: for
     two cubes of 5 mm at 10 mm the stiffness against sideways displacement is 4 % smaller than the -f/r of the law, for plates
     of 4 x 10 mm 40 % smaller.
 

@@ -135,7 +135,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
 
 @in_house_style
 def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
-    """Draw the number of particles that take part in each mode, over its frequency; bands of the lattice are shaded.
+    """Draw the number of particles that take part in each mode, against its frequency; bands of the lattice are shaded.
 
     Parameters
     ----------

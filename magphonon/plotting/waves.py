@@ -85,7 +85,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     Parameters
     ----------
     table : sequence of sequence of Wave
-        One row of panels each; None gives an empty panel with its name and a note that the wave is too weak.
+        Each inner sequence is one row of panels; None gives an empty panel with its name and a note that the wave is too weak.
     names : sequence of str, optional
         Names of the panels, row by row.
     carriers_Hz : sequence of float, optional

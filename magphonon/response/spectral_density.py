@@ -95,7 +95,7 @@ class SpectralFunction(InHertz, Saved, kind='spectral functions', units={
         Integral over the frequency at each wavevector: the number of branches. Sites and directions held in every cell do not
         count.
     width : ndarray, shape (frequencies,)
-        Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes there.
+        Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes.
     """
 
     q: np.ndarray

@@ -256,7 +256,7 @@ def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
     dt : float
         Time between frames in ms.
     omega : array_like, shape (frequencies,)
-        In rad/ms; any, not only those of the fast Fourier transform.
+        In rad/ms; any frequencies, not only those of the fast Fourier transform.
 
     Returns
     -------

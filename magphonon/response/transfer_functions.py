@@ -60,7 +60,7 @@ class TransferFunction:
     sigma : float or ndarray, shape (frequencies,), optional
         Standard uncertainty of real and imaginary part, in the unit of the response.
     order : {0, 1, 2}
-        Displacement, velocity or acceleration was measured.
+        0, 1 or 2 if displacement, velocity or acceleration was measured.
     answer, drive : Dof, ndarray or None
         Where the motion is measured and driven: a Dof of a structure; or, as it was read, x and y in mm and the direction in rad,
         shape (3,); or None if the scene says where.  The drive of a fit may be the direction in which the bench is shaken, shape
@@ -88,7 +88,7 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
     ----------
     path : path-like
         The columns of a table are listed in its error messages and on the page "Files".  A universal file holds functions of the
-        type 4 in dataset 58, the places of its nodes in dataset 15 or 2411.
+        type 4 in dataset 58, and the places of its nodes in dataset 15 or 2411.
     estimator : {'H1', 'H2'}
         Estimator for raw records, see `estimated`.
 
@@ -147,7 +147,7 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
     estimator : {'H1', 'H2'}
     segment : int, optional
         Frames of a segment of one record.  It must be several times 1/gamma long, or peaks are blurred; by default there are 8
-        of them that overlap by a half.
+        segments that overlap by a half.
 
     Returns
     -------

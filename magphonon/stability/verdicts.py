@@ -94,8 +94,8 @@ class Verdict:
 
     @property
     def stable(self) -> bool:
-        """Whether the foundation holds the structure, in its plane and out of it; False if it is only just what the structure
-        needs.
+        """Whether the foundation holds the structure, in its plane and out of it; False also if it is only just as
+        stiff as the structure needs.
         """
         return self.case.stable
 
@@ -142,9 +142,9 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
 
     A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
     freedom only waves that fit into one or two cells along each vector are examined; the notes say so.  A finite structure is
-    checked as given.  Quantities that take too long are not computed, but listed in `Verdict.unjudged`: the spacing above 2000
-    degrees of freedom, and in a periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours, spacing,
-    supports and linear amplitude are never computed.
+    checked as given.  Quantities that take too long are not computed, but listed in `Verdict.unjudged`: the spacing at buckling
+    above 2000 degrees of freedom, and in a periodic cell above 200 also the supports and the linear amplitude.  With
+    AllNeighbours this spacing, supports and linear amplitude are never computed.
 
     The structure is checked at rest: about the reference of its calculator, or about its present positions if they are another
     equilibrium.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.

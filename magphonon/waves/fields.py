@@ -169,7 +169,7 @@ def is_field(places: NDArray[np.float64], cell: Atoms) -> bool:
 
 
 def field_of(scan: Scan, cell: Atoms) -> Field:
-    """Assign the points of a scan to the sites of a lattice, and cut the record into segments of a resolution like the points'.
+    """Assign the points of a scan to the sites of a lattice, and cut the record into segments of matching resolution.
 
     Parameters
     ----------
@@ -361,10 +361,10 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     """Ridge points along a path: the strongest frequency of each branch at wavevectors so far apart that they share no noise.
 
     A point is kept if its power exceeds the background and that of the other branch at its frequency, and is at most 20 dB below
-    the strongest point, and if its frequency lies within a quarter of the bands of the scene in either model. Its centre of
-    gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of
-    four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half
-    of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
+    the strongest point, and if its frequency is at most a quarter beyond the branches of the two models of the scene. Its centre
+    of gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The variance is the sum of the
+    squares of four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth
+    curve, half of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
 
     Parameters
     ----------

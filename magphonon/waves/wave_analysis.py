@@ -47,7 +47,7 @@ LOBE_bins = 2.0  # half width of the main lobe of a Hann window in wavenumber bi
 
 @dataclass(frozen=True)
 class Branch(InHertz):
-    """One branch of the bands over the phase per step.
+    """One branch of the bands as a function of the phase per step.
 
     Attributes
     ----------
