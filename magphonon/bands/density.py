@@ -272,7 +272,7 @@ def _below(corners, levels):
 
 
 def _distribution(e, E):
-    """The recursion above; e of shape (simplices, corners), E of shape (simplices,)."""
+    """The recursion for F in the docstring of this module; e of shape (simplices, corners), E of shape (simplices,)."""
     E = E[:, None]
     F = (e <= E).astype(float)
     for d in range(1, e.shape[1]):

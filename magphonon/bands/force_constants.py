@@ -256,7 +256,7 @@ def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) 
 
 
 def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
-    """The same path on phonopy's unit cell, as by `bands.path_of`."""
+    """The same path on phonopy's unit cell, as `bands.path_of` makes it."""
     # ASE's path has vectors only where it is periodic; phonopy repeats the cell only there
     pbc = path.cell.mask() if isinstance(path, BandPath) else np.diag(phonon.supercell_matrix) > 1
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)

@@ -61,7 +61,7 @@ ROUND_OFF = 5e-17
 proportional to the displacement."""
 GROWS = 1e-9  # rate of growth, as a fraction of the frequency of the modulation, up to which it is round-off
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
-DENSEST = 50e-3  # mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
+DENSEST = 50e-3  # mass divided by the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
 
 CHECKS = Findings()  # the checks of a `Case` by name
@@ -628,7 +628,7 @@ def gyration(case: Case) -> Finding:
 
 @remark
 def density(case: Case) -> Finding:
-    """Mass over the cube of the spacing, g/mm^3."""
+    """Mass divided by the cube of the spacing, g/mm^3."""
     heaviest = case.atoms.get_masses().max()
     found = float(heaviest / case.spacing**3)
     if found <= DENSEST:

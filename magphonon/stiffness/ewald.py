@@ -223,7 +223,7 @@ class EwaldSums:
         return total
 
     def _sideways(self, offsets):
-        """The different offsets across the lattice, and where each occurs; not zero only in chains of some breadth."""
+        """The different offsets across the lattice, and where each occurs; all are zero except in chains of some breadth."""
         x, which = np.unique((offsets @ self.across / self.radius).round(14), axis=0, return_inverse=True)
         return [(self.radius * x[k], np.flatnonzero(which.ravel() == k)) for k in range(len(x))]
 

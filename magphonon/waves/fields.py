@@ -137,7 +137,7 @@ class FieldMap(InHertz, Saved, kind='field maps', units={
     'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
     'power': ('mm^2', 'branches', 'wavevectors', 'frequencies'),
 }):
-    """Power of each branch over wavevector and frequency.
+    """Power of each branch as a function of wavevector and frequency.
 
     Attributes
     ----------
@@ -483,7 +483,7 @@ def _half_seen(field):
 
 
 def _scatter(field, off, variance, three):
-    """Variance of points about a smooth curve in excess of their own, from the second differences of each three neighbours.
+    """Excess variance of points about a smooth curve, from the second differences of each three neighbouring points.
 
     Only this reveals errors that are the same in all segments, such as those from uniform noise of the base.
     """
@@ -500,7 +500,7 @@ def _scatter(field, off, variance, three):
 
 def field_at(field: Field, cell: Atoms,
              omega: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
-    """Motion at one frequency: its power over wavevectors (isofrequency contour) and its shape over the points.
+    """Motion at one frequency: its power at each wavevector (isofrequency contour) and its shape at the points.
 
     Parameters
     ----------

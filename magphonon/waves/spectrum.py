@@ -305,11 +305,11 @@ def ridge(spectrum: Spectrum) -> Ridge:
 
 
 def _jumps(xi, omega, noise_xi, noise_omega, line):
-    """Variances of xi from the distances of each four points from a smooth branch, minus the part due to noise.
+    """Variances of xi from the distances of groups of four points from a smooth branch, minus the part due to noise.
 
     The smooth branch is a parabola of cos xi over omega^2; for a chain this is a straight line, from long waves to the zone edge.
-    The four points lie on every other line: because of the Hann window, neighbouring lines share two thirds of an error, these a
-    sixth.
+    The four points lie on every other line: because of the Hann window, neighbouring lines share two thirds of their error, these
+    a sixth.
     """
     four = np.arange(max(len(xi) - 6, 0))[:, None] + 2 * np.arange(4)
     x, y = omega[four] ** 2, np.cos(xi[four])
