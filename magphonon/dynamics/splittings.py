@@ -46,7 +46,7 @@ class Splitting:
         return np.append(np.cumsum(self.drifts)[:-1], 1.0)
 
     def beside_verlet(self, x: np.ndarray) -> np.ndarray:
-        """Error of an oscillator with omega h = x, relative to Verlet's x^2/24 in frequency or x^2/8 in the shape of its orbit."""
+        """Error of an oscillator with omega h = x in units of Verlet's: x^2/24 in frequency, x^2/8 in the shape of the orbit."""
         state = np.array([[1 + 0 * x, 0 * x], [0 * x, 1 + 0 * x]])  # columns (u, h v)
         for kick, drift in zip(self.kicks, (*self.drifts, 0.0), strict=True):
             state[1] -= kick * x**2 * state[0]

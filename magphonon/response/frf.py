@@ -40,8 +40,8 @@ RESONANT = 100 * EPS
 is infinite.  Eigenvalues are known to a few EPS."""
 MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
 FACTORISATION = 6.0
-"""Products with a sparse matrix that take as long as factors of it, over the root of its size: measured from 2000 to 190 000 free
-directions, within a factor of 2."""
+"""Number of products with a sparse matrix that take as long as its factors, divided by the root of its size: measured from 2000
+to 190 000 free directions, within a factor of 2."""
 ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
 
 

@@ -22,7 +22,7 @@ from .frf import Dof
 
 MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
            for order, per in enumerate(('', '_per_s', '_per_s2'))} | {'g': (GRAVITY, 2)}
-"""Units of what was measured: to mm and ms, and how often it is differentiated."""
+"""Units of measured motions in mm and ms, and how often the displacement is differentiated."""
 PER_FORCE = {f'{name}_per_N': factor / u.N for name, (factor, _) in MOTIONS.items()}
 ORDERS = {f'{name}_per_N': order for name, (_, order) in MOTIONS.items()}
 ESTIMATORS = 'H1', 'H2'
@@ -39,8 +39,8 @@ RESPONSE_FUNCTION, FREQUENCY_AXIS = 4, 18  # of dataset 58
 QUANTITIES = {8: 0, 11: 1, 12: 2}  # ordinates of dataset 58: displacement, velocity, acceleration
 FORCES = 9, 13  # force of reaction, and of excitation
 INDEPENDENT = 18 / 19
-"""Independent averages of many segments that overlap by a half, over their number: under a Hann window neighbours share (1/6)^2
-of their spectrum (Welch 1967)."""
+"""Independent averages of many segments that overlap by a half, as a share of their number: under a Hann window neighbours share
+(1/6)^2 of their spectrum (Welch 1967)."""
 MOST_CUT = 0.9  # length of the shortest record, in the longest: shorter ones were cut before they died down
 SEGMENTS = 8  # parts, half of each in the next one, of a continuous record
 

@@ -41,7 +41,7 @@ oblique waves: with 0.2 the errors of fits of 16 drawn lattices, in units of the
 0.6 to 1; with 0.1 up to 1.2.  For noise over the plane it is the difference between the middle of a specimen and the rest."""
 BIN_rad = 0.2  # a bin of a row of 30 points, for tables that do not tell theirs
 RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
-"""Frequencies, and the largest component of a wavevector, of a table; others are in another unit."""
+"""Range of frequencies, and largest component of a wavevector, in a table; values beyond them are in another unit."""
 
 
 @dataclass(frozen=True)
