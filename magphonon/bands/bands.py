@@ -184,7 +184,7 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
     branches : int, optional
         Number of lowest branches to compute, by default all. In cells of hundreds of particles, a few take far less time.
     damping : float or array_like, shape (particles,), optional
-        Force per momentum in 1/ms. With damping the bands have a `decay` beside the frequencies, and all branches are computed.
+        Damping rate in 1/ms, force divided by momentum. The bands then also have a `decay`, and all branches are computed.
 
     Examples
     --------

@@ -6,7 +6,7 @@ bonds bridge, all of which are multiples of s.  At the frequency omega its mass-
     sum_p D_p mu^p v = (omega^2 + i omega B) v        B = gamma - g (x) J        p = -P ... P
 
 This is a polynomial eigenproblem of degree 2 P for the motion e^{-i omega t}, with the damping gamma and the gyration g of each
-particle (`LinearSystem.B`).  Without damping, real xi are the bands. Complex xi belong to waves that decay as e^{-Im xi} per
+particle (`LinearSystem.B`).  Without damping, the bands are the real xi. Complex xi belong to waves that decay as e^{-Im xi} per
 step: below the cut-off of a foundation, above the bands and between them.  With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
@@ -179,7 +179,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
-        Force per momentum gamma in 1/ms; weak damping adds the decay gamma/(2 v) to a wave of the group velocity v.
+        Damping rate gamma in 1/ms, force divided by momentum; weak damping adds the decay gamma/(2 v) at the group velocity v.
 
     Examples
     --------

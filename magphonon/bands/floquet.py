@@ -76,7 +76,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms.
+        Damping rate in 1/ms, the force divided by the momentum.
     tolerance : float
         Harmonics are added until no frequency changes by more than this fraction of the largest one.
 

@@ -45,7 +45,7 @@ class NeighbourShifts:
     Attributes
     ----------
     omega, every : ndarray, shape (wavevectors, branches)
-        In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); unstable modes negative.
+        In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); negative for unstable modes.
     known : bool
         Whether the law is known at all distances that were needed; if not, it was continued from its end.
     """
@@ -110,7 +110,7 @@ class ConvergedShells:
 
 @takes('all neighbours', *{*SPRUNG} - {'conventional'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
-    """The smallest number of shells from which on each frequency is right within a tolerance.
+    """The smallest number of shells that, like every larger number, gives each frequency to within a tolerance.
 
     Parameters
     ----------

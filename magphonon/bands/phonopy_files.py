@@ -1,9 +1,9 @@
 """Files of bands and force constants for phonopy and related programs, and thermal properties by phonopy.
 
 Files are in mm and N. Masses are scaled (1 g is written as `GRAM` of `stiffness.other_tools`), so that the numbers that phonopy
-prints as THz are in Hz. Where phonopy multiplies a frequency by Planck's constant, it assumes THz. Without a
-warning, heat capacities, free energies and mean square displacements would be those of frequencies 10^12 times too high, so for
-these the frequencies are converted.
+prints as THz are in Hz. Where phonopy multiplies a frequency by Planck's constant, it assumes THz. Heat
+capacities, free energies and mean square displacements would then, without a warning, be those of frequencies 10^12 times too
+high, so for these the frequencies are converted.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a least-squares fit says about its parameters: covariance, chi2, and what the data do not determine.
 
-With the Jacobian J of the residuals with respect to the logarithms of the parameters, the covariance of these is (J^T J)^-1.  An
+Let J be the Jacobian of the residuals in the logarithms of the parameters. The covariance of these logarithms is (J^T J)^-1.  An
 eigenvector of J^T J whose eigenvalue is nearly zero is a change of parameters that changes no data.
 """
 

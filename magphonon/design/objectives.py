@@ -256,7 +256,7 @@ class Level(Objective):
     omega : float
         In rad/ms.
     damping : float
-        Force per momentum in 1/ms.
+        Damping rate in 1/ms, the force divided by the momentum.
     floor : float
         Amplitude in mm/N below which a lower amplitude no longer changes the level. It keeps a design from relying on a zero so
         deep that no real lattice has it.

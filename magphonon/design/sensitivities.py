@@ -126,7 +126,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.
+        In rad/ms; negative for unstable modes.
     slopes : ndarray, shape (changes, wavevectors, modes)
         `d omega/d ln p` in rad/ms.  Zero for translations without a foundation; NaN for another mode of zero
         frequency, on the verge of instability, where the derivative is infinite.

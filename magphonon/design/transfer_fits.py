@@ -47,7 +47,7 @@ ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a th
 
 
 class ParametricLattice(NamedTuple):
-    """A lattice at rest, its damping in 1/ms, and the change of its stiffness by each parameter."""
+    """A lattice at rest, its damping in 1/ms, and the change of its stiffness due to each parameter."""
 
     system: LinearSystem
     damping: float

@@ -161,7 +161,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def damping(self) -> NDArray[np.float64]:
-        """Force per momentum in 1/ms, shape (particles,); may be set at any time, to one number or one for each particle."""
+        """Damping rate in 1/ms, shape (particles,); may be set at any time, to one number or one for each particle."""
         return self._damping
 
     @damping.setter

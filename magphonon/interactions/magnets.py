@@ -1,7 +1,7 @@
 """Repulsion of equal magnets side by side, from shape and remanence.
 
 A magnet of the uniform magnetisation M = Br/mu0 normal to the plane carries the magnetic charges +M and -M per area on its two
-end faces, and no other charges.  The energy of two such magnets is a sum over pairs of faces a distance z apart in height, each
+end faces, and no other charges.  The energy of two such magnets is a sum over pairs of faces. Two faces at heights z apart have
 
     U = +- mu0 M M'/(4 pi) integral dA dA' g        g = 1/s,  s = sqrt(d^2 + z^2)
 

@@ -250,7 +250,7 @@ class SpectralMoments:
         Parameters
         ----------
         omega : ndarray, shape (frequencies,)
-            In rad/ms; imaginary frequencies are negative.
+            In rad/ms; negative values stand for imaginary frequencies.
 
         Returns
         -------

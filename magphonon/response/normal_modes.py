@@ -250,7 +250,7 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     gap : two numbers
-        Lower and upper end in rad/ms, such as a row of `magphonon.bands.band_gaps`; imaginary frequencies are negative.
+        Lower and upper end in rad/ms, such as a row of `magphonon.bands.band_gaps`; negative for imaginary frequencies.
 
     Returns
     -------

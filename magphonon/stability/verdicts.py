@@ -161,7 +161,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     distance : float, optional
         Displacement for phonopy's finite displacements in mm; by default that of `finite_displacements`.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
+        Damping rate in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
         Everything else is computed with the mean springs of that foundation.
 
     Examples

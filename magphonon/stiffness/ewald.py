@@ -55,7 +55,7 @@ def lattice_sum(lattice: ArrayLike | Atoms, law: float | GaussianMixture, offset
         The exponent s > 0 of phi = r^-s, or a law such as Yukawa(c, kappa).  Where s <= d and the wave is uniform (q = 0)
         the sum diverges; its value is then that with a uniform neutralising background, Epstein's zeta function.
     offset : array_like, shape (dim,), optional
-        Offset of the particles from the origin, in the unit of the lattice vectors; it may point out of the lattice.
+        Offset of the particles from the origin, in the unit of the lattice vectors; it may point out of their line or plane.
     q : array_like, shape (d,), optional
         In fractions of the reciprocal vectors.
     split : float

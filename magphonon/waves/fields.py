@@ -9,7 +9,7 @@ for every law. If a cell has several particles, each of them has its own sum, an
 direct sum over a thousand of them takes a second.  The record is cut into segments whose powers are added (Welch 1967), so that
 bands are visible even in noise of the base or thermal noise. Waves in both directions, k and -k, count.
 
-A cell of the map collects power from its surroundings. Its centre of gravity is (Auger and Flandrin 1995)
+A cell of the map collects power from its surroundings. The centre of gravity of this power is (Auger and Flandrin 1995)
 
     omega_centre = omega - Im(sum G_g' G^*)/sum |G|^2        k_centre = k + Im(sum G_h' G^*)/sum |G|^2
 
