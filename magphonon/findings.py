@@ -1,6 +1,6 @@
 """Reports as lists of small functions, each of which finds one fact about a case and states it in words.
 
-A report is a `Findings`. Its decorator `check` adds a function of the case to it; `remark` adds one whose finding is never a
+A report is a `Findings`. A function of the case is added by its decorator `check`, or by `remark` if the finding is never a
 fault.  The words appear in the order of the functions in their file. One function may be the `answer`, whose words come first: a
 command prints the answer and the faults, and with --verbose everything.
 

@@ -98,7 +98,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
 
     @property
     def polarisations(self) -> NDArray[np.str_]:
-        """Label of each mode, shape (wavevectors, modes): 'longitudinal', 'transverse' (over 90 %), 'mixed', or '' at k = 0."""
+        """Label of each mode, shape (wavevectors, modes): 'longitudinal' or 'transverse' if over 90 %, 'mixed', '' at k = 0."""
         share = self.longitudinal
         return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
 

@@ -258,7 +258,7 @@ class Level(Objective):
     damping : float
         Damping rate in 1/ms, the force divided by the momentum.
     floor : float
-        Amplitude in mm/N below which a lower amplitude no longer changes the level. It keeps a design from relying on a zero so
+        Amplitude in mm/N below which the response hardly changes the level. It keeps a design from relying on a zero so
         deep that no real lattice has it.
     """
 
@@ -305,7 +305,7 @@ class BandEdge(Objective):
     side : {'top', 'bottom'}
         Top of the branches below the gap, or bottom of those above it.
     sharp : float
-        In ms; infinite for the true edge among these wavevectors, a smooth function of parameters that all particles share.
+        Sharpness in ms. If it is infinite the edge is the true one, which is smooth in parameters that all particles share.
     """
 
     q: np.ndarray
@@ -471,7 +471,7 @@ class Margin(Objective):
     Attributes
     ----------
     sharp : float
-        In ms^2.
+        Sharpness of the soft minimum, in ms^2.
     """
 
     sharp: float = 1000.0
@@ -513,7 +513,7 @@ class BurstEnergy(Objective):
     region : tuple of int
         The particles whose energy counts.
     window : (float, float)
-        In ms.
+        Start and end in ms.
     omega : float
         In rad/ms.
     cycles : int

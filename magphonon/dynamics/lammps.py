@@ -374,7 +374,7 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     damping : float
         Decay rate of the velocities in 1/ms.
     ranks : int
-        MPI ranks.
+        Number of MPI ranks.
     directory : path-like, optional
         Folder for the files of the run.  If it holds files of the same run they are used: complete records are read, and a
         stopped run continues from its newest restart file.

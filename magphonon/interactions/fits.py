@@ -77,7 +77,7 @@ POINTS = 24  # of the table of a fitted law; a spline through them follows it to
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Standard deviations of the errors that all rows of a table share, known before it is read.
+    """Standard deviations of the errors that all rows of a table share, known before the table is read.
 
     Attributes
     ----------

@@ -192,8 +192,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
 
 @in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
-    """Draw one moment of a burst in several simulations, each on its own scale. It is the time at which the first simulation has
-    reached the middle of the row.
+    """Draw a burst in several simulations, each on its own scale, at the time at which it has reached the middle of the row in
+    the first simulation.
 
     Parameters
     ----------

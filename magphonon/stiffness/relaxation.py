@@ -52,7 +52,7 @@ class Relaxation:
         The structure at rest, whose positions are the reference of its calculator.  The anchors of the foundation do not move
         (pillars); its springs balance the remaining forces between the particles.
     before, after : float
-        Largest force on a free particle in N.
+        Largest force on a free particle in N, before and after relaxation.
     shift, rms : float
         Largest and root mean square displacement of the free particles in mm.
     steps : int

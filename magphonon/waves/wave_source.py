@@ -201,7 +201,7 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     engine : str
         Engine as for DrivenVerlet, or 'lammps'.
     ranks : int
-        MPI ranks of LAMMPS.
+        Number of MPI ranks of LAMMPS.
     directory : path-like, optional
         Folder that keeps the files of LAMMPS, see `run_lammps`.
     threads : int, optional
