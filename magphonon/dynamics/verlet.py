@@ -170,7 +170,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def drives(self) -> tuple[Any, ...]:
-        """The drives; like the damping, they may be set at any time, to another sequence."""
+        """The drives, which may be replaced at any time by another sequence, as the damping may."""
         return self._drives
 
     @drives.setter
