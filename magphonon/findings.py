@@ -142,7 +142,7 @@ def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Map
     >>> from magphonon.findings import proposals
     >>> widths = lambda added: {'the mass': (1e4 + added) ** -0.5}
     >>> print(proposals(widths, 0.0, {'weigh it as before': 1e4, 'weigh it to 0.2 %': 25e4})[0])
-    weigh it to 0.2 %, and the mass is known to 0.2 % instead of 1 %.
+    weigh it to 0.2 %: the mass would then be known to 0.2 % instead of 1 %.
     """
     before, found = widths(now), []
     for words, plan in plans.items():
