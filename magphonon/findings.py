@@ -1,6 +1,6 @@
 """Reports as lists of small functions, each of which finds one fact about a case and states it in words.
 
-A report is a `Findings`. Its decorator `check` adds a function of the case to it; `remark` adds one whose finding is never a
+A report is a `Findings`. A function of the case is added by its decorator `check`, or by `remark` if the finding is never a
 fault.  The words appear in the order of the functions in their file. One function may be the `answer`, whose words come first: a
 command prints the answer and the faults, and with --verbose everything.
 
@@ -142,7 +142,7 @@ def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Map
     >>> from magphonon.findings import proposals
     >>> widths = lambda added: {'the mass': (1e4 + added) ** -0.5}
     >>> print(proposals(widths, 0.0, {'weigh it as before': 1e4, 'weigh it to 0.2 %': 25e4})[0])
-    weigh it to 0.2 %, and the mass is known to 0.2 % instead of 1 %.
+    weigh it to 0.2 %: the mass would then be known to 0.2 % instead of 1 %.
     """
     before, found = widths(now), []
     for words, plan in plans.items():

@@ -58,7 +58,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
     path : ase.dft.kpoints.BandPath
         Wavevectors `path.kpts` in fractions of the reciprocal vectors, and the names of special points.
     omega : ndarray, shape (wavevectors, modes)
-        Angular frequencies in rad/ms, ascending; an unstable mode counts as negative, -sqrt(-omega^2).
+        Angular frequencies in rad/ms, ascending; negative for an unstable mode, -sqrt(-omega^2).
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), optional
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
     decay : ndarray, shape (wavevectors, modes), optional
@@ -98,7 +98,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
 
     @property
     def polarisations(self) -> NDArray[np.str_]:
-        """Label of each mode, shape (wavevectors, modes): 'longitudinal', 'transverse' (over 90 %), 'mixed', or '' at k = 0."""
+        """Label of each mode, shape (wavevectors, modes): 'longitudinal' or 'transverse' if over 90 %, 'mixed', '' at k = 0."""
         share = self.longitudinal
         return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
 
@@ -182,9 +182,9 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
     vectors : bool
         Keep the modes too.
     branches : int, optional
-        Number of lowest branches to compute, by default all. In cells of hundreds of particles a few are many times faster.
+        Number of lowest branches to compute, by default all. In cells of hundreds of particles, a few take far less time.
     damping : float or array_like, shape (particles,), optional
-        Force per momentum in 1/ms. With damping the bands have a `decay` beside the frequencies, and all branches are computed.
+        Damping rate in 1/ms, force divided by momentum. The bands then also have a `decay`, and all branches are computed.
 
     Examples
     --------
@@ -366,8 +366,8 @@ def cut_off(atoms: Atoms) -> float | None:
     Returns
     -------
     float or None
-        In rad/ms. None if long acoustic waves propagate at any frequency: without foundation and held particles, or if the
-        foundation leaves a direction free.
+        In rad/ms. None if long acoustic waves propagate, however low their frequency: if there is neither a foundation nor a held
+        particle, or if the foundation leaves a direction free.
 
     Examples
     --------
@@ -400,7 +400,7 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model 
     Returns
     -------
     ndarray, shape (dim,)
-        Ascending, in mm/ms = m/s; an unstable branch counts as negative, -sqrt(-c^2). Infinite where the repulsion has such a
+        Ascending, in mm/ms = m/s; negative for an unstable branch, -sqrt(-c^2). Infinite where the repulsion has such a
         long range that w/k grows without bound in long waves, as in Coulomb crystals. NaN where a zero-stiffness mode of the unit
         cell (a mechanism) couples to the acoustic branch (the conventional kagome lattice).
 

@@ -35,7 +35,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
 
-    Held particles, FixAtoms, do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
+    Particles held by FixAtoms do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
     that FixAtoms, FixedLine and FixedPlane leave free.
 
     Parameters
@@ -55,7 +55,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative. Frequencies at q and -q differ if forces depend on the velocity (`LinearSystem.B`).
+        In rad/ms; negative for unstable modes. If forces depend on velocity (`LinearSystem.B`), frequencies at q and -q differ.
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
         Normalised to one and weighted with the square root of the mass; zero on held particles.  They are orthogonal where B = 0.
 

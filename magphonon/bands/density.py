@@ -58,7 +58,7 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     Attributes
     ----------
     omega : ndarray, shape (frequencies,)
-        Angular frequencies in rad/ms, ascending; unstable modes count at negative ones, as in `Bands`.
+        Angular frequencies in rad/ms, ascending; unstable modes count at negative frequencies, as in `Bands`.
     density : ndarray, shape (frequencies,)
         In ms/rad.
     modes : float
@@ -124,7 +124,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     >>> from magphonon import read_scene, ready_scene
     >>> from magphonon.bands import lattice_density
     >>> found = lattice_density(read_scene(ready_scene('ideal')).atoms(), steps=24)
-    >>> found.modes  # of a cell
+    >>> found.modes  # branches
     2.0
     """
     frequencies = _on_mesh(atoms, steps, model)
@@ -272,7 +272,7 @@ def _below(corners, levels):
 
 
 def _distribution(e, E):
-    """The recursion above; e of shape (simplices, corners), E of shape (simplices,)."""
+    """The recursion for F in the docstring of this module; e of shape (simplices, corners), E of shape (simplices,)."""
     E = E[:, None]
     F = (e <= E).astype(float)
     for d in range(1, e.shape[1]):

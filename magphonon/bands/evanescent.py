@@ -1,12 +1,12 @@
 """Complex bands: the complex wavenumbers at a given frequency, also inside band gaps.
 
 Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i s xi}, with a term for each distance that
-bonds bridge, all multiples of s.  At the frequency omega its mass-weighted modes v obey
+bonds bridge, all of which are multiples of s.  At the frequency omega its mass-weighted modes v obey
 
     sum_p D_p mu^p v = (omega^2 + i omega B) v        B = gamma - g (x) J        p = -P ... P
 
 This is a polynomial eigenproblem of degree 2 P for the motion e^{-i omega t}, with the damping gamma and the gyration g of each
-particle (`LinearSystem.B`).  Without damping, real xi are the bands. Complex xi belong to waves that decay as e^{-Im xi} per
+particle (`LinearSystem.B`).  Without damping, the bands are the real xi. Complex xi belong to waves that decay as e^{-Im xi} per
 step: below the cut-off of a foundation, above the bands and between them.  With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
@@ -145,7 +145,7 @@ class ComplexBands(InHertz):
         Phase and decay per step, `e^{i xi}`; the imaginary part is zero or positive. Without damping the real part is not
         negative either, and each value stands for four waves: xi, -xi and their conjugates. With damping it stands for xi and
         -xi; the real part is negative if the crests of a wave run against its energy. For gyroscopes only waves whose energy
-        runs forwards are given. Infinite where a wave does not go beyond the particle that moves.
+        runs forwards are given. The imaginary part is infinite where a motion does not reach the next step.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
         where the decay is infinite.
@@ -172,14 +172,14 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
     atoms : ase.Atoms
         One cell with its PairCalculator; held particles, such as the walls of a channel, do not move.
     direction : array_like, shape (3,)
-        Wavevector of xi = 2 pi in fractions of the reciprocal vectors, as for `spectrum.branch`: in the triangular
+        The wavevector at which xi = 2 pi, in fractions of the reciprocal vectors, as for `waves.branch`: in the triangular
         lattice along R2, (0, 1, 0) for a row of sources along R1 and (1/2, 1, 0) for a point source.
     omega : array_like, shape (frequencies,)
-        In rad/ms; negative for the square root of -omega^2, as in `Bands`.
+        In rad/ms; a negative value -w stands for an imaginary frequency, omega^2 = -w^2, as in `Bands`.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
-        Force per momentum gamma in 1/ms; weak damping adds the decay gamma/(2 v) to a wave of the group velocity v.
+        Damping rate gamma in 1/ms, force divided by momentum; weak damping adds the decay gamma/(2 v) at the group velocity v.
 
     Examples
     --------

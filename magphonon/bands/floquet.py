@@ -48,7 +48,7 @@ class FloquetBands(InHertz):
         Share of the harmonic at q itself in this motion, 0 to 1: it is 1 far from all resonances and 1/2 where two waves mix
         equally.
     harmonics : int
-        Number of harmonics on either side that were needed.
+        Number of harmonics that were needed on either side of the one at q.
     """
 
     q: np.ndarray
@@ -76,7 +76,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms.
+        Damping rate in 1/ms, the force divided by the momentum.
     tolerance : float
         Harmonics are added until no frequency changes by more than this fraction of the largest one.
 

@@ -76,8 +76,8 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
         which no bond spans half of it. With AllNeighbours no supercell is large enough: the bands are then right at the
         wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
-        Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, which
-        gives bands to 1e-9 of the highest frequency (see `DISTANCE`), and less where the law is steep (`STEEPEST`).
+        Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, or
+        less where the law is steep (`STEEPEST`); this gives bands to 1e-9 of the highest frequency (see `DISTANCE`).
 
     Returns
     -------
@@ -256,7 +256,7 @@ def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) 
 
 
 def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
-    """The same path on phonopy's unit cell, as by `bands.path_of`."""
+    """The same path on phonopy's unit cell, as `bands.path_of` makes it."""
     # ASE's path has vectors only where it is periodic; phonopy repeats the cell only there
     pbc = path.cell.mask() if isinstance(path, BandPath) else np.diag(phonon.supercell_matrix) > 1
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)

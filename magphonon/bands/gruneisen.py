@@ -32,7 +32,7 @@ class Gruneisen(NamedTuple):
     Attributes
     ----------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.
+        In rad/ms; negative for unstable modes.
     gamma : ndarray, shape (wavevectors, modes)
         Where branches cross, the parameters of the crossing branches in no particular order.  NaN where the frequency is zero.
     """

@@ -1,9 +1,9 @@
 """How many neighbours matter: what the omitted ones would change, and how many shells the frequencies need.
 
 It is an assumption that one shell of neighbours is enough. Here the frequencies with a few shells are compared with those with
-all neighbours, at given wavevectors. These come from Ewald's sums if the law has a tail (`magphonon.stiffness.all_neighbours`),
-otherwise from a sum up to the last of `REACHES`. A law that is not known far away, such as a table of forces, is continued from
-its end by the inverse power that fits there.
+all neighbours, at given wavevectors. All neighbours are summed by Ewald's method if the law has a tail
+(`magphonon.stiffness.all_neighbours`), otherwise directly, up to the last of `REACHES`. A law that is not known far away, such as
+a table of forces, is continued from its end by the inverse power that fits there.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class NeighbourShifts:
     Attributes
     ----------
     omega, every : ndarray, shape (wavevectors, branches)
-        In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); unstable modes negative.
+        In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); negative for unstable modes.
     known : bool
         Whether the law is known at all distances that were needed; if not, it was continued from its end.
     """
@@ -67,7 +67,7 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its PairCalculator or AllNeighbours; waves in the plane of a layer.
+        One cell with its PairCalculator or AllNeighbours; of a layer, only waves in its plane count.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
 
@@ -110,7 +110,7 @@ class ConvergedShells:
 
 @takes('all neighbours', *{*SPRUNG} - {'conventional'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
-    """The smallest number of shells from which on each frequency is right within a tolerance.
+    """The smallest number of shells that, like every larger number, gives each frequency to within a tolerance.
 
     Parameters
     ----------

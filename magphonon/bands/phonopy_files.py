@@ -2,8 +2,8 @@
 
 Files are in mm and N. Masses are scaled (1 g is written as `GRAM` of `stiffness.other_tools`), so that the numbers that phonopy
 prints as THz are in Hz. Where phonopy multiplies a frequency by Planck's constant, it assumes THz. Heat
-capacities, free energies and mean square displacements would be wrong by twelve powers of ten in the frequency, without a
-warning, so for these the frequencies are converted.
+capacities, free energies and mean square displacements would then, without a warning, be those of frequencies 10^12 times too
+high, so for these the frequencies are converted.
 """
 
 from __future__ import annotations

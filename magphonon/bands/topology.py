@@ -112,9 +112,9 @@ class EdgeFlow(NamedTuple):
         Number of waves that run along the period minus the number that run against it, at the edge to the right of the period
         vector (the lower edge of a strip along x) and at the left edge.
     q : ndarray, shape (waves,)
-        Their wavevectors, in fractions of the reciprocal vector.
+        Wavevectors of the waves, in fractions of the reciprocal vector.
     velocity : ndarray, shape (waves,)
-        Their group velocities along the period in mm/ms.
+        Group velocities of the waves along the period in mm/ms.
     at_right : ndarray of bool, shape (waves,)
         Whether each wave runs along the right edge.
     """

@@ -69,7 +69,7 @@ class ZoneMap(InHertz, Saved, kind='frequencies over the zone', units={
     q : ndarray, shape (n1, n2, 3)
         Wavevectors in fractions of the reciprocal vectors.
     omega : ndarray, shape (n1, n2, branches)
-        Angular frequencies in rad/ms, ascending; an unstable mode is negative, as in `Bands`.
+        Angular frequencies in rad/ms, ascending; negative for an unstable mode, as in `Bands`.
     velocity : ndarray, shape (n1, n2, branches, 2)
         Group velocities in mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """

@@ -5,8 +5,8 @@ With the logarithms x of the parameters, the residual of a point (q, omega) of o
     r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (change of the branch within sigma_q)^2
 
 and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  A shift that all ridges of a branch share,
-such as that of a point source, is invisible in the residuals. The covariance of the points of one branch and one kind of source
-is therefore
+such as the one due to a point source, is invisible in the residuals. The covariance of the points of one branch and one kind of
+source is therefore
 
     C = diag(sigma^2) + (tau d) (tau d)^T        d = d omega/d xi, tau = `RidgePoints.shift`
 
@@ -62,13 +62,13 @@ class DispersionFit(ParameterFit):
     branches : tuple of int
         The branch of each ridge, counted from 0 by frequency.
     strayed : int
-        Number of points of waves from a point source that follow a branch next to the branch of their ridge.
+        Number of points, in ridges of a point source, whose wave belongs to a neighbouring branch instead of that of the ridge.
     sigma_xi : ndarray, shape (points,)
         Standard uncertainties of the phases in rad that the fit used; if an oblique wave is near, they include its distance.
     missed : tuple of float
         Residuals of the ridges that were left out of the fit.
 
-    The residuals are those of the frequencies of the points, without the common shift of each branch, then those of the priors.
+    Residuals belong first to the frequencies of the points, without the common shift of each branch, and then to the priors.
     """
 
     branches: tuple[int, ...]
@@ -78,8 +78,8 @@ class DispersionFit(ParameterFit):
 
     @property
     def scatter(self) -> float:
-        """The scatter, which also counts the ridges that were left out of the fit, because to leave them out must not narrow the
-        intervals.
+        """Scatter of the points in units of their uncertainties. It includes ridges that were left out of the fit, because
+        leaving them out must not narrow the intervals.
         """
         own = super().scatter
         if not self.missed:

@@ -1,7 +1,7 @@
 """What a least-squares fit says about its parameters: covariance, chi2, and what the data do not determine.
 
-With the Jacobian J of the residuals by the logarithms of the parameters, J^T J is the inverse of their covariance.  It also shows
-what the data do not determine: if an eigenvalue is nearly zero, its eigenvector is a change of parameters that changes no data.
+Let J be the Jacobian of the residuals in the logarithms of the parameters. The covariance of these logarithms is (J^T J)^-1.  An
+eigenvector of J^T J whose eigenvalue is nearly zero is a change of parameters that changes no data.
 """
 
 from __future__ import annotations

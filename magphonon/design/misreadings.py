@@ -1,8 +1,8 @@
 """What may be wrong with a file of transfer functions: its unit, the sign of its phase, what was measured.
 
 The peaks of the assumed lattice and the measured ones are never at quite the same frequencies, so the curves differ. Therefore
-the peaks of both are widened to a ninth of the range. What then remains is the size, the phase, and their trend with frequency. A
-wrong unit changes these by far more than an error of ten percent in the lattice.
+the peaks of both are widened to a ninth of the range. What then remains of a curve is its size, its phase, and their trend with
+frequency. A wrong unit changes these by far more than an error of ten percent in the lattice.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ An objective only says how its value changes with the stiffness of each bond, th
 
     dJ/dK_b = Re(e^x* (x) e^y)        dJ/dk_i = Re(x_i* y_i)        dJ/dm_i = Re(z x_i*.y_i)
 
-with the inertia z = -omega^2 + i omega gamma.  For a response, x is due to a unit force at the place where it is seen, and y to
+with the inertia z = -omega^2 + i omega gamma.  For a response, x is due to a unit force where the response is seen, and y to
 the drive; for a Bloch mode both are the mode; for a burst x is the adjoint motion. The effect of strengths, pillars and feet on
 the stiffness is the same for all objectives, and is computed in `magphonon.design.site_designs`.
 
@@ -256,9 +256,9 @@ class Level(Objective):
     omega : float
         In rad/ms.
     damping : float
-        Force per momentum in 1/ms.
+        Damping rate in 1/ms, the force divided by the momentum.
     floor : float
-        Amplitude in mm/N below which a lower amplitude no longer changes the level. It keeps a design from relying on a zero so
+        Amplitude in mm/N below which the response hardly changes the level. It keeps a design from relying on a zero so
         deep that no real lattice has it.
     """
 
@@ -305,7 +305,7 @@ class BandEdge(Objective):
     side : {'top', 'bottom'}
         Top of the branches below the gap, or bottom of those above it.
     sharp : float
-        In ms; infinite for the true edge among these wavevectors, which is smooth in parameters that all particles share.
+        Sharpness in ms. If it is infinite the edge is the true one, which is smooth in parameters that all particles share.
     """
 
     q: np.ndarray
@@ -471,7 +471,7 @@ class Margin(Objective):
     Attributes
     ----------
     sharp : float
-        In ms^2.
+        Sharpness of the soft minimum, in ms^2.
     """
 
     sharp: float = 1000.0
@@ -513,7 +513,7 @@ class BurstEnergy(Objective):
     region : tuple of int
         The particles whose energy counts.
     window : (float, float)
-        In ms.
+        Start and end in ms.
     omega : float
         In rad/ms.
     cycles : int

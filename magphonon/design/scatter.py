@@ -3,16 +3,16 @@
 With the displacements x and y, and e = C x in the bonds, the stiffness H changes with the strength s_i of one magnet by
 
     x.(dH/d ln s_i) y = sum_b e^x_b.K_b e^y_b - sum_b phi'_b n_b.(C w)_b      over the bonds b of the magnet, where
-    Phi w = C^T t       t_b = e^x_b.(dK_b/dR) e^y_b                           in the statics of the structure, Phi
+    Phi w = C^T t       t_b = e^x_b.(dK_b/dR) e^y_b                           with the static stiffness Phi of the structure
 
 The second sum comes from the new rest positions: a stronger magnet pushes its neighbours away until the forces balance again.
-One solution w serves all magnets.  The derivative by the logarithm of the stiffness k_i of a pillar is k_i x_i.y_i, plus a term
-with the force of the pillar if it is bent at rest. The derivative by the logarithm of a mass is -omega^2 m_i x_i.y_i. The
-derivative by the position of the foot of a pillar is k_i w_i, and that by the position of a held magnet (C^T t - Phi w)_i.
+One solution w serves all magnets.  The derivative with respect to ln k_i is k_i x_i.y_i for the stiffness k_i of a pillar, plus a
+term with the force of the pillar if it is bent at rest. It is -omega^2 m_i x_i.y_i with respect to ln m_i, for the mass m_i, and
+with respect to positions k_i w_i for the foot of a pillar and (C^T t - Phi w)_i for a held magnet.
 
-If positions were measured at rest, as in a photo, nothing moves: w = 0, and the derivative by a position is (C^T t)_i.
+If the rest positions were measured, as in a photo, they are known: w = 0, and the derivative is (C^T t)_i for a position.
 
-Any number J, at any frequency, wavevector or time, depends on the lattice through the stiffness of bonds, springs and masses
+Any number J, at any frequency, wavevector or time, depends on the lattice through masses and stiffness of bonds and springs
 (`Slope`). With G_b = dJ/dK_b in place of e^x (x) e^y, one solution w gives the derivatives of J by all of these quantities.
 """
 

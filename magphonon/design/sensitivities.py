@@ -1,7 +1,7 @@
-"""First derivatives of frequencies and responses by the parameters of a lattice, all analytic.
+"""First derivatives of frequencies and responses with respect to the parameters of a lattice, all analytic.
 
-The derivative of a pair law by a parameter is itself a pair law, and bond stiffness is linear in the law. So
-`bond_stiffness(vectors, change)` gives the derivatives of both D0 and D*.  By the relative change dp/p of
+The derivative of a pair law with respect to a parameter is itself a pair law, and bond stiffness is linear in the law. So
+`bond_stiffness(vectors, change)` gives the derivatives of both D0 and D*.  For the relative change dp/p of
 
     the force           d phi' = phi'                      d phi'' = phi''
     the spacing         d phi' = r phi'' - phi'            d phi'' = r phi'''         (r grows, n stays)
@@ -69,7 +69,7 @@ class StiffnessDerivative:
 
 
 def force_change(law: PairLaw, power: int = 1) -> LawDerivative:
-    """Derivative of a law, or of the laws of all bonds, by a parameter to whose `power` the force is proportional.
+    """Derivative of a law, or of the laws of all bonds, with respect to ln p, if the force is proportional to p^power.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def force_change(law: PairLaw, power: int = 1) -> LawDerivative:
 
 
 def spacing_change(law: PairLaw) -> LawDerivative:
-    """Derivative of the law of the bonds by the spacing: all distances grow in proportion, and directions stay.
+    """Derivative of the law of the bonds with respect to the logarithm of the spacing: all distances grow in proportion.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.
+        In rad/ms; negative for unstable modes.
     slopes : ndarray, shape (changes, wavevectors, modes)
         `d omega/d ln p` in rad/ms.  Zero for translations without a foundation; NaN for another mode of zero
         frequency, on the verge of instability, where the derivative is infinite.

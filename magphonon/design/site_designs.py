@@ -2,9 +2,9 @@
 the rest positions.
 
 `optimise` makes an `Objective` as large as possible within bounds.  Rest positions are found by Newton's method, always from the
-first positions, so that runs repeat to the last bit; a design whose rest is no minimum of the energy is never returned.  One
-static solution turns the slopes of the objective into derivatives by all parameters (`magphonon.design.scatter`). SciPy's
-L-BFGS-B, or SLSQP if there are constraints, uses them to find the maximum.
+first positions, so that runs repeat to the last bit; a design whose rest positions are no minimum of the energy is never
+returned.  One static solution turns the slopes of the objective into derivatives with respect to all parameters
+(`magphonon.design.scatter`). SciPy's L-BFGS-B, or SLSQP if there are constraints, uses them to find the maximum.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Robust:
         Relative standard deviation of the frequencies of all sources.
     draws : int
     width : float
-        Width of the soft minimum in the unit of the objective: near zero only the worst draw counts; if infinite it is the mean.
+        Width of the soft minimum in the unit of the objective: near zero only the worst draw counts, at infinity it is the mean.
     seed : int
     """
 
@@ -105,7 +105,7 @@ class Variables:
     """The variable parameters of a lattice as one vector of numbers between -1 and 1, and the rest positions for each vector.
 
     A factor within (low, high) is `exp(middle + x half)`, with the middle and half the width of the range of logarithms. Feet and
-    their bounds are in mm, for a lattice whose spacing does not vary.
+    their bounds are in mm at the given spacing; if the spacing varies, they scale with it.
     """
 
     @takes('constraints', 'attraction', 'oblique', 'out of plane', 'unlike')
@@ -156,7 +156,7 @@ class Variables:
         return self._parts[name]
 
     def values(self, x: NDArray[np.float64]) -> dict[str, Any]:
-        """Factors of each site, shape (particles,), displacement of each foot in mm, (particles, dim), factors of the lattice."""
+        """Factors of each site, shape (particles,), displacements of feet in mm, (particles, dim), and factors of the lattice."""
         p, n, found = self.middle + self.half * x, len(self.atoms), {}
         for name, part in self._parts.items():
             if name in LATTICE:
@@ -170,7 +170,7 @@ class Variables:
         return found
 
     def gradient(self, x: NDArray[np.float64], slopes: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Derivatives by the parameters x, from the derivatives by sites and lattice (`SiteSlopes.of`)."""
+        """Derivatives with respect to the parameters x, from those with respect to sites and lattice (`SiteSlopes.of`)."""
         found, size = np.empty(len(self)), self.values(x).get('spacing', 1.0)
         for name, part in self._parts.items():
             if name in LATTICE:
@@ -281,7 +281,7 @@ class SiteDesign:
     value, before : float
         Value of the objective without scatter, for this structure and for the given one.
     robust : float
-        The soft minimum over the draws; the value itself without them.
+        The soft minimum over the draws; without draws, the value itself.
     history : tuple of float
         The best value so far at each evaluation, for the best start.
     starts, given_by_starts : tuple of float
@@ -294,7 +294,7 @@ class SiteDesign:
     conventional : SiteDesign or None
         The design for the same objective made with D0 alone.
     given : float
-        The true value: that in the complete model, whatever the model of the design.
+        The true value, computed in the complete model whatever the model of the design.
     """
 
     atoms: Atoms
@@ -338,8 +338,8 @@ class SiteDesign:
     def tolerances(self, robust: Robust, drop: float = 1.0) -> dict[str, NDArray[np.float64]]:
         """Deviation of each site alone at which the value falls by `drop`, shape (particles,): relative, or in mm for feet.
 
-        They are computed to first order about lattices with scatter, as a root mean square over their draws. At the optimum
-        itself the slopes vanish, but no real lattice is exactly at the optimum.
+        The deviations are computed to first order about lattices with scatter, as a root mean square over their draws. At the
+        optimum itself the slopes vanish, but no real lattice is exactly at the optimum.
         """
         squares: dict[str, Any] = {}
         draws = robust.drawn(len(self.atoms))

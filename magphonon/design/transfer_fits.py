@@ -47,7 +47,7 @@ ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a th
 
 
 class ParametricLattice(NamedTuple):
-    """A lattice at rest, its damping in 1/ms, and the change of its stiffness by each parameter."""
+    """A lattice at rest, its damping in 1/ms, and the change of its stiffness due to each parameter."""
 
     system: LinearSystem
     damping: float
@@ -70,8 +70,8 @@ class TransferFit(ParameterFit):
     Attributes
     ----------
     noise : float
-        Standard deviation of the noise in units of the stated uncertainties, which is 1; if none are stated, the residual as a
-        fraction of the peaks.
+        Standard deviation of the noise: 1 if uncertainties are stated, because they are then the unit; otherwise the residual as
+        a fraction of the peaks.
     misfit : float
         Root mean square residual of a lattice without scatter, divided by the noise.
     square : float

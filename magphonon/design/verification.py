@@ -65,7 +65,7 @@ class Verification:
     scattered: NDArray[np.float64]
 
     def table(self, unit: str = '', per: float = 1.0, goal: float | None = None) -> str:
-        """A table of these values divided by `per`; with a `goal`, it says how many lattices with scatter reach it.
+        """A table of these values divided by `per`; with a `goal`, it says how many lattices with scatter reach this goal.
 
         Examples
         --------

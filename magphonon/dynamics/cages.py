@@ -51,7 +51,7 @@ class Diverged(PhysicsError):
     particle : int
         The particle concerned.
     time : float
-        When it was noticed, in ms.
+        When the fault was noticed, in ms.
     atoms : ase.Atoms
         The last good state, at `last_good` ms.
     last_good : float

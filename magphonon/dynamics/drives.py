@@ -2,7 +2,7 @@
 particles that move as prescribed.
 
 A drive is called with the time t in ms and returns the force in N on each of its `particles`, shape
-(particles, 3).  The drives of this module take several times at once, shape (times,), and then return
+(particles, 3).  The drives of this module also accept an array of times, shape (times,), and then return
 (times, particles, 3).  A plain function of t acts on all particles.
 """
 

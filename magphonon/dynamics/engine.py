@@ -82,7 +82,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
 
     If the forces balance nowhere, the frequency is taken about the reference or the present positions, whichever is closer to
     balance. Gyration is ignored, because the limit of the time step does not depend on it; if only gyration holds the structure,
-    the result is 2 over the longest stable step.
+    the result is 2 divided by the longest stable step.
 
     Parameters
     ----------

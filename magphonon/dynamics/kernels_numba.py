@@ -6,7 +6,7 @@ the old displacements.  For the same reason the next step may follow a few runs 
 together, while these are in the cache.
 
 Threads follow each other over the slots: each takes the next few steps as soon as the thread before it is far enough ahead. Every
-slot goes through the same operations in the same order, whoever computes it, so that the bits do not depend on their number.
+slot goes through the same operations in the same order, so that results are the same bit by bit for any number of threads.
 
 A kernel computes in double precision, or in single precision if the requested error allows it. The loops therefore contain no
 literal numbers (`Rx + Rx` instead of `2 * Rx`), whose type would convert all others to double precision.
@@ -275,7 +275,7 @@ def _beyond(law, kind, i, x):
 
 
 class Bonds(NamedTuple):
-    """Coefficients of the kinds of bonds, or of each bond (see `at`); on a grid, bond i of group n is number `n x slots + i`.
+    """Coefficients of the kinds of bonds, or of each bond (see `at`); on a grid, bond i of group n has number `n x slots + i`.
 
     `model` is (q, t); `unit` is 1/r0^2 if the argument of a law is e; `strength` is 0 where a grid has no bond.
     """

@@ -55,7 +55,7 @@ class Motion:
     mobility : ndarray, shape (slots,)
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float or ndarray, shape (2, slots)
-        k in N/mm, of all particles or along each displacement.
+        k in N/mm: one number for all particles, or one for each displacement.
     site : SiteForces or None
         Forces of the sites beyond these springs.
     static : ndarray, shape (2, slots), or None
@@ -65,7 +65,7 @@ class Motion:
     guided : ndarray of int
         Slots that a line or plane guides.
     barred : ndarray, shape (guided, 2, 2)
-        Projector on the direction that is barred to each of them.
+        Projector on the direction that is barred to each guided slot.
     """
 
     dt: float

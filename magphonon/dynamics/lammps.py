@@ -1,4 +1,4 @@
-"""Runs in LAMMPS, an independent code: its input, runs with the program `lmp` on any number of MPI ranks, or its Python library.
+"""Runs in LAMMPS, an independent code: input files, and runs by the program `lmp` on several MPI ranks or by its Python library.
 
 LAMMPS gets the same list of bonds as the other engines. Each bond has its strength and its pair law, as a table whose
 interpolation is exact to round-off.  The input also has the springs, masses and constant forces of each site, tone bursts and
@@ -374,7 +374,7 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     damping : float
         Decay rate of the velocities in 1/ms.
     ranks : int
-        MPI ranks.
+        Number of MPI ranks.
     directory : path-like, optional
         Folder for the files of the run.  If it holds files of the same run they are used: complete records are read, and a
         stopped run continues from its newest restart file.

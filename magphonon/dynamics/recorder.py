@@ -71,7 +71,7 @@ class Recorder:
 
     @property
     def displacements(self) -> NDArray[np.float64]:
-        """Displacements from rest in mm, shape (frames, particles, dim); a read-only map of the file if they are many."""
+        """Displacements from rest in mm, shape (frames, particles, dim); if they are many, a read-only memory map."""
         shape = len(self._frames), *self._shape
         if not np.prod(shape):
             return np.zeros(shape)

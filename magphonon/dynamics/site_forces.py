@@ -1,4 +1,4 @@
-"""Forces of sites beyond constant springs, on the slots of a layout, for blocks of time steps."""
+"""Site forces that are not those of constant springs, on the slots of a layout, for blocks of time steps."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Splitting:
         return np.append(np.cumsum(self.drifts)[:-1], 1.0)
 
     def beside_verlet(self, x: np.ndarray) -> np.ndarray:
-        """Error of an oscillator with omega h = x over Verlet's: x^2/24 in frequency or x^2/8 in the shape of its orbit."""
+        """Error of an oscillator with omega h = x in units of Verlet's: x^2/24 in frequency, x^2/8 in the shape of the orbit."""
         state = np.array([[1 + 0 * x, 0 * x], [0 * x, 1 + 0 * x]])  # columns (u, h v)
         for kick, drift in zip(self.kicks, (*self.drifts, 0.0), strict=True):
             state[1] -= kick * x**2 * state[0]
@@ -63,7 +63,7 @@ class Splitting:
         return float(x[good.cumprod().sum() - 1]) if good[0] else 0.0
 
     def flow(self, dt: float, gamma: float) -> tuple[np.ndarray, np.ndarray]:
-        """Effect of each drift: distance over velocity in ms, and the factor by which damping reduces it; shape (stages,)."""
+        """Effect of each drift: distance per velocity in ms, and the factor by which damping reduces it; shape (stages,)."""
         h = dt * np.array(self.drifts)
         return (-np.expm1(-gamma * h) / gamma if gamma else h), np.exp(-gamma * h)
 

@@ -53,7 +53,7 @@ SHOWN = 8 * BLOCK  # largest number of steps after which blocks update the atoms
 
 
 class DrivenVerlet(VelocityVerlet):
-    """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs as in any ASE dynamics.
+    """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs work as in any ASE dynamics.
 
     All engines give observers the same states up to round-off; bit by bit, only runs with the same observers agree, because their
     calls divide the run into blocks.  'ase' is ASE's own loop, for any calculator.  'numpy' and 'compiled' move planar structures
@@ -66,7 +66,7 @@ class DrivenVerlet(VelocityVerlet):
 
     A run that was killed can be continued from its `trajectory`: make a new DrivenVerlet with `magphonon.restored` of the last
     frame, and set its `nsteps` to the step of that frame, so that drives continue at the right time.  Frames hold absolute
-    positions: displacements come back to 1e-16 of the size of the structure.
+    positions: displacements come back with an error of 1e-16 of the size of the structure.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def damping(self) -> NDArray[np.float64]:
-        """Force per momentum in 1/ms, shape (particles,); may be set at any time, to one number or one for each particle."""
+        """Damping rate in 1/ms, shape (particles,); may be set at any time, to one number or one for each particle."""
         return self._damping
 
     @damping.setter
@@ -170,7 +170,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def drives(self) -> tuple[Any, ...]:
-        """The drives; like the damping, they may be set at any time, to another sequence."""
+        """The drives, which may be replaced at any time by another sequence, as the damping may."""
         return self._drives
 
     @drives.setter

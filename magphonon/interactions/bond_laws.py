@@ -5,7 +5,7 @@ Particles of different kinds repel by different laws. Particles of different str
     s_i s_j phi(r)
 
 like magnets with the moments s_i and s_j.  `laws_along` finds the law and the strength of each bond.  `BondLaws` holds those of
-all bonds as one object, which is itself a pair law: at the lengths of all bonds it gives one number for each bond.  Code that
+all bonds as one object, which is itself a pair law: for the lengths of all bonds it returns one number for each.  Code that
 uses it need not know that the bonds differ.  If all bonds have the same law, `laid` returns that law.
 """
 

@@ -4,11 +4,11 @@ Each row of a table is
 
     y = e^z f(r + d + s b/2) + F0 + s h + noise        s = -1 on the approach, +1 on the return, 0 where it is not known
 
-and the force is a free smooth curve or, beside it, the law g of a magnet whose shape the user names,
+and the force is a free smooth curve; if the user names the shape of the magnets, their law g is fitted too. Both have the form
 
     ln f = ln f0 + ln g(r)/g(r0) - delta x + tau sum_k c_k x^k/sqrt(k!)        x = ln(r/r0),  k = 2 .. 6
 
-The free curve has g = r^-4, delta within 3 and tau = 1; a named law may depart by 3 % in both.  ln f(r0) and the exponent a(r0)
+The free curve has g = r^-4, delta within 3 and tau = 1; for a named law both are 0.03.  ln f(r0) and the exponent a(r0)
 are parameters themselves, so their covariance is the answer: -f'(r0) = a f/r0, and the bands of neighbours at r0 follow linearly.
 Each pair of magnets has its own z: the scatter from pair to pair is estimated from several pairs, or given. A load cell drifts:
 slow waves over the rows, in the order in which they were measured, are part of the noise. A table cannot determine everything: F0
@@ -77,7 +77,7 @@ POINTS = 24  # of the table of a fitted law; a spline through them follows it to
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Standard deviations of the errors that all rows of a table share, known before it is read.
+    """Standard deviations of the errors that all rows of a table share, known before the table is read.
 
     Attributes
     ----------
@@ -93,8 +93,8 @@ class SharedErrors:
     gain : float
         Error of the gain of the load cell, as a fraction of every force; a table contains no information about it.
     pair : float, optional
-        Relative standard deviation of the force from pair to pair, 1.4 times that of the strengths.  By default it is estimated
-        if several pairs were measured; for a single pair nothing is added.
+        Relative standard deviation of the force from pair to pair, 1.4 times that of single strengths.  By default it is
+        estimated if several pairs were measured; for a single pair nothing is added.
     """
 
     distance: float = 0.2

@@ -1,7 +1,7 @@
 """Repulsion of equal magnets side by side, from shape and remanence.
 
 A magnet of the uniform magnetisation M = Br/mu0 normal to the plane carries the magnetic charges +M and -M per area on its two
-end faces, and no other charges.  The energy of two such magnets is a sum over pairs of faces a distance z apart in height, each
+end faces, and no other charges.  The energy of two such magnets is a sum over pairs of faces. Two faces at heights z apart have
 
     U = +- mu0 M M'/(4 pi) integral dA dA' g        g = 1/s,  s = sqrt(d^2 + z^2)
 
@@ -106,7 +106,7 @@ class Ring:
 class Cuboid:
     """Cuboid magnetised along its height; `length` lies along the line that joins two of them.
 
-    The law of distance holds for two cuboids whose faces are parallel and opposite.  Their forces are not exactly central: for
+    The pair law holds for two cuboids whose faces are parallel and opposite.  Their forces are not exactly central: for
     two cubes of 5 mm at 10 mm the stiffness against sideways displacement is 4 % smaller than the -f/r of the law, for plates
     of 4 x 10 mm 40 % smaller.
 

@@ -119,7 +119,7 @@ class PairInteraction(Protocol):
         class AlongX:
             strength: float  # mu0 m^2/(4 pi), mJ mm^3
 
-            def forces(self, R): ...     # of (1 - 3 x^2/r^2)/r^3
+            def forces(self, R): ...     # from (1 - 3 x^2/r^2)/r^3
 
             def stiffness(self, R): ...
 
@@ -421,7 +421,7 @@ class Tabulated:
     Warns
     -----
     UserWarning
-        If the spline deviates from the readings in a gap, or two readings are so close that their noise looks like an exponent.
+        If the spline strays between two readings, or if two readings are so close that their noise looks like an exponent.
 
     Examples
     --------

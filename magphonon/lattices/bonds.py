@@ -5,8 +5,8 @@ The calculator, the Hessian and the bands use the same list.  A bond runs from p
 
     forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
 
-Pairs are found within a distance, or within a number of shells of neighbours. The gaps between the distances decide which of
-them belong to one shell in spite of rounded positions, and where the last shell ends.
+Pairs are found within a distance, or within a number of shells of neighbours. The gaps between successive distances
+show which distances belong to one shell in spite of rounded positions, and where the last shell ends.
 """
 
 from __future__ import annotations
@@ -393,7 +393,7 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     ValueError
         If particles coincide, or no two are within reach. If the cutoff equals the distance of a shell of neighbours, because
         the smallest displacement would then make and break bonds.  If shells cannot be distinguished, because two are so close
-        that rounding may have split one shell, or because the positions are irregular.
+        that they may be one shell split by rounding, or because the positions are irregular.
 
     Examples
     --------

@@ -153,7 +153,7 @@ def _neighbours(there, shell, shifts):
 
 
 def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
-    """The patch together with the particles around it, all held, to which the bonds of its cell join its free particles.
+    """The patch and held particles around it: those to which its free particles are bonded in the infinite lattice.
 
     The rim of a patch is as thick as nearest neighbours require. With the added particles every free particle has all of its
     neighbours and is in equilibrium, for bonds of any length. The added ones come last and have the tag `RIM`.

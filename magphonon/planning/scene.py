@@ -1,4 +1,4 @@
-"""The plans for the tables of a scene and their runs: [frf] asks for a peak, [burst] for waveforms.
+"""Makes and runs plans for two tables of a scene: [frf] asks for a peak, [burst] for waveforms.
 
 The table [plan] adds what these tables do not contain: the force of a response.
 """

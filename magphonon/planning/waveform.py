@@ -101,7 +101,7 @@ def steepness(calc: Repulsion) -> float:
 
 
 def _strain(calc, u):
-    """Largest relative displacement of the ends of a bond over its length; `u` has the shape (times, particles, dim)."""
+    """Largest relative displacement of the ends of a bond, divided by its length; `u` has the shape (times, particles, dim)."""
     bonds, largest = calc.bonds, 0.0
     for some in np.array_split(u, max(1, len(u) // TIMES)):
         apart = (bonds.incidence @ some.transpose(1, 2, 0).reshape(u.shape[1], -1)).reshape(len(bonds), u.shape[2], -1)

@@ -71,7 +71,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
     times : array_like, shape (frames,), optional
         In ms, shown in s.
     magnification : float, optional
-        Factor of the displacements; by default the largest displacement is drawn with a third of the length of the shortest bond.
+        Factor by which displacements are drawn larger; by default the largest is drawn as a third of the shortest bond.
     title : str
     fps : float
         Frames per second.

@@ -1,4 +1,4 @@
-"""What all pictures share: style of print, colours, panels, legends, and axes in SI, labelled with the unit that suits them."""
+"""What all pictures share: print style, colours, panels, legends, and axes in SI, labelled with the unit that suits them."""
 
 from __future__ import annotations
 

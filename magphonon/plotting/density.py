@@ -25,10 +25,10 @@ DECADES = 3  # range of a spectral function that is shown, in powers of ten belo
 
 @in_house_style
 def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
-    """Draw the share of all modes per Hz over the frequency, so that a lattice and a patch can be compared. The shaded band is
-    two standard errors.
+    """Draw the share of all modes per Hz against frequency, so that a lattice and a patch can be compared. The shaded band
+    extends two standard errors to either side.
 
-    If the peak of a flat branch would dwarf everything else, the axis ends below its top and the height is written there.
+    If the peak of a flat branch would dwarf everything else, it is cut off and its height is written at the top.
 
     Parameters
     ----------

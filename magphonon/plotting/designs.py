@@ -109,7 +109,7 @@ def plot_convergence(histories: Mapping[str, ArrayLike], label: str, *, ax: Axes
 @in_house_style
 def plot_levels(frequencies_Hz: ArrayLike, levels: Mapping[str, Mapping[str, ArrayLike]],
                 marks: ArrayLike = ()) -> NDArray[Any]:
-    """Draw displacement per force over frequency at several places, one panel for each state of a structure, on one scale.
+    """Draw displacement per force as a function of frequency at several places, one panel for each state, on one scale.
 
     Parameters
     ----------

@@ -138,8 +138,8 @@ class Explorer:
         """The text of the page, HTML that refers to nothing outside itself.
 
         `scene` is the text shown at the end, and `template` the text of a scene with gaps for the values of the sliders. `border`
-        is the foundation that the lattice needs, over `exponents` if there are any, otherwise over `scales`. `beside` says what
-        the page omits.
+        is the foundation that the lattice needs, at each of the `exponents` if there are any, otherwise of the `scales`. `beside`
+        says what the page omits.
         """
         return _page(self.data(border) | {'template': template}, title, scene, border.over, f' {beside}' if beside else '')
 

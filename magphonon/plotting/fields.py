@@ -57,7 +57,7 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
 
 def plot_field_at(field: Field, cell: Atoms, omega: float, at: tuple[NDArray[np.float64], NDArray[np.float64],
                                                                     NDArray[np.complex128]]) -> Figure:
-    """Draw the motion at one frequency: its power over wavevectors, with contours of both models, and its shape on the points."""
+    """Draw the motion at one frequency: its power at each wavevector, contours of both models, and its shape at the points."""
     k, power, shape = at
     figure, axes = panels(1, 2, height=3.1)
     zone, plane = axes[0]

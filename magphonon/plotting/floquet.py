@@ -20,7 +20,7 @@ GROWING = 1e-9  # imaginary part, as a fraction of the largest frequency, from w
 
 @in_house_style
 def plot_floquet(bands: FloquetBands, along: NDArray[np.float64], *, ax: Axes | None = None) -> Axes:
-    """Draw quasi-frequencies as dots, whose size grows with the weight of the harmonic there; growing waves are in colour.
+    """Draw quasi-frequencies as dots, whose size grows with the weight of the harmonic at q itself; growing waves are in colour.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
                centre: ArrayLike | None = None, defects: ArrayLike = ()) -> Axes:
     """Draw the shape of a mode of a patch: an arrow on every particle; darker particles have more of the kinetic energy.
 
-    For a complex mode the orbits are drawn too, and the arrows show the time of the largest displacement.
+    For a complex mode the orbits are drawn too, and the arrows are the displacements when the largest one occurs.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
 
 @in_house_style
 def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
-    """Draw the number of particles that take part in each mode, over its frequency; bands of the lattice are shaded.
+    """Draw the number of particles that take part in each mode, against its frequency; bands of the lattice are shaded.
 
     Parameters
     ----------

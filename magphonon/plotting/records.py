@@ -22,7 +22,7 @@ WAYS = {-1.0: ('v', 'approach'), 0.0: ('o', 'measured'), 1.0: ('^', 'return')}
 
 @in_house_style
 def plot_forces(forces: Forces) -> Axes:
-    """Draw forces over distances, with separate marks for approach and return.
+    """Draw forces against distances, with separate marks for approach and return.
 
     Examples
     --------
@@ -44,7 +44,7 @@ def plot_forces(forces: Forces) -> Axes:
 
 @in_house_style
 def plot_ridges(points: RidgePoints) -> Axes:
-    """Draw the frequencies of ridge points over their phases per step.
+    """Draw the frequencies of ridge points against their phases per step.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def plot_ridges(points: RidgePoints) -> Axes:
 
 @in_house_style
 def plot_scan(scan: Scan) -> Figure:
-    """Draw the motion of each point over time, one panel for each component, scaled to its largest value.
+    """Draw the motion of each point against time, one panel for each component, scaled to its largest value.
 
     Examples
     --------

@@ -55,7 +55,7 @@ def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, l
 @in_house_style
 def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, *, ax: Axes | None = None, label: str | None = None,
                          **line: Any) -> Axes:
-    """Draw the amplitude of a response over the angular frequencies `omega`, with a ribbon of two standard deviations."""
+    """Draw the amplitude of a response at the angular frequencies `omega`, with a ribbon of two standard deviations."""
     if ax is None:
         ax = new_axes()
         ax.set_prop_cycle(color=COLOURS)
@@ -166,7 +166,7 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
 
 @in_house_style
 def plot_transfer(functions: Sequence[TransferFunction], curves: Mapping[str, Sequence[NDArray[np.complex128]]]) -> Figure:
-    """Draw measured transfer functions over those computed in both models: amplitude and phase, a row for each function.
+    """Draw measured transfer functions and those computed in both models: amplitude and phase, a row for each function.
 
     Only the first few functions are drawn.
 

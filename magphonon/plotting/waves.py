@@ -85,7 +85,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     Parameters
     ----------
     table : sequence of sequence of Wave
-        One row of panels each; None gives an empty panel with its name and a note that the wave is too weak.
+        Each inner sequence is one row of panels; None gives an empty panel with its name and a note that the wave is too weak.
     names : sequence of str, optional
         Names of the panels, row by row.
     carriers_Hz : sequence of float, optional
@@ -192,8 +192,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
 
 @in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
-    """Draw one moment of a burst in several simulations, each on its own scale. It is the time at which the first simulation has
-    reached the middle of the row.
+    """Draw a burst in several simulations, each on its own scale, at the time at which it has reached the middle of the row in
+    the first simulation.
 
     Parameters
     ----------

@@ -245,12 +245,12 @@ class SpectralMoments:
         return np.union1d(self._frequency(np.pi * (np.arange(count) + 0.5) / count), 0.0)
 
     def density(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Density over the angular frequency, in ms/rad; its integral is the square of the start vector.
+        """Density per angular frequency, in ms/rad; its integral is the square of the start vector.
 
         Parameters
         ----------
         omega : ndarray, shape (frequencies,)
-            In rad/ms; imaginary frequencies are negative.
+            In rad/ms; negative values stand for imaginary frequencies.
 
         Returns
         -------

@@ -7,8 +7,8 @@
 is the Chebyshev series of e^{i lambda R t} at lambda = X/i, with F_n = i^n T_n(X/i): all numbers are real, and no root of K is
 needed.  All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest gyration g.  Damping c moves
 eigenvalues off the interval, so that F_n, and the round-off of the series, grow as e^{c n/R}. The motion is therefore computed in
-parts with c t < 5, and R is at least 10 c.  Forces have coefficients of their own: e^{i lambda R (t - t')} times their time
-course, integrated by Gauss's rule on the panels of `propagation`.
+parts with c t < 5, and R is at least 10 c.  Forces have coefficients of their own: integrals of e^{i lambda R (t - t')}
+times the force at t', by Gauss's rule on the panels of `propagation`.
 """
 
 from __future__ import annotations

@@ -40,8 +40,8 @@ RESONANT = 100 * EPS
 is infinite.  Eigenvalues are known to a few EPS."""
 MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
 FACTORISATION = 6.0
-"""Products with a sparse matrix that take as long as factors of it, over the root of its size: measured from 2000 to 190 000 free
-directions, within a factor of 2."""
+"""Number of products with a sparse matrix that take as long as its factors, divided by the root of its size: measured from 2000
+to 190 000 free directions, within a factor of 2."""
 ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
 
 
@@ -53,7 +53,7 @@ class Dof:
     ----------
     particle : int
     direction : ndarray, shape (3,)
-        Direction of the force or displacement; a unit vector unless a multiple is meant.
+        Direction of the force or displacement: a unit vector, or a multiple of one, whose length is then a factor.
 
     Examples
     --------
@@ -124,7 +124,7 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     omega : array_like, shape (frequencies,)
         In rad/ms.
     damping : float or array_like, shape (particles,)
-        Force per momentum gamma in 1/ms; a mode of the frequency w has the damping ratio gamma/(2 w).
+        Damping rate gamma in 1/ms, force divided by momentum; a mode of the frequency w has the damping ratio gamma/(2 w).
 
     Returns
     -------
@@ -215,9 +215,9 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
     A small structure is solved by its modes, a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose
-    length is about `omega_max/gamma` times the wanted digits. Frequencies are solved one by one in three cases: if this is
-    cheaper; if the damping differs from particle to particle or particles gyrate, so that the response is not a function of one
-    matrix; and if the wave has died out at all of the `particles`.  In the last case, modes and series would give only the
+    length is about `omega_max/gamma` times the number of wanted digits. Frequencies are solved one by one in three cases: if this
+    is cheaper; if the damping differs from particle to particle or particles gyrate, so that the response is not a function of
+    one matrix; and if the wave has died out at all of the `particles`.  In the last case, modes and series would give only the
     round-off of the motion at the source.
 
     Parameters

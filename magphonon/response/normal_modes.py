@@ -40,10 +40,10 @@ class Modes(InHertz, Saved, kind='modes', units={
     omega : ndarray, shape (modes,)
         Ascending, in rad/ms; for an unstable mode, minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
-        Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`. If the particles are gyroscopes they are complex, for the
-        motion `Re u e^{-i omega t}`.  Modes are the same on every machine, if all modes of equal frequency are computed: the sign
-        is positive at the first particle and axis that moves by more than a third of the largest motion. Among modes of equal
-        frequency only the first moves there, and the rule is repeated for the others.
+        Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`. If the particles are gyroscopes the shapes are complex, for
+        the motion `Re u e^{-i omega t}`.  Modes are the same on every machine, if all modes of equal frequency are computed: the
+        sign is positive at the first particle and axis that moves by more than a third of the largest motion. Among modes of
+        equal frequency only the first moves there, and the rule is repeated for the others.
     """
 
     omega: np.ndarray
@@ -136,7 +136,7 @@ def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     omega : float
-        In rad/ms; a negative value counts the modes that grow faster than its size.
+        In rad/ms; a negative value -w counts the modes that grow faster than e^{w t}.
 
     Examples
     --------
@@ -250,7 +250,7 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     gap : two numbers
-        Lower and upper end in rad/ms, such as a row of `magphonon.bands.band_gaps`; imaginary frequencies are negative.
+        Lower and upper end in rad/ms, such as a row of `magphonon.bands.band_gaps`; negative for imaginary frequencies.
 
     Returns
     -------

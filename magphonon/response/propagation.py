@@ -2,7 +2,7 @@
 
 The flow of `y'' + gamma y' + K y = g(t)` from t' to t is a function of K.  A drive is a sum of products of a time course and a
 pattern of forces s. The response to each is `sum_n c_n(t) T_n(X) s` at every time t, where the c_n(t) follow from single
-oscillators at the Chebyshev points.  Free motion is two more such sums, of initial displacements and velocities.
+oscillators at the Chebyshev points.  Free motion adds two such sums, for initial displacements and velocities.
 
 Single oscillators, `y'' + gamma y' + w2 y = f(t)`, are solved exactly for many w2 at once.  With W^2 = w2 - gamma^2/4, the free
 motion over a time t is made of

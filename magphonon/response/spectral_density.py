@@ -88,14 +88,14 @@ class SpectralFunction(InHertz, Saved, kind='spectral functions', units={
     q : ndarray, shape (wavevectors, 3)
         In fractions of the reciprocal vectors of the primitive cell.
     omega : ndarray, shape (frequencies,)
-        Angular frequencies in rad/ms, ascending; imaginary ones are negative.
+        Angular frequencies in rad/ms, ascending; negative values stand for imaginary frequencies.
     density : ndarray, shape (wavevectors, frequencies)
         A(k, omega) in ms/rad, summed over the branches.
     modes : float
         Integral over the frequency at each wavevector: the number of branches. Sites and directions held in every cell do not
         count.
     width : ndarray, shape (frequencies,)
-        Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes there.
+        Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes.
     """
 
     q: np.ndarray

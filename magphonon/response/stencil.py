@@ -7,7 +7,7 @@ row of K y is a sum over shifted slices,
 
 with one A for each group if all its bonds are alike, and otherwise one for each bond.  A product with a sparse matrix reads 264
 bytes for each particle; this one reads 40, or 130 if bonds differ, and the recurrence of Chebyshev vectors needs no pass of its
-own.  A few products go over the slots together, each a run or more behind the one before, while their vectors are in the cache.
+own.  Some products share one pass over the slots, each a run or more behind the one before, while their vectors are in the cache.
 """
 
 from __future__ import annotations

@@ -256,7 +256,7 @@ def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
     dt : float
         Time between frames in ms.
     omega : array_like, shape (frequencies,)
-        In rad/ms; any, not only those of the fast Fourier transform.
+        In rad/ms; any frequencies, not only those of the fast Fourier transform.
 
     Returns
     -------
@@ -280,7 +280,7 @@ def impulse_response(signal: ArrayLike, dt: float, impulse: float, omega: ArrayL
 
     It is the Fourier integral of the record by the trapezoidal rule, with an end correction for the kink at t = 0, so that the
     error is of fourth order in omega dt. The vibration has not quite died out at the end of the record: a fraction e^{-gamma T/2}
-    of a mode is left, which is the relative error at its peak and, to a factor of about 2, elsewhere.
+    of a mode is left, which is the relative error at its peak and, to within a factor of about 2, elsewhere.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ from .frf import Dof
 
 MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
            for order, per in enumerate(('', '_per_s', '_per_s2'))} | {'g': (GRAVITY, 2)}
-"""Units of what was measured: to mm and ms, and how often it is differentiated."""
+"""Units of measured motions in mm and ms, and how often the displacement is differentiated."""
 PER_FORCE = {f'{name}_per_N': factor / u.N for name, (factor, _) in MOTIONS.items()}
 ORDERS = {f'{name}_per_N': order for name, (_, order) in MOTIONS.items()}
 ESTIMATORS = 'H1', 'H2'
@@ -39,8 +39,8 @@ RESPONSE_FUNCTION, FREQUENCY_AXIS = 4, 18  # of dataset 58
 QUANTITIES = {8: 0, 11: 1, 12: 2}  # ordinates of dataset 58: displacement, velocity, acceleration
 FORCES = 9, 13  # force of reaction, and of excitation
 INDEPENDENT = 18 / 19
-"""Independent averages of many segments that overlap by a half, over their number: under a Hann window neighbours share (1/6)^2
-of their spectrum (Welch 1967)."""
+"""Independent averages of many segments that overlap by a half, as a share of their number: under a Hann window neighbours share
+(1/6)^2 of their spectrum (Welch 1967)."""
 MOST_CUT = 0.9  # length of the shortest record, in the longest: shorter ones were cut before they died down
 SEGMENTS = 8  # parts, half of each in the next one, of a continuous record
 
@@ -60,7 +60,7 @@ class TransferFunction:
     sigma : float or ndarray, shape (frequencies,), optional
         Standard uncertainty of real and imaginary part, in the unit of the response.
     order : {0, 1, 2}
-        Displacement, velocity or acceleration was measured.
+        0, 1 or 2 if displacement, velocity or acceleration was measured.
     answer, drive : Dof, ndarray or None
         Where the motion is measured and driven: a Dof of a structure; or, as it was read, x and y in mm and the direction in rad,
         shape (3,); or None if the scene says where.  The drive of a fit may be the direction in which the bench is shaken, shape
@@ -88,7 +88,7 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
     ----------
     path : path-like
         The columns of a table are listed in its error messages and on the page "Files".  A universal file holds functions of the
-        type 4 in dataset 58, the places of its nodes in dataset 15 or 2411.
+        type 4 in dataset 58, and the places of its nodes in dataset 15 or 2411.
     estimator : {'H1', 'H2'}
         Estimator for raw records, see `estimated`.
 
@@ -147,7 +147,7 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
     estimator : {'H1', 'H2'}
     segment : int, optional
         Frames of a segment of one record.  It must be several times 1/gamma long, or peaks are blurred; by default there are 8
-        of them that overlap by a half.
+        segments that overlap by a half.
 
     Returns
     -------

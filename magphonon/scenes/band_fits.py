@@ -57,7 +57,7 @@ class BandFits:
     points : RidgePoints
         The points that were fitted, which share no noise.
     fits : dict of DispersionFit
-        By model, 'complete' and 'conventional'.
+        The fit of each model, 'complete' and 'conventional'.
     priors : dict
         Prior knowledge about parameters: value in SI and standard uncertainty.
     left_out : tuple of str
@@ -85,7 +85,7 @@ class BandFits:
         """Evidence for D* in sigmas: the root of the difference of chi2, negative if D0 alone fits better.
 
         Without D* the static forces vanish and only the bond stiffness is free: for an inverse power, this is one parameter
-        less.  By Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model is true.  If the points
+        fewer.  By Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model is true.  If the points
         scatter by more than their uncertainties, the difference is measured in units of that scatter. If not even the better
         model fits the points (`DispersionFit.follows`), the evidence is meaningless.
         """
@@ -111,8 +111,8 @@ class BandFits:
         """Possible causes of the scatter of the points, each with a fit of the better model in which the cause is removed; the
         best fit comes first.
 
-        The ridges that the model misses most are left out one by one, and the fits are listed by their names. The fit under the
-        name NEIGHBOURS counts as many neighbours as matter.
+        The ridges that the model misses most are left out one by one, and the fits have the names of these ridges. The fit under
+        the name NEIGHBOURS counts as many neighbours as matter.
         """
         off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
         tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
@@ -164,7 +164,7 @@ class BandFits:
         return found
 
     def along(self, model: Model = 'complete') -> dict[str, NDArray[np.float64]]:
-        """The powers of the fitted quantities whose product is each parameter, and the stiffness of a bond."""
+        """For each parameter and the stiffness of a bond: the powers of the fitted quantities of which it is the product."""
         fit = self.fits[model]
         return along(with_factors(self.scene, fit.by_name), fit.names)
 
@@ -235,7 +235,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     ----------
     scene : Scene
     points : RidgePoints
-        Points of any number of ridges; points that share noise are left out.
+        Points of any number of ridges; of points that share noise only the strongest is used.
     fixed : sequence of str
         Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation', or, if the scene has two springs,
         'foundation_x' and 'foundation_y'.

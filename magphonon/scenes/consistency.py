@@ -30,7 +30,7 @@ DENSITIES_kg_per_m3 = 500, 5e5
 """Range of the moving mass divided by the volume of its magnet: from less than any magnet to more than a magnet with a heavy
 holder."""
 DENSEST_kg_per_m3 = 5e4
-"""Mass of a particle over the cube of the spacing above which a unit is probably wrong; osmium has 2.3e4."""
+"""Mass of a particle divided by the cube of the spacing above which a unit is probably wrong; osmium has 2.3e4."""
 LEAST_SHARE = 1e-12
 """Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
 foundation."""

@@ -49,7 +49,7 @@ class FrfFits:
         The scene at which the fit started; parameters that are not fitted are taken from it.
     functions : list of TransferFunction
     fits : dict of TransferFit
-        By model, 'complete' and 'conventional'.
+        The fit of each model, 'complete' and 'conventional'.
     priors : dict
         Prior knowledge about parameters and about the gain: value in SI and standard uncertainty.
     """
@@ -72,7 +72,7 @@ class FrfFits:
 
     @property
     def endless(self) -> bool:
-        """Whether the fit of the complete model ends at the limit of its force, because the data favour no static forces."""
+        """Whether the fit of the complete model ends at the lowest force allowed, because the data favour no static forces."""
         fit = self.fits['complete']
         return 'force' in fit.names and bool(np.log(fit.factors[fit.names.index('force')]) < -0.99 * np.log(MOST_FACTOR))
 

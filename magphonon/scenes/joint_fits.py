@@ -195,7 +195,7 @@ class JointFits:
         return self.specimen.with_factors(self.factors(model))
 
     def along(self) -> dict[str, NDArray[np.float64]]:
-        """The powers of the parameters whose product is the force, exponent, bond stiffness, each spring, or the mass."""
+        """For force, exponent, bond stiffness, springs and mass: the powers of the parameters of which each is the product."""
         of = dict(zip(self.specimen.names, np.eye(len(self.specimen.names)), strict=True))
         return {'force': of['force'], 'a': of['a'], 'bond stiffness': of['force'] + of['a']} | {
             name: of[name] for name in self.specimen.names[len(LAW):]}

@@ -134,7 +134,7 @@ GYRATION_SEEN_FROM = 'bench', 'floor'
 
 
 class FrfPlan(Damped):
-    """Displacement per harmonic force as a function of frequency; in a patch, where the force acts and where it is answered."""
+    """Displacement per harmonic force as a function of frequency; in a patch, the places of the force and of the response."""
 
     from_Hz: Frequency = Field(description='the lowest frequency in Hz')
     to_Hz: Frequency = Field(description='the highest frequency in Hz')
@@ -356,7 +356,7 @@ class SiteParts(Table):
 
 
 class SiteScatterPlan(Table):
-    """Scatter from one specimen to the next, against which the design is to hold."""
+    """Scatter from one specimen to the next that the design must tolerate."""
 
     strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths in percent', examples=[1.0])
     stiffness_percent: Percent = Field(0.0, description='the standard deviation of the stiffnesses in percent', examples=[1.0])

@@ -361,7 +361,7 @@ class Scene(Table):
 
         These are the arguments of `magphonon.response.frf.receptance`. If the caller allows a `bench` and `frf.base_deg` is
         given, the direction of the bench replaces the force. If it allows a `wall` and [frf.wall] is given, the displacements
-        of the wall replace it.
+        of the wall replace the force.
         """
         plan = self.wanted('frf')
         if plan.base_deg is not None and not bench:

@@ -47,8 +47,8 @@ OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg
           'stiffness_N_per_m': 'stiffness, in N/mm'}
 """Columns of tables, and what a file that ASE reads has in their place."""
 MOVED = 1e-3
-"""Distance from the feet of the pillars to rest, as a fraction of the spacing, above which it matters which of the two positions
-are: a bond that is longer by so much is softer by half a percent."""
+"""Distance from the feet of the pillars to rest, as a fraction of the spacing, above which it matters whether positions in a
+file are those of the feet or those at rest: a bond that is longer by so much is softer by half a percent."""
 PACKAGE_UNIT_m = 1e-3
 """The unit of length of this package's own Atoms, mm."""
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]

@@ -5,11 +5,11 @@ the equations ``y'' = f(y)`` become
 
     R_h = (h W)^2 c_h + f_h(c) = 0          dR_h/dc_k = (h W)^2 delta_hk - K_hk          K_hk = <2 cos(h W t) K(y(t)) cos(k W t)>
 
-(the mean for h = 0 without the 2), which Newton's method solves along the arc of the solutions, so that it goes round folds of
-amplitude or frequency.  The growth of a small disturbance over a period, ``x'' = -K(y(t)) x``, is given by Floquet's multipliers.
-They come in fours, mu, 1/mu and their conjugates, and the vibration is stable if all lie on the unit circle. A multiplier that
-leaves the circle at +1 starts a mode of lower symmetry, one that leaves at -1 a mode of twice the period; a pair that leaves it
-elsewhere starts a beat.
+(the mean over a period, without the factor 2 for h = 0), which Newton's method solves along the arc of the solutions, so that it
+goes round folds of amplitude or frequency.  The growth of a small disturbance over a period, ``x'' = -K(y(t)) x``, is given by
+Floquet's multipliers. They come in fours, mu, 1/mu and their conjugates, and the vibration is stable if all lie on the unit
+circle. A multiplier that leaves the circle at +1 starts a mode of lower symmetry, one that leaves at -1 a mode of twice the
+period; a pair that leaves it elsewhere starts a beat.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
     Raises
     ------
     PhysicsError
-        A ValueError: the family ends before that, because particles come too close to each other.
+        A ValueError: the family ends before this amplitude, because particles come too close to each other.
 
     Examples
     --------

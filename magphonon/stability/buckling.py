@@ -418,7 +418,7 @@ def stability_boundary_of_exponents(atoms: Atoms, exponents: ArrayLike) -> Stabi
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its PairCalculator by `InversePower`, in balance by its symmetry.
+        One cell with a PairCalculator whose law is an `InversePower`, in balance by its symmetry.
     exponents : array_like, shape (values,)
         Ascending.
 

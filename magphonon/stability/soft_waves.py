@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 LONG = 2.0**-11
-"""Wavenumber of the ring, as a fraction of the shortest reciprocal vector: k^4 is about 1e-5 of k^2 there, and round-off 1e-9 of
-it."""
+"""Wavenumber of the ring, as a fraction of the shortest reciprocal vector: terms in k^4 are about 1e-5 of those in k^2 there, and
+round-off is 1e-9 of them."""
 DIRECTIONS = {1: 1, 2: 36, 3: 100}
 """Number of points of the ring, by the number of periodic directions.  The ring is half a circle or half a sphere, because -k is
 equivalent to k."""

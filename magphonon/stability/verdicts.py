@@ -61,7 +61,7 @@ ROUND_OFF = 5e-17
 proportional to the displacement."""
 GROWS = 1e-9  # rate of growth, as a fraction of the frequency of the modulation, up to which it is round-off
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
-DENSEST = 50e-3  # mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
+DENSEST = 50e-3  # mass divided by the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
 
 CHECKS = Findings()  # the checks of a `Case` by name
@@ -94,8 +94,8 @@ class Verdict:
 
     @property
     def stable(self) -> bool:
-        """Whether the foundation holds the structure, in its plane and out of it; False if it is only just what the structure
-        needs.
+        """Whether the foundation holds the structure, in its plane and out of it; False also if it is only just as
+        stiff as the structure needs.
         """
         return self.case.stable
 
@@ -142,9 +142,9 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
 
     A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
     freedom only waves that fit into one or two cells along each vector are examined; the notes say so.  A finite structure is
-    checked as given.  Quantities that take too long are not computed, but listed in `Verdict.unjudged`: the spacing above 2000
-    degrees of freedom, and in a periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours, spacing,
-    supports and linear amplitude are never computed.
+    checked as given.  Quantities that take too long are not computed, but listed in `Verdict.unjudged`: the spacing at buckling
+    above 2000 degrees of freedom, and in a periodic cell above 200 also the supports and the linear amplitude.  With
+    AllNeighbours this spacing, supports and linear amplitude are never computed.
 
     The structure is checked at rest: about the reference of its calculator, or about its present positions if they are another
     equilibrium.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
@@ -161,7 +161,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     distance : float, optional
         Displacement for phonopy's finite displacements in mm; by default that of `finite_displacements`.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
+        Damping rate in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
         Everything else is computed with the mean springs of that foundation.
 
     Examples
@@ -628,7 +628,7 @@ def gyration(case: Case) -> Finding:
 
 @remark
 def density(case: Case) -> Finding:
-    """Mass over the cube of the spacing, g/mm^3."""
+    """Mass divided by the cube of the spacing, g/mm^3."""
     heaviest = case.atoms.get_masses().max()
     found = float(heaviest / case.spacing**3)
     if found <= DENSEST:

@@ -2,7 +2,7 @@
 
 Suppose that every particle that can move has all the bonds that it has in the infinite lattice.  Displacements of the patch,
 continued by zero outside, are then displacements of the infinite lattice with the same energy.  By Rayleigh's principle no
-eigenvalue of the patch lies below the lowest one of all Bloch matrices; to hold or guide particles cannot lower it either.
+eigenvalue of the patch lies below the lowest one of all Bloch matrices; holding or guiding particles cannot lower it either.
 
     H(q) = k + sum_b (2 - 2 cos q.R_b) K_b        summed over half of the bonds of a particle
 """

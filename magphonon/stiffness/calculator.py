@@ -306,7 +306,7 @@ class PairCalculator(Repulsion):
         return forces
 
     def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:
-        """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm; of the calculator's own model if none is given."""
+        """Stiffness of each bond at rest in the given model or the calculator's own, in N/mm, shape (bonds, dim, dim)."""
         return model_stiffness(self.bond_vectors, self.interaction, model or self.model)
 
     def rest_hessian(self, model: Model | None = None) -> sparse.csr_array:

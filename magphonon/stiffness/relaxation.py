@@ -52,7 +52,7 @@ class Relaxation:
         The structure at rest, whose positions are the reference of its calculator.  The anchors of the foundation do not move
         (pillars); its springs balance the remaining forces between the particles.
     before, after : float
-        Largest force on a free particle in N.
+        Largest force on a free particle in N, before and after relaxation.
     shift, rms : float
         Largest and root mean square displacement of the free particles in mm.
     steps : int
@@ -244,7 +244,7 @@ class _Descent:
                              'more neighbours (shells= or cutoff=)')
 
     def softest(self, y):
-        """Lowest squared frequency and a bound of the highest, rad^2/ms^2, and the softest mode, scaled to largest motion one."""
+        """Lowest squared frequency and a bound of the highest, rad^2/ms^2, and the softest mode, whose largest motion is 1."""
         root = sparse.diags_array(np.sqrt(self.force / self.length / self.masses))
         K = sparse.csr_array(root @ self.stiffness(y) @ root)
         self._at = None  # factors need its memory

@@ -74,7 +74,7 @@ class LinearSystem:
 
     @classmethod
     def of(cls, atoms: Atoms | LinearSystem, *also: str) -> LinearSystem:
-        """The system about the present positions; a system is returned unchanged.
+        """The system about the present positions of the atoms; a LinearSystem is returned unchanged.
 
         Traits that the calling tool does not declare (`magphonon.traits.takes`) are refused. A caller without a declaration
         accepts structures described by masses and stiffness, and the traits that it names in `also`, such as 'gyration'.
@@ -119,8 +119,8 @@ class LinearSystem:
     def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None, *also: str) -> LinearSystem:
         """The system about the equilibrium of a moving structure, at whose positions the forces need not balance.
 
-        The rest is the reference if the forces balance there. It is the present positions if the forces are smaller there, or if
-        these are another equilibrium, well away from the reference.
+        The rest is the reference if the forces balance there. The rest is the present positions if the forces are smaller there,
+        or if the present positions are another equilibrium, well away from the reference.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Supercells made by other tools: finds the lattice site of each particle, whatever their order, displaced or wrapped or not.
 
 Phonon programs attach the calculator of a cell to displaced supercells whose particles are in an order of their own, without
-masses, tags and constraints.  A cell that is a whole multiple T of the reference, with as many times as many particles, is such a
-supercell: each particle is matched to the site nearest to it, one to one.
+masses, tags and constraints.  A cell that is a whole multiple T of the reference, with the same multiple of its particles, is
+such a supercell: each particle is matched to the site nearest to it, one to one.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class Term:
         return 0.0
 
     def energy(self, u: NDArray[np.float64]) -> Any:
-        """Energy from rest in mJ, shape (particles,)."""
+        """Energy relative to that at rest in mJ, shape (particles,)."""
         return 0.0
 
     def stiffness(self, u: NDArray[np.float64] | float) -> Any:

@@ -9,7 +9,7 @@ for every law. If a cell has several particles, each of them has its own sum, an
 direct sum over a thousand of them takes a second.  The record is cut into segments whose powers are added (Welch 1967), so that
 bands are visible even in noise of the base or thermal noise. Waves in both directions, k and -k, count.
 
-A cell of the map collects power from its surroundings. Its centre of gravity is (Auger and Flandrin 1995)
+A cell of the map collects power from its surroundings. The centre of gravity of this power is (Auger and Flandrin 1995)
 
     omega_centre = omega - Im(sum G_g' G^*)/sum |G|^2        k_centre = k + Im(sum G_h' G^*)/sum |G|^2
 
@@ -137,7 +137,7 @@ class FieldMap(InHertz, Saved, kind='field maps', units={
     'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
     'power': ('mm^2', 'branches', 'wavevectors', 'frequencies'),
 }):
-    """Power of each branch over wavevector and frequency.
+    """Power of each branch as a function of wavevector and frequency.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ def is_field(places: NDArray[np.float64], cell: Atoms) -> bool:
 
 
 def field_of(scan: Scan, cell: Atoms) -> Field:
-    """Assign the points of a scan to the sites of a lattice, and cut the record into segments of a resolution like the points'.
+    """Assign the points of a scan to the sites of a lattice, and cut the record into segments of matching resolution.
 
     Parameters
     ----------
@@ -361,10 +361,10 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     """Ridge points along a path: the strongest frequency of each branch at wavevectors so far apart that they share no noise.
 
     A point is kept if its power exceeds the background and that of the other branch at its frequency, and is at most 20 dB below
-    the strongest point, and if its frequency lies within a quarter of the bands of the scene in either model. Its centre of
-    gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of
-    four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half
-    of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
+    the strongest point, and if its frequency is at most a quarter beyond the branches of the two models of the scene. Its centre
+    of gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The variance is the sum of the
+    squares of four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth
+    curve, half of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
 
     Parameters
     ----------
@@ -483,7 +483,7 @@ def _half_seen(field):
 
 
 def _scatter(field, off, variance, three):
-    """Variance of points about a smooth curve in excess of their own, from the second differences of each three neighbours.
+    """Excess variance of points about a smooth curve, from the second differences of each three neighbouring points.
 
     Only this reveals errors that are the same in all segments, such as those from uniform noise of the base.
     """
@@ -500,7 +500,7 @@ def _scatter(field, off, variance, three):
 
 def field_at(field: Field, cell: Atoms,
              omega: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
-    """Motion at one frequency: its power over wavevectors (isofrequency contour) and its shape over the points.
+    """Motion at one frequency: its power at each wavevector (isofrequency contour) and its shape at the points.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ oblique waves: with 0.2 the errors of fits of 16 drawn lattices, in units of the
 0.6 to 1; with 0.1 up to 1.2.  For noise over the plane it is the difference between the middle of a specimen and the rest."""
 BIN_rad = 0.2  # a bin of a row of 30 points, for tables that do not tell theirs
 RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
-"""Frequencies, and the largest component of a wavevector, of a table; others are in another unit."""
+"""Range of frequencies, and largest component of a wavevector, in a table; values beyond them are in another unit."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ class RidgePoints(InHertz):
     def independent(self) -> RidgePoints:
         """The points that share no noise: the strongest of each ridge first, each at least 2.5 lines from all those before.
 
-        Because of the Hann window neighbouring lines share two thirds of an error: treated as independent, they would make
-        intervals 1.6 times too narrow. A third of the points, far apart, contains all but a tenth of the information of all.
+        Because of the Hann window neighbouring lines share two thirds of their error: treated as independent, they would make
+        intervals 1.6 times too narrow. A third of the points, far apart, contains nine tenths of the information.
         """
         kept: list[int] = []
         for k in np.argsort(-self.power, kind='stable'):
@@ -123,7 +123,7 @@ class RidgePoints(InHertz):
 
 
 def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]]) -> None:
-    """Write a table of ridge points in SI, with the branches that each ridge agrees with, or 'none'; completely or not at all.
+    """Write a table of ridge points in SI, with the branches that each ridge agrees with, or 'none'; whole or not at all.
 
     The columns q1, q2 and q3 are the wavevector of a point in fractions of the reciprocal vectors. bin_Hz is the distance of the
     frequency lines of the record, and bin_xi_rad is 2 pi divided by the number of points of the row, missing ones included.

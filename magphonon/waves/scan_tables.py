@@ -41,7 +41,7 @@ def read_scan(path: str | PathLike[str]) -> Scan:
     path : path-like
         A table has a column `time_s`; `particle`, `point` or `node` with the names of the points, or `x_m` and `y_m`, or both;
         and `u_x_m`, `u_y_m` for displacements or `v_x_m_per_s`, `v_y_m_per_s` for velocities, one component or both; `u_m` or
-        `v_m_per_s` for an unknown direction.  Other units go by the header: `u_y_um`, `v_y_mm_per_s`, `time_ms`, `x_mm`.
+        `v_m_per_s` for an unknown direction.  Other units follow from the header: `u_y_um`, `v_y_mm_per_s`, `time_ms`, `x_mm`.
         Samples may come in any order; blank samples and other columns are ignored.
 
     Returns

@@ -278,7 +278,7 @@ def _fastest(times, motions):
 
 
 def _interpolated(times, wanted, point, measured, fastest):
-    """The motions of a point with the `wanted` samples filled in; their error and the allowed error, over the largest motion."""
+    """Motions of a point with the `wanted` samples filled in; their error and the allowed one, relative to the largest motion."""
     from scipy.fft import dct
     from scipy.interpolate import make_interp_spline
 

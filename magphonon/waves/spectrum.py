@@ -61,7 +61,7 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
     'xi_spread': ('rad', 'frequencies', 'wavenumbers'), 'omega_spread': ('rad/ms', 'frequencies', 'wavenumbers'),
     'xi_change': ('rad', 'frequencies', 'wavenumbers'), 'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
 }, missing=('xi_centre', 'omega_centre', 'xi_spread', 'omega_spread', 'xi_change')):
-    """Power over phase per step and frequency.
+    """Power as a function of phase per step and frequency.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
 
 
 def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike | None = None) -> Spectrum:
-    """Wavenumber-frequency map of one displacement component along a row, Hann windows in time and space.
+    """Wavenumber-frequency map of one displacement component along a row, with Hann windows in time and space.
 
     Each particle may be offset from its rest and drift steadily: both are subtracted first, see `without_drift`.
 
@@ -254,13 +254,13 @@ def ridge(spectrum: Spectrum) -> Ridge:
     """Ridge of the waves that travel along the row: the strongest xi > 0 at each frequency of the record.
 
     With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity uncertain
-    by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins.  The imaginary part of the ratio is the distance from the cell. The real part
+    by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins.  The imaginary part of G_h'/G_h is the distance from the cell. The real part
     is not zero if the wave grows or decays within the window, as a pulse early or late in the record does.  B is taken from the
     median over the frequency line, so leakage and other waves count as noise too.
 
     If the motion is not a plane wave, the halves of the row disagree by D, and the whole is uncertain by D/2, less the
     contribution of noise to D.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
-    background), so noise alone makes (D/2)^2 four times its variance in the whole.  A single D may be small by chance, so each
+    background), so noise alone makes (D/2)^2 four times the variance of the whole.  A single D may be small by chance, so each
     point gets the mean square over the ridge, enlarged by Student's t if points are few, or its own square if that is larger.
     The variance of the points about a smooth branch is averaged in the same way, and added. If D is more than a bin, it is no
     uncertainty of one wave: one half has found another wave, which the whole row would resolve.
@@ -305,11 +305,11 @@ def ridge(spectrum: Spectrum) -> Ridge:
 
 
 def _jumps(xi, omega, noise_xi, noise_omega, line):
-    """Variances of xi from the distances of each four points from a smooth branch, minus the part due to noise.
+    """Variances of xi from the distances of groups of four points from a smooth branch, minus the part due to noise.
 
     The smooth branch is a parabola of cos xi over omega^2; for a chain this is a straight line, from long waves to the zone edge.
-    The four points lie on every other line: because of the Hann window, neighbouring lines share two thirds of an error, these a
-    sixth.
+    The four points lie on every other line: because of the Hann window, neighbouring lines share two thirds of their error, these
+    a sixth.
     """
     four = np.arange(max(len(xi) - 6, 0))[:, None] + 2 * np.arange(4)
     x, y = omega[four] ** 2, np.cos(xi[four])

@@ -9,7 +9,7 @@ forces have C = kT D^-1 at any temperature; a deviation that grows with kT shows
 and are subtracted or reported:
 
 - few frames: the inverse of a mean of M frames is too large by a fraction of about n/M.  The frames, in order, are cut into
-  segments longer than the memory of the motion; the record without each of them gives this bias, and the error (jackknife).
+  segments longer than the memory of the motion; leaving out one segment at a time gives this bias, and the error (jackknife).
 - a window: waves of all q' within 1/width of q take part.  The bias follows from the linear stiffness, which is known.
 - the time step dt of a run: velocity Verlet samples the stiffness k (1 - (w dt)^2/4).
 """

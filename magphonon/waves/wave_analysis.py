@@ -47,7 +47,7 @@ LOBE_bins = 2.0  # half width of the main lobe of a Hann window in wavenumber bi
 
 @dataclass(frozen=True)
 class Branch(InHertz):
-    """One branch of the bands over the phase per step.
+    """One branch of the bands as a function of the phase per step.
 
     Attributes
     ----------
@@ -231,8 +231,8 @@ class Wave:
 def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
     """The waves along a row, the strongest polarisation first; a polarisation 20 dB weaker than the other is left out.
 
-    Waves from a point source move the row both across and along its line, so the ridge of one motion may follow the branch of
-    the other.  A branch that falls with the wavenumber, such as shear in a square lattice on springs, carries backward waves
+    Waves from a point source move the row both across and along its line, so the ridge of one polarisation may follow the branch
+    of the other.  A branch that falls with the wavenumber, such as shear in a square lattice on springs, carries backward waves
     (phase and group velocity of opposite sign). No ridge is found for them, because the row is known to begin at the source.
 
     Parameters

@@ -34,7 +34,7 @@ STEP_FRACTION = 0.1
 """Time step as a fraction of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, lower ones by less."""
 SAMPLES = 12
 """Number of recorded frames per period of the carrier.  The spectrum of a five-cycle burst ends at 1.4 times its carrier, and
-these resolve harmonics up to the fifth; in a film of fewer, crests seem to run backwards."""
+these resolve harmonics up to the fifth; in a film with fewer frames, crests seem to run backwards."""
 SNAPSHOTS = 24  # number of times at which the whole patch is recorded
 ROUND_OFF = 1e-9  # displacement, as a fraction of the shortest bond, below which a particle is at rest
 
@@ -201,7 +201,7 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     engine : str
         Engine as for DrivenVerlet, or 'lammps'.
     ranks : int
-        MPI ranks of LAMMPS.
+        Number of MPI ranks of LAMMPS.
     directory : path-like, optional
         Folder that keeps the files of LAMMPS, see `run_lammps`.
     threads : int, optional
