@@ -175,7 +175,7 @@ def _gyrating(calc):
 
 def _attracted(calc):
     b, bonds = attracting(calc)[0], calc.bonds
-    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths one sign'
+    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths the same sign'
 
 
 def _mixed(calc):

@@ -11,7 +11,7 @@ record contradicts the others, and what to measure next. With `--frf SCENE` the 
 or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are fitted to them, with
 D* and without.
 
-docs/coverage.md says how often its 95 % intervals contain the true value.
+docs/coverage.md says how often the 95 % intervals contain the true value.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                           'narrows the intervals; if the data contradict it, a free curve is '
                                                           'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact; a table with smaller ones is refused (default: from --magnet)')
+                        help='distance of the centres at contact; a table with a smaller one is refused (default: from --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_pictures(parser, frequencies=False)

@@ -56,7 +56,7 @@ def run(options: Namespace, scene: Scene) -> None:
     alone = replace(design, conventional=None)  # the table already says what D0 alone promises
     print('\n'.join([scene.title, found.table('dB', goal=GOAL_dB), *alone.words]))
     if stopped:
-        print(f'stopped early: this is the best so far, and "--resume -o {options.output}" continues from it')
+        print(f'stopped early: this is the best design so far, and "--resume -o {options.output}" continues from it')
     print(f'build list and pictures are in {options.output}')
 
 

@@ -94,8 +94,8 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     """
     pieces = np.ceil(np.diff(edges) * rate / TURN).astype(int)
     if pieces.sum() > PANELS:
-        raise ValueError(f'{edges[-1] - edges[0]:g} ms of the fastest motion, {rate:g} rad/ms, need {pieces.sum()} panels, more '
-                         f'than {PANELS}; ask for a shorter time or less damping')
+        raise ValueError(f'{edges[-1] - edges[0]:g} ms of motion at up to {rate:g} rad/ms need {pieces.sum()} panels of '
+                         f'integration, more than {PANELS}; ask for a shorter time or less damping')
     if len(edges) == 1:
         return edges, np.repeat(force(edges[:0])[:, None], NODES, axis=1)
     starts = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges[:-1], edges[1:], pieces, strict=True)])

@@ -165,8 +165,8 @@ class Modulation(Table):
     depth: Annotated[Positive, within(0, 1, 'shares of the stiffness')] = Field(
         description='the amplitude of the modulation, as a fraction of the stiffness, up to 1', examples=[0.05])
     frequency_Hz: Frequency = Field(description='the frequency of the modulation in Hz', examples=[8.0])
-    wavelength_m: Length | None = Field(None, description='its wavelength in m; without it all springs change in phase',
-                                        examples=[0.03])
+    wavelength_m: Length | None = Field(None, description='the wavelength of the modulation in m; by default all springs change '
+                                        'in phase', examples=[0.03])
     direction_deg: Angle = Field(0.0, description='the direction of the wave, in degrees from the x axis', examples=[90.0])
 
     def of(self, springs: Any) -> Travelling:

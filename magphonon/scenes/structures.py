@@ -396,7 +396,7 @@ class Disorder(Table):
     """Normally distributed scatter of the sites of the patch or of the finite structure, which then relaxes."""
 
     seed: Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')] = Field(
-        description='the seed of the random numbers; one seed gives one structure on every machine', examples=[1])
+        description='the seed of the random numbers; the same seed gives the same structure on every machine', examples=[1])
     position_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(
         0.0, description='the standard deviation of each coordinate of a particle and of its support in m', examples=[1e-5])
     strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths (for example magnetic moments) '

@@ -223,7 +223,7 @@ def _refuse_impossible(table):
         table.refuse(name, (table[name] < least) | (table[name] > most), 'be a frequency in the unit of its name')
     table.refuse('xi', (table['xi'] < 1e-9) | (table['xi'] > 2 * np.pi), 'be a positive phase per step, up to 2 pi')
     table.refuse('bin_xi', (table.get('bin_xi', BIN_rad) <= 0) | (table.get('bin_xi', BIN_rad) > 2 * np.pi),
-                 'be 2 pi over the number of places of the row')
+                 'be 2 pi divided by the number of places in the row')
     table.refuse('sigma_xi', (table['sigma_xi'] < 0) | (table['sigma_xi'] > 2 * np.pi), 'lie between 0 and 2 pi')
     for name in ('sigma_frequency', 'bin'):
         table.refuse(name, table.get(name, 0.0) > frequency, 'be less than the frequency (are columns exchanged?)')
