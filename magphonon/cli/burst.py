@@ -1,4 +1,4 @@
-"""`magphonon burst SCENE`: tone bursts through the patch of a scene, in both models, compared with its bands.
+"""`magphonon burst SCENE`: tone bursts through the patch of a scene, in both models, compared with the bands.
 
 The exit status is 0 if all bursts ran to their end, even if the lattice buckles; "magphonon check" reports that with status 1.
 """

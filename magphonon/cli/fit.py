@@ -48,8 +48,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
                         'frequency_Hz and re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg, or universal files .uff')
     parser.add_argument('--fix', metavar='NAMES',
-                        help='with --bands or --frf: parameters that keep their values in the scene, with the names of '
-                             '--prior, such as --fix a,foundation_N_per_m')
+                        help='with --bands or --frf: parameters that keep the values of the scene, named as in --prior, '
+                             'such as --fix a,foundation_N_per_m')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
                         help='with --bands or --frf: what is already known about a parameter, in SI, such as force_N=0.288+-0.01 '
                              'or a=3.8+-10%%; units may be left out of names; may be given several times')

@@ -1,6 +1,7 @@
 """`magphonon sweep SCENE --over KEY=FROM:TO:COUNT --ask QUESTION`: maps of a quantity over keys of a scene.
 
-A sweep that was killed continues where it stopped when the same command is given again: DIR holds its journal until it is done.
+A sweep that was killed continues where it stopped when the same command is given again. Until the
+sweep is complete, its journal is in the directory of the results.
 """
 
 from __future__ import annotations

@@ -157,7 +157,7 @@ class NoDesign(PhysicsError):
     """
 
     def __init__(self, stable: list[tuple[float, float]] | None, reach: tuple[float, float] | None) -> None:
-        super().__init__('no spacing in the range gives the wanted value' if stable else 'the lattice is unstable throughout the range')
+        super().__init__('no spacing in the range gives the wanted value' if stable else 'the range holds no stable spacing')
         self.stable, self.reach = stable, reach
 
 
