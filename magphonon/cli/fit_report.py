@@ -1,5 +1,4 @@
-"""The reports of `magphonon fit`: the force and its slope, and the lattice fitted to ridges or to transfer functions.
-"""
+"""The reports of `magphonon fit`: the force and its slope, and the lattice fitted to ridges or to transfer functions."""
 
 from __future__ import annotations
 
