@@ -252,7 +252,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
         raise Unstable(f'the structure is unstable: its motion grows by e^{growth:.0f} in {times[-1]:g} ms; ask for a shorter '
-                         'time, or see magphonon.stability.verdicts for what would hold it')
+                         'time, or ask magphonon.verdict what would hold the structure')
     return moved(interval)
 
 

@@ -315,7 +315,7 @@ class Guest(Table):
                                                  examples=[0.5])
     relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of the foundation', examples=[0.0])
 
-    kind: Kind | None = Field(None, description='its kind, which selects its laws in [[laws_of_kinds]]', examples=[1])
+    kind: Kind | None = Field(None, description='the kind of particle, which selects its law in [[laws_of_kinds]]', examples=[1])
 
     @property
     def properties(self) -> dict[str, Any]:
