@@ -175,7 +175,7 @@ def _gyrating(calc):
 
 def _attracted(calc):
     b, bonds = attracting(calc)[0], calc.bonds
-    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths one sign'
+    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths the same sign'
 
 
 def _mixed(calc):
@@ -201,7 +201,7 @@ trait('all neighbours', 'the sum over all neighbours (AllNeighbours), in which b
 trait('gyration', 'particles that gyrate', _gyrating)(lambda atoms, calc: np.any(calc.gyration))
 trait('modulation', 'a foundation that changes with time', _known)(
     lambda atoms, calc: calc.tie.changes)
-trait('site law', 'ties other than constant springs', _known)(
+trait('site law', 'foundations other than constant springs', _known)(
     lambda atoms, calc: calc.tie.known and not calc.tie.modulated)
 trait('constraints', 'particles that are held or guided', 'remove the constraints with atoms.set_constraint()')(
     lambda atoms, calc: _held(atoms))

@@ -228,7 +228,7 @@ def _exponents(steps):
     fractions = [Fraction(float(step)).limit_denominator(LARGEST_DENOMINATOR) for step in steps]
     for step, fraction in zip(steps, fractions, strict=True):
         if abs(step - fraction) > 1e-9:
-            raise ValueError(f'along this direction a bond spans {step:.6g} steps, and this number '
+            raise ValueError(f'along this direction a bond spans {step:.6g} lattice steps, which '
                              'is no fraction with a denominator of at most '
                              f'{LARGEST_DENOMINATOR}; choose a direction of symmetry, such as (0, 1, 0) or (1/2, 1, 0)')
     if not any(fractions):

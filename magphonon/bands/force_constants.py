@@ -194,7 +194,7 @@ def _checked_distance(distance, shortest):
     distance = positive('distance', distance, 'mm')
     if not 1e-12 * shortest <= distance <= 0.1 * shortest:
         raise ValueError(f'the distance {distance:g} mm is {distance / shortest:.1e} of the shortest bond; outside 1e-12 to '
-                         f'0.1, round-off or the curvature of the law spoils the force constants. Without distance= it is '
+                         f'0.1, round-off or the curvature of the law spoils the force constants. The default is '
                          f'{DISTANCE * shortest:g} mm')
     return distance
 

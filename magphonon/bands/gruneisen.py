@@ -68,7 +68,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: Model | None = None)
     calc = system.calc
     if calc.load.any() or calc.spring_forces.any():
         raise ValueError('a dead load or stretched springs of the foundation hold the particles, and how these forces change '
-                         'with the spacing is not known; relax it at two spacings and compare the frequencies')
+                         'with the spacing is not known; relax the structure at two spacings and compare the frequencies')
     dK = stiffness_change(calc.bond_vectors, growth(calc, system.free.toarray()), calc.interaction, model or calc.model)
     omega, vectors = bloch_modes(system, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)

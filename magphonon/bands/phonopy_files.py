@@ -194,8 +194,8 @@ def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
         exact |= {key: [dict(one)[key] for one in displaced] for key in ('displacement', 'forces')}
     text = _with_all_digits(str(phonon.to_phonopy_yaml(settings={'force_constants': True})), exact)
     with whole_file(file) as out:
-        out.write('# lengths in mm, forces in N, force constants in N/mm, masses in 103.64 g: what is called THz is Hz;\n'
-                  '# the foundation survives only without symmetrisation (phonopy --no-sym-fc)\n')
+        out.write('# lengths in mm, forces in N, force constants in N/mm, masses in 103.64 g;\n'
+                  '# frequencies are in Hz, not THz; the foundation survives only without symmetrisation (phonopy --no-sym-fc)\n')
         out.write(text)
 
 

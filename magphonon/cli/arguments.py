@@ -54,7 +54,7 @@ def share(text: str) -> float:
         return found
     from argparse import ArgumentTypeError
 
-    raise ArgumentTypeError(f'{text!r} is not at least 0 and below 1; write 3 percent as 0.03 or 3%')
+    raise ArgumentTypeError(f'must be at least 0 and below 1, not {text!r}; write 3 percent as 0.03 or 3%')
 
 
 def _quantity(text, units):

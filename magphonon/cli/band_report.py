@@ -222,7 +222,7 @@ def by_phonopy(case: Case) -> Iterator[str]:
         return
     atoms, k = case.atoms, np.asarray(case.phonon.force_constants)
     sums = np.einsum('ixx->x', foundation_recovered(case.phonon)) / len(case.phonon.unitcell) / (units.N / units.m)
-    along_z = f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
+    along_z = f'; along z: {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
     held = ' (these sums contain the bonds to the held particles)' if atoms.constraints else ''
     yield (f"\nfoundation: {_spring_in_plane(atoms):.6g} N/m in the scene; phonopy's force constants sum to "
            f'{sums[: 2 if along_z else atoms.calc.dim].mean():.6g} N/m{held}{along_z}')
@@ -266,7 +266,7 @@ def buckling(case: Case) -> Finding | None:
     given, needed = _spring_in_plane(case.atoms), needed / (units.N / units.m)
     place = ' in the plane' if case.atoms.calc.layer or case.atoms.calc.dim == 2 else ''
     if on_the_verge(given, needed):
-        return Finding(needed, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what it needs.')
+        return Finding(needed, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what is needed.')
     if given >= needed:
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else ', even without a foundation'
         return Finding(needed, f'Stable{place}{why}.')

@@ -1,4 +1,4 @@
-"""`magphonon burst SCENE`: tone bursts through the patch of a scene, in both models, compared with its bands.
+"""`magphonon burst SCENE`: tone bursts through the patch of a scene, in both models, compared with the bands.
 
 The exit status is 0 if all bursts ran to their end, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
@@ -186,7 +186,7 @@ def _amplitudes(cell, largest, loud):
     for record, u in largest.items():
         lines.append(f'{record}: largest displacement {_metres(u)}, {u / spacing:.2%} of the spacing')
         if loud and u > bound:
-            lines[-1] += (f'; WARNING: beyond the linear range, up to {_metres(bound)} for a frequency error of '
+            lines[-1] += (f'; WARNING: beyond the linear range: at {_metres(bound)} frequencies are already off by '
                           f'{LINEAR_ERROR:.0%}; lower force_N')
     return lines
 
@@ -222,7 +222,7 @@ def _unstable(cell):
         return [] if judged.stable else ['', f'UNSTABLE: {judged.finding("buckling").words}']
     needed, given = critical_foundation(cell, 'complete')[0], common_spring(cell)
     if on_the_verge(given, needed):
-        return ['', f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what it needs.']
+        return ['', f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what is needed.']
     if given >= needed:
         return []
     needed, given = (k / (units.N / units.m) for k in (needed, given))

@@ -1,7 +1,7 @@
 """The memory that each command needs, estimated before it starts, and the key that it grows with.
 
 The estimates count the largest arrays.  The constants below are fitted to the peak resident memory of the commands, at two to
-four sizes each (`tests/cli/test_costs.py` lists them); one marked "counted" was not measured.  The estimates are accurate enough
+four sizes each (`tests/cli/test_costs.py` lists them); those marked "counted" were not.  The estimates are accurate enough
 to distinguish a typing error, such as 1e12 points, from work that fits.  Names end in the unit, bytes.
 """
 

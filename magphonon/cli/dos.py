@@ -1,4 +1,4 @@
-"""`magphonon dos SCENE`: density of states of the lattice and of the patch, and the bands of the patch unfolded."""
+"""`magphonon dos SCENE`: density of states of the lattice and of the patch, and the unfolded bands of the patch."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def run(options: Namespace) -> None:
         border = stability_boundary_of_exponents(atoms, explorer.exponents.values)
     else:
         border = stability_boundary(atoms, explorer.scales)
-    perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
+    perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
     _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
            [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])
@@ -112,8 +112,8 @@ def _refuse_foreign(file):
             raise ValueError(f'{file} is not a regular file but, for example, a pipe or a link; choose another name')
         page, mark, rest = file.read_bytes().rpartition(SUM)
         if mark + rest != _signature(page):
-            raise ValueError(f'{file} is not an unchanged page of "magphonon explore" and is not replaced; choose another name, '
-                             f'or move it away')
+            raise ValueError(f'{file} is not a page of "magphonon explore", or was edited, and is not replaced; choose another '
+                             'name, or move it away')
 
 
 def _refuse_unknown(scene: Scene) -> None:

@@ -11,7 +11,7 @@ record contradicts the others, and what to measure next. With `--frf SCENE` the 
 or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are fitted to them, with
 D* and without.
 
-docs/coverage.md says how often its 95 % intervals contain the true value.
+docs/coverage.md says how often the 95 % intervals contain the true value.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
                         'frequency_Hz and re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg, or universal files .uff')
     parser.add_argument('--fix', metavar='NAMES',
-                        help='with --bands or --frf: parameters that keep their values in the scene, with the names of '
-                             '--prior, such as --fix a,foundation_N_per_m')
+                        help='with --bands or --frf: parameters that keep the values of the scene, named as in --prior, '
+                             'such as --fix a,foundation_N_per_m')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
                         help='with --bands or --frf: what is already known about a parameter, in SI, such as force_N=0.288+-0.01 '
                              'or a=3.8+-10%%; units may be left out of names; may be given several times')
@@ -75,7 +75,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                           'narrows the intervals; if the data contradict it, a free curve is '
                                                           'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact; a table with smaller ones is refused (default: from --magnet)')
+                        help='distance of the centres at contact; a table with a smaller one is refused (default: from --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_pictures(parser, frequencies=False)

@@ -1,6 +1,4 @@
-"""The reports of `magphonon fit`: the force and its slope, the lattice fitted to ridges, the lattice fitted to transfer
-functions.
-"""
+"""The reports of `magphonon fit`: the force and its slope, and the lattice fitted to ridges or to transfer functions."""
 
 from __future__ import annotations
 
@@ -143,7 +141,7 @@ def few_rows(case):
 @FORCES.check
 def scatter(case):
     return (f'The rows scatter {case.fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened '
-            'accordingly: look for an outlier, or remove the column.') if case.fit.scatter > 1 else None
+            'accordingly: look for an outlier, or remove this column.') if case.fit.scatter > 1 else None
 
 
 @FORCES.remark
@@ -152,7 +150,7 @@ def reach(case):
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
     return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. The law '
-            'has no farther neighbours: measure to three spacings or more, or name the magnet (--magnet). "magphonon check" '
+            'omits farther neighbours: measure to three spacings or more, or name the magnet (--magnet). "magphonon check" '
             'estimates by how much farther neighbours would shift the frequencies.')
 
 
@@ -265,8 +263,8 @@ def few_points(found):
 @RIDGES.check
 def any_law(found):
     """Whether the intervals hold for any smooth law."""
-    return ('The intervals hold for any smooth law; the inverse power of the scene was only the start. They become several times '
-            'narrower if the scene names the shape of the magnets (kind = "magnets" or "table"), or with a table of forces '
+    return ('The intervals hold for any smooth law; the inverse power in the scene was only a first guess. They become several '
+            'times narrower if the scene names the shape of the magnets (kind = "magnets" or "table"), or with a table of forces '
             'beside the ridges.') if found.of_any_law else None
 
 

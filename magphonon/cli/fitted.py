@@ -43,7 +43,7 @@ def unlike_springs(fit: TransferFit) -> str | None:
     ratio, sigma = fit.unlike
     stiff, soft = 'xy' if ratio > 0 else 'yx'
     return None if abs(ratio) < UNLIKE * sigma else (
-        f'The pillars have a larger ratio of the stiffness along {stiff} to that along {soft} than this fit assumes: by '
+        f'Compared with their stiffness along {soft}, the pillars are stiffer along {stiff} than this fit assumes, by '
         f'{100 * np.expm1(abs(ratio)):.2g} +- {100 * np.exp(abs(ratio)) * sigma:.2g} %. Give [foundation] a stiffness_N_per_m '
         'for x and a stiffness_y_N_per_m, and fit both.')
 

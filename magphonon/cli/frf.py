@@ -10,7 +10,7 @@ from .. import units
 from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'frequency response to a force or a shaken bench, also drawn over measurements'
+HELP = 'frequency response to a force or a shaken bench, compared with measurements if you have any'
 RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
 MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
@@ -113,7 +113,7 @@ def _compared(functions, curves):
         lines.append('  ' + ', '.join(f'{model} {share:.3g}' for model, share in off.items()) + f'  ({one.name})')
         if one.coherence is not None:
             lines.append(f'  its median coherence is {np.median(one.coherence):.3f}, the lowest {one.coherence.min():.3f}')
-    return [*lines, '"magphonon fit --frf" fits the lattice to it.']
+    return [*lines, '"magphonon fit --frf" fits the lattice to the measurement.']
 
 
 def _natural(system, omega):

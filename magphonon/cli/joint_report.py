@@ -99,7 +99,7 @@ def laws(found):
     yield f'Probability of each kind of law: {", ".join(f"{words} {weight:.2g}" for words, weight in found.laws.items())}.'
     if found.specimen.family.tau < 1 and found.laws['the shape in the scene'] < SHAPE_WEIGHT / 5:
         yield ('The records contradict the shape of the law in the scene, and the values above depend on it. Repeat the fit '
-               'with kind = "inverse_power", for any smooth law.')
+               'with kind = "inverse_power", which allows any smooth law.')
 
 
 @JOINT.check

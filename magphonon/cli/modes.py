@@ -190,7 +190,7 @@ def count(case: Case) -> str:
         lowest = 0.0 if _of_no_stiffness(f).flat[f.argmin()] else f.min()
         return f'modes of the lattice at {", ".join(case.at)}: from {units.in_words("Hz", lowest, f.max(), digits=6)}'
     f, name = case.found.frequencies_Hz, 'structure' if case.scene.finite else 'patch'
-    every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands,', 0.0 if case.free[0] else f[0]
+    every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands, in all', 0.0 if case.free[0] else f[0]
     outside = f'; outside the bands of the lattice: {len(case.local) or "none"}' if len(case.ranges) else ''
     return f'modes of the {name}: {every} {len(f)}, from {units.in_words("Hz", lowest, f[-1], digits=6)}{outside}'
 
@@ -212,7 +212,7 @@ def of_lattice(case: Case) -> Iterator[str]:
             shown = ''.join(f'{f if abs(f) > ZERO_FRACTION * top else 0.0:14.6g}' for f in found)
             yield f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip()
     if not case.drawable:
-        yield (f'no picture: modes are drawn for planar lattices with a number of shells, motion in the plane and at most '
+        yield (f'no picture: modes are drawn only for planar lattices with a number of shells, motion in the plane and at most '
                f'{MOST_BRANCHES} branches')
 
 
@@ -261,7 +261,7 @@ def scatter(case: Case) -> Finding | None:
     columns, lost = case.spread
     words = '  +- is the standard deviation due to all tolerances in [uncertainty], to first order'
     if 'drawn_std_Hz' in columns:
-        words = ('  +- is the larger of two standard deviations from these frequencies: one follows to first order from the '
+        words = ('  +- is the larger of two standard deviations of the frequency: one follows to first order from the '
                  f'scatter of the sites, the other comes from the same mode in {round(DRAWN * (1 - lost))} structures drawn at '
                  'random. Both are in modes.csv')
     unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
@@ -316,7 +316,7 @@ def _modes(system, ranges):
     size, turns = system.K.shape[0], system.turning
     if turns and size > MOST_TURNING:
         raise ValueError(f'the patch has {size} free directions; modes of gyroscopes need dense matrices, '
-                         f'of up to {MOST_TURNING}: use a smaller patch, or "magphonon frf"')
+                         f'which may have up to {MOST_TURNING} rows: use a smaller patch, or "magphonon frf"')
     if size <= MOST_DIRECTIONS:
         return modes(system), True
     lowest = modes(system, LOWEST)

@@ -1,8 +1,8 @@
 """`magphonon read FILE`: show how all commands read a file of measurements, with a picture and a clean table.
 
 Forces between two magnets, ridges, transfer functions, and scans are recognised by what they hold.  The report says how each
-column was understood and which range it covers, so that a wrong unit is easily seen. The clean table is in SI and is read in the
-same way.
+column was understood and which range it covers, so that a wrong unit is easily seen. The clean table is in SI; every command
+reads it like the original.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Folders of results: a command writes its files into a hidden directory, and they get their names when all of them are complete.
+"""Folders of results: a command writes its files into a hidden directory and moves them out only when all are complete.
 
 Only the hidden directory that this process made is ever deleted. A file is replaced only by a result of the same name, and only
 if its checksum shows that it is still what the command wrote. So no file of a user is touched, whatever is in the folder. The

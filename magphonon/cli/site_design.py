@@ -56,7 +56,7 @@ def run(options: Namespace, scene: Scene) -> None:
     alone = replace(design, conventional=None)  # the table already says what D0 alone promises
     print('\n'.join([scene.title, found.table('dB', goal=GOAL_dB), *alone.words]))
     if stopped:
-        print(f'stopped early: this is the best so far, and "--resume -o {options.output}" continues from it')
+        print(f'stopped early: this is the best design so far, and "--resume -o {options.output}" continues from it')
     print(f'build list and pictures are in {options.output}')
 
 
@@ -100,12 +100,12 @@ def _draw(scene, design, patch, source, tolerances, folder, save):
     save(plot_levels(u.hertz(frf.omega), levels, marks)[0].figure, 'design_levels')
     histories = {'D0 + D*': design.history}
     if design.conventional is not None:
-        histories['D0 alone, as it promises'] = design.conventional.history
+        histories['D0 alone, by its own model'] = design.conventional.history
     save(plot_convergence(histories, 'weakest target (dB)').figure, 'design_convergence')
     if tolerances is not None:
         free = LinearSystem.of(design.atoms).mobile
         tolerable = np.where(free, 100 * tolerances['strength'], np.nan)
-        save(plot_sites(design.atoms, tolerable, 'strength: % for 1 dB', places, norm='log').figure, 'design_tolerances')
+        save(plot_sites(design.atoms, tolerable, '% of strength for 1 dB', places, norm='log').figure, 'design_tolerances')
     for target in plan.targets:
         shape = after.response(source, 2 * np.pi * target.frequency_Hz * u.Hz, frf.damping)
         animate(folder / f'design_{target.name}.gif', design.atoms, mode_frames(shape, frames=FRAMES),

@@ -1,7 +1,7 @@
 """`magphonon spectrum SCAN ... SCENE`: maps and ridges of scans of a row or of the plane, drawn over the bands of a scene.
 
-A scan is a table of text or a universal file; points that cover the plane are recognised.  Points may have any numbers, and some
-may be missing or dead; the names of the columns give units and components. The scene needs only the lattice, its law and its
+A scan is a table of text or a universal file; points that cover the plane are recognised. Points may be numbered in any way; some
+may be missing or dead.  The names of the columns give units and components. The scene needs only the lattice, its law and its
 foundation.  Each scan is analysed on its own; `magphonon fit --bands` takes the ridges of all of them.
 """
 

@@ -1,6 +1,7 @@
 """`magphonon sweep SCENE --over KEY=FROM:TO:COUNT --ask QUESTION`: maps of a quantity over keys of a scene.
 
-A sweep that was killed continues where it stopped when the same command is given again: DIR holds its journal until it is done.
+A sweep that was killed continues where it stopped when the same command is given again. Until the
+sweep is complete, its journal is in the directory of the results.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument('--over', metavar='KEY=VALUES', action='append', required=True,
                         help='an axis: a key of the scene with FROM:TO:COUNT, FROM:TO:COUNT:log or A,B,C, as in '
-                             'lattice.spacing_m=0.008:0.014:25; give it again for another axis. An exponent varies at constant '
-                             'force with law.a=3:6:50 and law.force_N=0.24')
+                             'lattice.spacing_m=0.008:0.014:25; give it again for another axis. To vary an exponent at constant '
+                             'force, give law.a=3:6:50 and law.force_N=0.24')
     parser.add_argument('--ask', metavar='QUESTION', action='append', required=True,
                         help='bands.POINT.BRANCH, bands.gap.BRANCH, stability.needed, .margin, .growth or .spacing, '
                              'linear.amplitude, timestep.limit, verdict.faults, frf.peak_Hz or frf.peak_m_per_N; give it again '

@@ -168,6 +168,6 @@ def _peaks(f, spread):
                      f'changes to first order. To second order its standard deviation is up to {100 * share:.2g} %, at '
                      f'{f[k]:.5g} Hz, and its mean is {100 * share / 2**0.5:.2g} % lower')
     if len(told) < len(narrow):
-        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so large a part of their width that the ribbon '
-                     f'at their top is meaningless')
+        lines.append(f'at the top of {len(narrow) - len(told)} of {len(peaks)} peaks the ribbon is meaningless, because these '
+                     f'peaks move by a large part of their width')
     return lines

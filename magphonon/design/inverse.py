@@ -78,8 +78,8 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     masses = masses_of(atoms)
     if np.ptp(masses) > EQUAL_MASSES * masses.max():
         raise ValueError(f'the masses range from {masses.min():g} to {masses.max():g} g: on a common foundation they swing at '
-                         'different frequencies, and no motion is uniform; give all particles one mass, or vary the foundation '
-                         'until analytic_bands begin at the cut-off')
+                         'different frequencies, and no motion is uniform; give all particles equal masses, or vary the '
+                         'foundation until analytic_bands begin at the cut-off')
     return float(atoms.get_masses()[0] * positive('cut-off', cut_off, 'rad/ms') ** 2)
 
 
@@ -157,7 +157,7 @@ class NoDesign(PhysicsError):
     """
 
     def __init__(self, stable: list[tuple[float, float]] | None, reach: tuple[float, float] | None) -> None:
-        super().__init__('no spacing in the range gives the wanted value' if stable else 'no spacing in the range is stable')
+        super().__init__('no spacing in the range gives the wanted value' if stable else 'the range holds no stable spacing')
         self.stable, self.reach = stable, reach
 
 

@@ -238,7 +238,7 @@ def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDAr
     """The soft minimum of values, and its derivative by each value; for an infinite width it is their mean."""
     if not len(values) or not width > 0:
         raise ValueError(f'a soft minimum takes one or more numbers and a positive width (infinite for their mean), not '
-                         f'{len(values)} with the width {width!r}')
+                         f'{len(values)} numbers with the width {width!r}')
     if np.isinf(width):
         return float(values.mean()), np.full(len(values), 1 / len(values))
     e = np.exp(-(values - values.min()) / width)

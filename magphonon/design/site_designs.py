@@ -358,14 +358,14 @@ class SiteDesign:
         """What limits the design, in words."""
         found = []
         if self.at_bounds:
-            found.append(f'{self.at_bounds} of {len(self.x)} parameters lie at a bound; wider bounds may give more.')
+            found.append(f'{self.at_bounds} of {len(self.x)} parameters lie at a bound; wider bounds may give a better design.')
         if len(self.starts) > 1:
             found.append(f'{len(self.starts)} starts reached {min(self.starts):.4g} to {max(self.starts):.4g}: these are local '
-                         'optima, and another start may reach more.')
+                         'optima, and another start may give a better design.')
         if self.buckled:
             found.append(f'{self.buckled} trial designs buckled and were discarded.')
         if self.conventional is not None:
-            found.append(f'Designed with D0 alone it would promise {self.conventional.value:.4g} and give '
+            found.append(f'A design with D0 alone would promise {self.conventional.value:.4g} and in fact give '
                          f'{self.conventional.given:.4g}.')
         return found + self.objective.doubts(Rest(LinearSystem.of(self.atoms)))
 

@@ -82,7 +82,7 @@ class Verification:
           with all neighbours                             57 dB
           by time steps                                   not of this objective
           with scatter, median and worst tenth            35 and 31 dB
-          of 2 copies reach 35 dB                         1
+          copies out of 2 that reach 35 dB                1
         """
         def told(*values):
             known = np.array(values, float) / per
@@ -103,7 +103,7 @@ class Verification:
             middle, low = np.quantile(drawn, [0.5, 0.1])
             rows.append(('  with scatter, median and worst tenth', f'{middle:.3g} and {low:.3g} {unit}'.strip()))
             if goal is not None:
-                rows.append((f'  of {len(drawn)} copies reach {goal:.4g} {unit}'.rstrip(), f'{(drawn >= goal).sum()}'))
+                rows.append((f'  copies out of {len(drawn)} that reach {goal:.4g} {unit}'.rstrip(), f'{(drawn >= goal).sum()}'))
         return '\n'.join(f'{name:49} {text}' for name, text in rows)
 
 

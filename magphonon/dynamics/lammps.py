@@ -462,7 +462,7 @@ def _record(file, atoms, particles, timestep, steps):
     except (OSError, ValueError) as error:
         raise ValueError(f'{file} cannot be read ({error}); remove its folder, and LAMMPS runs again') from error
     if lacking := sorted(set(steps) - set(frames)):
-        raise ValueError(f'{file} has no whole frame of step {lacking[0]} and lacks {len(lacking)} of {len(steps)}; remove its '
+        raise ValueError(f'{file} lacks {len(lacking)} of {len(steps)} frames, the first at step {lacking[0]}; remove its '
                          'folder, and LAMMPS runs again')
     places = np.array([frames[n] for n in steps])
     return Motion(timestep * np.array(steps), particles, (places - atoms.positions[ordered, :2])[:, back])

@@ -39,7 +39,7 @@ class Spring:
     k: float
     L0: float
 
-    card: ClassVar[Card] = Card(kinds=(Kind('spring', 'Springs or bars between neighbours, of one length without load.', _KEYS,
+    card: ClassVar[Card] = Card(kinds=(Kind('spring', 'Springs or bars between neighbours, all equally long without load.', _KEYS,
                                             lambda spring, rest_length: Spring(spring, rest_length), shells=1),))
 
     def __post_init__(self) -> None:

@@ -444,7 +444,7 @@ class Tabulated:
 
         r, f = finite('r', self.r).copy(), finite('f', self.f).copy()
         if r.ndim != 1 or r.shape != f.shape or len(r) < 4:
-            raise ValueError(f'a table needs two columns of at least 4 points, not r {r.shape} and f {f.shape}')
+            raise ValueError(f'a table needs two columns of at least 4 points each, not the shapes {r.shape} and {f.shape}')
         if not (r[0] > 0 and (np.diff(r) > 0).all()):
             raise ValueError(f'table distances must be positive and increasing, not {r}; sort them and drop repeats')
         for k in np.flatnonzero(np.diff(r) < APART * r[1:])[:1]:

@@ -90,8 +90,8 @@ class Plan:
             if method.at_most <= self.tolerance:
                 return method
         best = min(self.methods, key=lambda method: method.error)
-        raise ValueError(f'no model here gives {self.quantity[0].lower()}{self.quantity[1:]} to {percent(self.tolerance)}: '
-                         f'the best, {best.name}, has an error of {percent(best.error)}; allow a larger one '
+        raise ValueError(f'{self.quantity}: no model here reaches an error of {percent(self.tolerance)}; the best, {best.name}, '
+                         f'has an error of {percent(best.error)}; allow a larger one '
                          '(--tolerance on the command line)' + ''.join(f'; {fact}' for fact in self.evidence))
 
     @property

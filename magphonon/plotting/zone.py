@@ -95,7 +95,7 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axe
     _check_branch(complete, branch)
     ratio = frequency_ratio(complete, conventional)[..., branch]
     if not (ratio > 0).any():
-        raise ValueError(f'{_branch_name(complete, branch)} is stable in both models at no wavevector, so there is no ratio to '
+        raise ValueError(f'at no wavevector is {_branch_name(complete, branch)} stable in both models, so there is no ratio to '
                          'draw; add a foundation')
     ax, zone = _zone_axes(ax, complete.cell)
     levels = MaxNLocator(8, steps=ROUND).tick_values(max(np.nanmin(ratio), 0), np.nanmax(ratio))

@@ -163,7 +163,7 @@ def refuse_growing(lowest: float, highest: float) -> None:
     if lowest < -ROUND_OFF * highest:
         raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
                          f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or a larger spacing would hold it; '
-                         '"magphonon check" or magphonon.verdict says how much')
+                         '"magphonon check" or magphonon.verdict says how much is needed')
 
 
 @dataclass(frozen=True)

@@ -94,8 +94,8 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     """
     pieces = np.ceil(np.diff(edges) * rate / TURN).astype(int)
     if pieces.sum() > PANELS:
-        raise ValueError(f'{edges[-1] - edges[0]:g} ms of the fastest motion, {rate:g} rad/ms, need {pieces.sum()} panels, more '
-                         f'than {PANELS}; ask for a shorter time or less damping')
+        raise ValueError(f'{edges[-1] - edges[0]:g} ms of motion at up to {rate:g} rad/ms need {pieces.sum()} panels of '
+                         f'integration, more than {PANELS}; ask for a shorter time or less damping')
     if len(edges) == 1:
         return edges, np.repeat(force(edges[:0])[:, None], NODES, axis=1)
     starts = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges[:-1], edges[1:], pieces, strict=True)])
@@ -252,7 +252,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
         raise Unstable(f'the structure is unstable: its motion grows by e^{growth:.0f} in {times[-1]:g} ms; ask for a shorter '
-                         'time, or see magphonon.stability.verdicts for what would hold it')
+                         'time, or ask magphonon.verdict what would hold the structure')
     return moved(interval)
 
 

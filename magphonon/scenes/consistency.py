@@ -332,7 +332,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
     pillar = scene.foundation and scene.foundation.pillar
     if pillar and 2 * pillar.radius_m > scene.lattice.spacing_m:
         raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
-                         f'{scene.lattice.spacing_given}; it is in metres')
+                         f'{scene.lattice.spacing_given}; radii are in metres')
     density = _mass_kg(scene) / scene.lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '

@@ -411,5 +411,5 @@ def _of_forces(specimen, name, forces, shared, near=None):
     turn[:, :n] = np.diag([1.0, -specimen.family.curve(curve.p, [specimen.family.r0])[2][0], *np.ones(len(BENDS))])
     x, by_distance = np.zeros((2, len(specimen.names)))
     x[:n], by_distance[:n] = specimen.x(curve.p), curve.by_distance / np.diag(turn)
-    faults = {'the gain, or a pair unlike the mean': shared.gain * np.eye(len(x))[0], 'the zero of the distances': by_distance}
+    faults = {'the gain (or the strength of the pair)': shared.gain * np.eye(len(x))[0], 'the zero of the distances': by_distance}
     return Record(name, x, turn.T @ curve.gradient, turn.T @ curve.information @ turn, faults, curve.chi2)

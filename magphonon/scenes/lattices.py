@@ -64,7 +64,7 @@ class Lattice(Table):
         None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
         0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: the rate of gyroscopes, twice the '
-                         'rate of a bench that rotates anticlockwise, or charge times magnetic field over mass', examples=[15.0])
+                         'rate of a bench that rotates anticlockwise, or q B/m of a charge in a field', examples=[15.0])
 
     @model_validator(mode='after')
     def _one_mass_each(self):
@@ -165,8 +165,8 @@ class Modulation(Table):
     depth: Annotated[Positive, within(0, 1, 'shares of the stiffness')] = Field(
         description='the amplitude of the modulation, as a fraction of the stiffness, up to 1', examples=[0.05])
     frequency_Hz: Frequency = Field(description='the frequency of the modulation in Hz', examples=[8.0])
-    wavelength_m: Length | None = Field(None, description='its wavelength in m; without it all springs change in phase',
-                                        examples=[0.03])
+    wavelength_m: Length | None = Field(None, description='the wavelength of the modulation in m; by default all springs change '
+                                        'in phase', examples=[0.03])
     direction_deg: Angle = Field(0.0, description='the direction of the wave, in degrees from the x axis', examples=[90.0])
 
     def of(self, springs: Any) -> Travelling:
@@ -254,7 +254,7 @@ class Trap(Table):
         None, description='the stiffness in N/m along y; stiffness_N_per_m is then that along x', examples=[2e-11])
     centre_m: Point = Field((0.0, 0.0), description='the centre [x, y] of the trap in m', examples=[[0.0, 0.0]])
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='charge times magnetic field over mass in rad/s, as in a Penning trap', examples=[1e6])
+        0.0, description='the cyclotron frequency q B/m of the charges in rad/s, as in a Penning trap', examples=[1e6])
 
     def sites(self, atoms: Atoms) -> dict[str, Any]:
         """Foundation, anchors and gyration of the trapped particles, as arguments of the calculator."""

@@ -49,7 +49,7 @@ class Members(Table):
                           'that balances the others',
         examples=[0.09])
     tension_N: Annotated[Number, within(-1e12, 1e12, 'newtons')] | None = Field(
-        None, description='the tension in N at the positions of the file, negative if it pushes; in place of rest_length_m',
+        None, description='the tension in N at the positions of the file, negative under compression; in place of rest_length_m',
         examples=[5.0])
     slack: Flag = Field(False, description='whether a member is a cable, which goes slack instead of pushing', examples=[True])
     law: Law | None = Field(None, description='any law between two particles, as a table like [law]; replaces the keys above')

@@ -315,7 +315,7 @@ class Guest(Table):
                                                  examples=[0.5])
     relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of the foundation', examples=[0.0])
 
-    kind: Kind | None = Field(None, description='its kind, which selects its laws in [[laws_of_kinds]]', examples=[1])
+    kind: Kind | None = Field(None, description='the kind of particle, which selects its law in [[laws_of_kinds]]', examples=[1])
 
     @property
     def properties(self) -> dict[str, Any]:
@@ -396,7 +396,7 @@ class Disorder(Table):
     """Normally distributed scatter of the sites of the patch or of the finite structure, which then relaxes."""
 
     seed: Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')] = Field(
-        description='the seed of the random numbers; one seed gives one structure on every machine', examples=[1])
+        description='the seed of the random numbers; the same seed gives the same structure on every machine', examples=[1])
     position_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(
         0.0, description='the standard deviation of each coordinate of a particle and of its support in m', examples=[1e-5])
     strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths (for example magnetic moments) '

@@ -459,7 +459,7 @@ def pumping(case: Case) -> Finding:
     found, law = case.growth, case.pumped.calc.tie  # pyright: ignore[reportOptionalMemberAccess]  it has one
     if found is None:
         return Finding(unjudged='waves that the modulation of the foundation makes grow')
-    what = f'The modulation of the foundation, {law.eps:.4g} of it at {u.hertz(law.W):.4g} Hz,'
+    what = f'The modulation of the foundation, by {100 * law.eps:.4g} % at {u.hertz(law.W):.4g} Hz,'
     if not case.pumps:
         against = f' against a damping of {np.max(case.damping) * u.s:.4g} per s' if np.any(case.damping) else ''
         return Finding(found, f'{what} makes no wave grow{against}.')

@@ -220,7 +220,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     if calc.pairwise:
         if calc.load.any() or calc.spring_forces.any():
             raise ValueError('a dead load or stretched springs of the foundation hold the particles here, so the lattice has '
-                             'no moduli of its own; relax it with a calculator that has neither')
+                             'no moduli of its own; relax it without them')
         slopes = _of_bonds(calc, calc.law)
     elif calc.singular(along).any():
         raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '

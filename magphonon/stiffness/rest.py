@@ -419,7 +419,7 @@ def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[
                 mobile[constraint.index] = False
             continue
         if d[dim:].any() or set(constraint.index) & set(barred):
-            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that another constraint guides')
+            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that another constraint already guides')
         d = d[:dim]
         dd = np.outer(d, d)
         barred |= dict.fromkeys(constraint.index.tolist(), np.eye(dim) - dd if isinstance(constraint, FixedLine) else dd)

@@ -172,7 +172,7 @@ def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
     """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError."""
     given = finite('damping', damping)
     if given.shape not in ((), (particles,)):
-        raise ValueError(f'damping must be one number or one for each of the {particles} particles, not {given.shape}')
+        raise ValueError(f'damping must be one number or one for each of the {particles} particles, not the shape {given.shape}')
     not_negative('damping', float(given.min(initial=0.0)), '1/ms')
     return np.broadcast_to(given, particles)
 

@@ -109,8 +109,8 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     answers, about, told = _question(asked, axes, (ask,) if isinstance(ask, str) else tuple(ask))
     about = {'magphonon': __version__} | about | ({} if name is None else {'name': name})
     if journal is not None and callable(asked) and name is None:
-        raise ValueError('a journal cannot tell functions apart; give it a name=, and a new name whenever the function changes '
-                         'its numbers')
+        raise ValueError('a journal cannot tell functions apart; give a name=, and a new one whenever the results of the '
+                         'function change')
     head = about | {'over': {key: values.tolist() for key, values in axes.items()}}
     points = [dict(zip(axes, values, strict=True)) for values in product(*(values.tolist() for values in axes.values()))]
     with (nullcontext(({}, None)) if journal is None else _journal(journal, head, len(points)) as (known, file),

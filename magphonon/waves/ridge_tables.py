@@ -220,15 +220,15 @@ def _refuse_impossible(table):
     frequency = table['frequency']
     for name in ('frequency', 'sigma_frequency'):
         table.refuse(name, table[name] <= 0, 'be positive')
-        table.refuse(name, (table[name] < least) | (table[name] > most), 'be a frequency in the unit of its name')
+        table.refuse(name, (table[name] < least) | (table[name] > most), f'lie between {RANGE_Hz[0]:g} and {RANGE_Hz[1]:g} Hz')
     table.refuse('xi', (table['xi'] < 1e-9) | (table['xi'] > 2 * np.pi), 'be a positive phase per step, up to 2 pi')
     table.refuse('bin_xi', (table.get('bin_xi', BIN_rad) <= 0) | (table.get('bin_xi', BIN_rad) > 2 * np.pi),
-                 'be 2 pi over the number of places of the row')
+                 'be 2 pi divided by the number of places in the row')
     table.refuse('sigma_xi', (table['sigma_xi'] < 0) | (table['sigma_xi'] > 2 * np.pi), 'lie between 0 and 2 pi')
     for name in ('sigma_frequency', 'bin'):
         table.refuse(name, table.get(name, 0.0) > frequency, 'be less than the frequency (are columns exchanged?)')
     table.refuse('bin', table.get('bin', 0.0) < 0, 'not be negative')
     for name in ('q1', 'q2', 'q3'):
         table.refuse(name, abs(table.get(name, 0.0)) > MOST_q,
-                     f'be a fraction of the reciprocal vectors, of a size up to {MOST_q:g}')
+                     f'be a component in reciprocal vectors, at most {MOST_q:g} in size')
     table.refuse('source', ~np.isin(table.get('source', 'row'), (*SOURCES, FIELD, '')), 'be row, point or field')

@@ -76,7 +76,7 @@ def _doubts(records):
     """Lines with possible reasons why a record has no ridge, or no ridge near a branch."""
     waves, lines = [wave for found in records.values() for wave in found], []
     if any(wave.ridge is None for wave in waves):
-        lines += ['', 'No ridge found (0 points): the wave is evanescent, below the noise, or a backward wave.']
+        lines += ['', 'Where no ridge was found (0 points), the wave is evanescent, below the noise, or a backward wave.']
     beside = [f'{wave.blurred} of {len(wave.sigma_xi)} points of {record}, {wave.motion} motion'
               for record, found in records.items() for wave in found if wave.blurred]
     if beside:

@@ -131,7 +131,7 @@ def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, caps
         told.append([float(value) * {'': 1.0, 'm': 1e-3, 'µ': 1e-6}[prefix] for value, prefix in map(re.Match.groups, read)])
         for u, line in zip(told[-1], lines, strict=True):
             assert f'm, {u:.2%} of the spacing' in line  # of 1 m
-            assert ('WARNING: beyond the linear range, up to 23.7 mm for a frequency error of 1%' in line) == (u > 0.0237)
+            assert ('WARNING: beyond the linear range: at 23.7 mm frequencies are already off by 1%' in line) == (u > 0.0237)
     (quiet, stiff), (loud, _) = told
     assert stiff < quiet < 0.0237 < loud
     record = np.loadtxt(out / f'{NAMES[0]}.csv', delimiter=',', skiprows=1)

@@ -125,7 +125,7 @@ def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
 @pytest.mark.parametrize(('options', 'message'), [
     (['--spacing', '-1'], '--spacing must be a positive number in mm, not -1000'),
     (['--spacing', '10 parsec'], 'not a number with one of the units m, mm'),
-    (['--pair-sigma', '3'], "--pair-sigma: '3' is not at least 0 and below 1; write 3 percent as 0.03 or 3%"),
+    (['--pair-sigma', '3'], "--pair-sigma: must be at least 0 and below 1, not '3'; write 3 percent as 0.03 or 3%"),
     (['--distance-sigma=-0.1mm'], 'distance must be a zero or positive number in mm, not -0.1'),
     (['--magnet', 'prototype'], 'the law of prototype is inverse_power; name a scene whose law is that of magnets'),
     (['--spacing', '0.03'], 'the spacing 0.03 m is a factor 2 beyond the data, 0.008 to 0.015 m'),

@@ -225,7 +225,7 @@ def test_a_damaged_journal_gives_no_other_number(tmp_path):
 
 def test_the_journal_of_another_sweep_is_refused(tmp_path):
     function, file = noted_here(tmp_path), tmp_path / 'journal'
-    with pytest.raises(ValueError, match='give it a name='):
+    with pytest.raises(ValueError, match='give a name='):
         sweep(function, OVER, journal=file)
     sweep(function, OVER, journal=file, name='sums')
     for over, name in ((OVER | {'y': [0.0, 1.5]}, 'sums'), (OVER, 'other sums')):

@@ -242,9 +242,9 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     table = report({'quiet': noise, 'loud': wave}).splitlines()
     assert '1 bin = 2 pi/40 = 0.1571 rad per step; the row has 40 sites' in table[1]
     assert {tuple(line.split()[4:]) for line in table[5:7]} == {('0', *5 * '-')}
-    assert table[-1].startswith('No ridge found (0 points)')
+    assert table[-1].startswith('Where no ridge was found (0 points)')
     assert 'loud, transverse motion: agrees with the complete shear branch (0.0' in table[-3]
-    assert 'No ridge found' not in report({'loud': wave})
+    assert 'no ridge was found' not in report({'loud': wave})
     assert 'are the times in seconds' not in report({'loud': wave})
     record = travelling(1, 0, ideal)
     in_ms = report({'in ms': waves(replace(record, times=1e3 * record.times), ideal, 'row')})
