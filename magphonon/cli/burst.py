@@ -172,7 +172,7 @@ def _conclusion(records):
                              + ', too near to tell the models apart' * (far[0] <= RESOLVED))
     lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
-        lines.append(f'{astray} of the ridges follow no branch; the report of --verbose lists possible reasons')
+        lines.append(f'{astray} of all ridges follow no branch; the report of --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']
 
 

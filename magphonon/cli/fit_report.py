@@ -129,7 +129,7 @@ def pairs(case):
         return (f'{count} pair{"s" * (count > 1)}, whose forces scatter about their mean by {100 * sigma:.2g} % (one standard '
                 f'deviation, {told}); the intervals are those of the mean.')
     return ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is about 3.5 % off the mean '
-            'of the lattice. Measure several pairs, with a column pair, or give --pair-sigma 0.035.') if count == 1 else None
+            'of the lattice. Measure several, numbered in a column "pair", or give --pair-sigma 0.035.') if count == 1 else None
 
 
 @FORCES.check
@@ -149,8 +149,8 @@ def reach(case):
     """How many shells of neighbours lie within the range of the table."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
-    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. The law '
-            'omits farther neighbours: measure to three spacings or more, or name the magnet (--magnet). "magphonon check" '
+    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours or more. The '
+            'law omits farther neighbours: measure to three spacings or more, or name the magnet (--magnet). "magphonon check" '
             'estimates by how much farther neighbours would shift the frequencies.')
 
 
@@ -301,7 +301,7 @@ def left_out(found):
     if not found.left_out:
         return []
     return [f'Omitted from the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
-            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened accordingly. A fit that is good only '
+            f'{fit.scatter:.2g} times their uncertainties, and all intervals are widened accordingly. A fit that is good only '
             'because ridges were left out is no more certain than a fit to all of them.']
 
 
@@ -325,7 +325,7 @@ def stated(found):
 @RIDGES.check
 def verdict(found):
     if not found.better.follows:
-        return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
+        return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} times '
                 f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above are '
                 f'meaningless, and these data are no evidence for D* or against it. {_causes(found)}']
     sigmas = found.evidence
@@ -350,7 +350,7 @@ def _scattered(found):
     fit = found.better
     if fit.chance >= FITS:  # also where only ridges that were left out do
         return []
-    return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
+    return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} times their uncertainties; its intervals are '
             f'enlarged, and the evidence is lowered, by this factor. {_causes(found)}']
 
 

@@ -189,7 +189,7 @@ def speeds(scene: Scene) -> str | None:
     shifts = (all_ - few) / np.where(few == 0, np.nan, abs(few))
     if not (abs(shifts) > TOLERANCE).any():
         return None
-    told = ', '.join(f'the speed of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
-                     for k, (x, c) in enumerate(zip(shifts, all_, strict=True)) if np.isfinite(c))
-    return ('Long waves feel neighbours much farther away: all neighbours together would shift '
+    told = ', '.join(f'the speed of branch {k + 1} from {a:.4g} to {c:.4g} m/s'
+                     for k, (a, c) in enumerate(zip(few, all_, strict=True)) if np.isfinite(c))
+    return ('Long waves feel neighbours much farther away: all neighbours together would change '
             f'{told or "the speeds above without bound"}.')

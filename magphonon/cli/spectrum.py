@@ -37,9 +37,9 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='table of the positions of the points, with the columns point, x_m, y_m, if the scan has none; '
                              'without it points are particles, numbered as in the row.csv of "magphonon burst"')
     parser.add_argument('--source', choices=('row', 'point'),
-                        help='the source of the waves: a row, with fronts along R1, or a point. The default for a scanned row is '
-                             'the source in [burst], or a point without it. For a scan of the plane it is noise if the motion '
-                             'does not decay, and a point if it does')
+                        help='the source of the waves: a row, with fronts along R1, or a point. For a scanned row the default '
+                             'is the source that [burst] names, or a point if the scene has no [burst]; for a scan of the plane '
+                             'it is noise if the motion does not decay, and a point if it does')
     parser.add_argument('--at', metavar='HZ', type=float,
                         help='for points that cover the plane: draw the motion at this frequency too, over the wavevectors '
                              '(with contours of the bands) and at the points')

@@ -160,7 +160,7 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
     calc = built.system.calc
     strengths, springs, moves = sites.parts(z, scatter)
     if max(abs(strengths).max(initial=0.0), abs(springs).max(initial=0.0)) > BOUND:
-        raise ValueError(f'no site is {MOST_FACTOR:g} times as strong or as stiff as another')
+        raise ValueError(f'a site is more than {MOST_FACTOR:g} times as strong or stiff as the others, or as weak or soft')
     strengths, springs, moved = np.exp(strengths), np.exp(springs), np.zeros((len(moves), 3))
     moved[:, : moves.shape[1]] = moves
     reference = calc.reference.copy()

@@ -95,7 +95,7 @@ class Spread(Saved, kind='uncertainties', units={
     def contributions(self) -> dict[str, NDArray[np.float64]]:
         """Standard deviations that each parameter alone causes, by its name; correlated parameters count as one, such as 'b, a'.
 
-        Their squares add up to that of `std`.
+        The sum of their squares is the square of `std`.
         """
         from scipy.sparse.csgraph import connected_components
 

@@ -104,7 +104,7 @@ class Forces:
         least, most = DISTANCES_m
         if not least <= spacing / u.m <= most:
             raise ValueError(f'the spacing {spacing / u.m:.3g} m must lie between {least:g} and {most:g} m; '
-                             'check its unit and exponent')
+                             'check its unit and its power of ten')
         first, last = self.r.min(), self.r.max()
         beyond = max(first / spacing, spacing / last)
         if beyond <= REACH:

@@ -292,8 +292,8 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
     ----------
     scene : Scene
         Spacing and mass are taken from it; its force, exponent and springs are the start of the fit.  The law may be any smooth
-        law; if the scene names the shape of the magnets, it stays within 3 % of their law.  A tolerance of the mass in
-        [uncertainty] is included.
+        law; if the scene names the shape of the magnets, it is near their law, with a tolerance of 3 %.  A tolerance of the mass
+        in [uncertainty] is included.
     forces : dict of Forces, optional
         Tables of forces by name; each has its own shared errors.
     ridges : RidgePoints, optional

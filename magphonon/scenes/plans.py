@@ -179,7 +179,8 @@ class BurstPlan(Table):
 
     source: Annotated[str, BeforeValidator(partial(one_of, '', choices=DRIVEN))] = Field(
         description="'row' or 'point', for waves that enter at the lower edge of the patch; or 'bench' for a shaken bench: "
-                    'force_N is then the largest mass times the acceleration of the bench, and motion is relative to the bench')
+                    'force_N is then the mass of the heaviest particle times the acceleration of the bench, and motion is '
+                    'relative to it')
     carriers_Hz: Frequencies = Field(description='the carrier frequency of each burst in Hz')
     directions_deg: Angles = Field(description='the direction of the force of each burst in degrees from the x axis')
     cycles: Annotated[Positive, within(0.5, 1e6, 'carrier periods')] = Field(

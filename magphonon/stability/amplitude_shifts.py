@@ -63,7 +63,7 @@ class Shifts(InHertz):
     motion: tuple[str, ...]
 
     def amplitude(self, error: float) -> float:
-        """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite without modes."""
+        """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite if none shifts."""
         return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
 
     def trusted(self, share: float = 0.05) -> NDArray[np.float64]:

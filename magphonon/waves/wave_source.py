@@ -263,9 +263,9 @@ def _at_rest(patch):
     """A copy of the patch with its calculator."""
     away = np.linalg.norm(repulsion_of(patch).displacements(patch), axis=1)
     for k in np.flatnonzero((away > ROUND_OFF * patch.calc.bonds.lengths.min()) | patch.get_momenta().any(axis=1))[:1]:
-        raise ValueError(f'a burst starts in a patch at rest, but particle {k} is {away[k]:.3g} mm away from the reference of '
-                         'the calculator or moves, as after a run; set atoms.positions = atoms.calc.reference.positions and '
-                         'atoms.set_momenta(0 * atoms.positions)')
+        raise ValueError(f'a burst starts in a patch at rest, but particle {k} is displaced by {away[k]:.3g} mm from the '
+                         'reference of the calculator, or has a velocity, as after a run; set atoms.positions = '
+                         'atoms.calc.reference.positions and atoms.set_momenta(0 * atoms.positions)')
     copy = patch.copy()
     copy.calc = patch.calc
     return copy
