@@ -10,8 +10,9 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 OUT = Path(__file__).parents[1] / 'docs' / 'licences.md'
-EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in ('browser', 'cholmod', 'completion', 'dask', 'docs', 'fast', 'files', 'lite', 'magnets', 'mpi',
-                                                            'peers', 'release', 'report', 'sweep', 'test', 'tools')}
+EXTRAS = {'': 'magphonon'} | {name: f'`[{name}]`' for name in (
+    'browser', 'cholmod', 'completion', 'dask', 'docs', 'fast', 'files', 'lite', 'magnets', 'mpi', 'peers', 'release', 'report',
+    'sweep', 'test', 'tools')}
 HEAD = """# Licences of what magphonon uses
 
 magphonon is under the MIT licence and contains no code of other packages.  It imports them, unmodified, as they are installed,
@@ -70,12 +71,12 @@ def table():
         direct = set(wanted('magphonon', extra))
         for name in sorted(direct):
             reasons.setdefault(name, []).append(reason)
-    needed = [name for name, why in reasons.items() if 'itself' in why]
+    needed = [name for name, why in reasons.items() if 'magphonon' in why]
     for name in needed:  # grows while it is read
         for other in wanted(name):
             if other not in needed:
                 needed.append(other)
-            if 'itself' not in reasons.get(other, ()):
+            if 'magphonon' not in reasons.get(other, ()):
                 reasons.setdefault(other, []).append(name)
     for name, why in sorted(reasons.items()):
         try:

@@ -1,6 +1,6 @@
 """Checks of input values: each error says what is wrong, with which value, and how to correct it.
 
-Suggestions for misspelt keys, kinds and commands: the entry of a list that was probably meant.
+For a misspelt key, kind or command, the error suggests the entry that was probably meant.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ MOST = 2**53
 """Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""
 LONGEST = 200
 """Largest number of characters of a value that a message shows."""
-SMALL = 2**28  # bytes that are not asked for: every machine has them
+SMALL = 2**28  # bytes below which memory is not checked, because every machine has them
 
 
 class PhysicsError(ValueError):
     """The physics of a structure forbids the computation: it buckles, is not at rest, or a run diverged.
 
-    Its kinds are `Unstable`, `NotAtRest` and `Diverged`.  All are ValueErrors, as are those of wrong arguments.
+    Its subclasses are `Unstable`, `NotAtRest` and `Diverged`.  All are ValueErrors, like the errors for wrong arguments.
 
     Examples
     --------
@@ -41,7 +41,7 @@ class PhysicsError(ValueError):
 
 
 class Unstable(PhysicsError):
-    """A structure buckles or slides: it has no steady response, no stable equilibrium.
+    """A structure buckles or slides, so it has no stable equilibrium and no steady response.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Unstable(PhysicsError):
 
 
 class NotAtRest(PhysicsError):
-    """The static forces on a structure do not balance where it is to be linearised; `relaxed` finds where they do.
+    """The static forces do not balance at the positions about which a structure is linearised; `relaxed` finds a balance.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def shown(value: object) -> str:
 
 
 def number(name: str, value: object, unit: str = '', kind: str = 'finite', holds: Callable[[float], bool] = isfinite) -> float:
-    """Return `value` as a float, or raise ValueError unless it is a finite number of the `kind` that `holds` tests."""
+    """Return `value` as a float, or raise ValueError unless it is finite and passes the test `holds`, which `kind` describes."""
     try:
         found = float(value) if isinstance(value, Real) and not isinstance(value, bool) else nan
     except OverflowError:  # a whole number or a fraction beyond 1.8e308
@@ -139,7 +139,7 @@ def whole(name: str, value: object, least: int = 1) -> int:
 
 
 def free_memory() -> float:
-    """Free bytes of memory; without psutil, as in a browser, infinite: nothing is refused for its size."""
+    """Free memory in bytes; infinite without psutil, as in a browser, so that nothing is refused for its size."""
     try:
         from psutil import virtual_memory
     except ModuleNotFoundError:
@@ -148,7 +148,7 @@ def free_memory() -> float:
 
 
 def refuse_memory(what: str, needed: float, mend: str) -> None:
-    """Refuse `what` would take more `needed` bytes than are free, before they are allocated; `mend` says what to do instead."""
+    """Raise ValueError, before allocating, if `what` needs more memory than is free; `mend` says what to do instead."""
     if needed < SMALL:
         return
     if needed > (free := free_memory()):
@@ -164,7 +164,7 @@ def one_of(name: str, value: object, choices: Sequence[Any]) -> Any:
 
 
 def finite(name: str, values: object, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """Return `values` as a float array, or raise ValueError if an entry is NaN or infinite or the shape is another."""
+    """Return `values` as a float array, or raise ValueError if an entry is NaN or infinite, or if the shape is not `shape`."""
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

@@ -1,6 +1,6 @@
 """Writing of files that appear only when complete: they are written under a temporary name and then renamed.
 
-Files of users are read in a limited size and from regular files only.
+Files of users are read only if they are regular files of a limited size.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MEGABYTE = 2**20
 
 
 def text_of(path: str | PathLike[str], most: int) -> str:
-    """The text of a file in UTF-8 of at most so many bytes; ValueError for a larger one, and for a pipe or a device."""
+    """The text of a file in UTF-8; ValueError if it has more than `most` bytes, or is a pipe or a device."""
     refuse_endless(path, most)
     return Path(path).read_text(encoding='utf-8-sig')
 
@@ -52,7 +52,7 @@ def refuse_endless(path: str | PathLike[str], most: int) -> None:
 
 @contextmanager
 def room_for(path: str | PathLike[str]) -> Iterator[None]:
-    """Raise OSError with the name of the file and what to do if the disk is full while a file is written."""
+    """If the disk is full while a file is written, raise an OSError that names the file and says what to do."""
     try:
         yield
     except OSError as error:
@@ -107,7 +107,7 @@ def refuse_overflow(path: str | PathLike[str], arrays: Mapping[str, Any], missin
 def write_columns(path: str | PathLike[str], names: Sequence[str], columns: Sequence[Any], missing: Collection[str] = ()) -> None:
     """Write columns of numbers, or of words, to a CSV file with their names in its first line, whole or not at all.
 
-    NaN and infinity raise FloatingPointError, but NaN in the columns named in `missing`, see `refuse_overflow`.
+    NaN and infinity raise FloatingPointError; only the columns named in `missing` may hold NaN (see `refuse_overflow`).
     """
     refuse_overflow(path, dict(zip(names, columns, strict=True)), missing)
     with whole_file(path) as file:
@@ -122,8 +122,8 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
                 missing: Collection[str] = ()) -> None:
     """Write arrays to a .npz file, whole or not at all.
 
-    `units` has for each its unit and the names of its axes, saved as JSON in the entry `units`; in those `missing` NaN means that
-    there is no value.
+    `units` gives the unit of each array and the names of its axes, and is saved as JSON in the entry `units`.  In the arrays
+    named in `missing`, NaN means that there is no value.
     """
     refuse_overflow(path, arrays, missing)
     told = json.dumps({name: {'unit': units[name][0], 'axes': units[name][1:]} for name in arrays})
@@ -133,7 +133,7 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
 
 def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple[str, ...]], missing: Collection[str] = (),
                  optional: Collection[str] = ()) -> dict[str, Any]:
-    """The arrays of a .npz file of this kind, such as 'bands', that `save_arrays` wrote; it need not hold `optional` ones."""
+    """The arrays of a .npz file that `save_arrays` wrote; those in `optional` may be absent. Errors name the `kind` of file."""
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
             if any(member.compress_type for member in data.zip.infolist()):  # a small file might fill the memory
@@ -143,9 +143,9 @@ def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple
     except FileNotFoundError:
         raise FileNotFoundError(f'there is no file {path}; compute {kind} and save() them there') from None
     except Exception as error:
-        raise not_saved(path, kind, 'it cannot be read as one') from error
+        raise not_saved(path, kind, 'it cannot be read') from error
     if told is not None and not isinstance(told, dict):
-        raise not_saved(path, kind, 'its units are none')
+        raise not_saved(path, kind, 'its units are missing')
     needed = {*units} - {*optional} | {*(told or ())}
     for name in sorted(needed - arrays.keys()):
         raise not_saved(path, kind, f'it lacks the array {name}')
@@ -219,14 +219,14 @@ class Saved(Result):
         save_arrays(path, self._arrays(), self._units, self._missing)
 
     def _arrays(self) -> dict[str, Any]:
-        """What is saved, by name."""
+        """The fields that are saved, by name."""
         values = {field.name: getattr(self, field.name) for field in fields(type(self))}
         return {name: value for name, value in values.items() if value is not None}
 
     def to_xarray(self) -> Dataset:
-        """The same as an `xarray.Dataset`: each array with its unit in `attrs`, on the axes that `save` names.
+        """Convert to an `xarray.Dataset`: each array has its unit in `attrs`, and the axes that `save` names.
 
-        An axis along which one array alone runs first, as `omega` along the frequencies, has its name and its values.
+        If a one-dimensional array lies along an axis, as `omega` along the frequencies, its name and values label that axis.
 
         Examples
         --------
@@ -260,7 +260,7 @@ class Saved(Result):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read what `save` wrote."""
+        """Read a result from the file that `save` wrote."""
         optional = [field.name for field in fields(cls) if field.default is None]
         data = saved_arrays(path, cls._kind, cls._units, cls._missing, optional)
         return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls) if field.name in data})

@@ -1,8 +1,8 @@
 """Reports as lists of small functions, each of which finds one fact about a case and states it in words.
 
-A report is a `Findings`; a function of the case joins it by its decorator `check`, or `remark` if what it finds cannot be a
+A report is a `Findings`. A function of the case is added by its decorator `check`, or by `remark` if the finding is never a
 fault.  The words appear in the order of the functions in their file. One function may be the `answer`, whose words come first: a
-command prints these and the faults, and with --verbose everything.
+command prints the answer and the faults, and with --verbose everything.
 
 Examples
 --------
@@ -35,7 +35,7 @@ class Finding:
     Attributes
     ----------
     value : Any
-        The result in mm, g, ms; None if it does not apply or was not judged.
+        The result in mm, g, ms; None if it does not apply or was not computed.
     words : str
         A sentence or two, in SI units; empty if there is nothing to say.
     fault : bool
@@ -67,17 +67,17 @@ class Findings(dict[str, Judge]):
         self.first = ''  # the name of the answer
 
     def check(self, judge: J) -> J:
-        """Put a function on the list, by its name."""
+        """Decorator that adds a function to the report, under its name."""
         self[judge.__name__] = judge  # pyright: ignore[reportAttributeAccessIssue]  functions have one
         return judge
 
     def remark(self, judge: J) -> J:
-        """Put a function on the list whose words are never a fault, so that who asks for faults need not wait for it."""
+        """Decorator that adds a function whose words are never a fault; it is not run when only faults are wanted."""
         self.remarks.add(judge.__name__)  # pyright: ignore[reportAttributeAccessIssue]
         return self.check(judge)
 
     def answer(self, judge: J) -> J:
-        """Put the function on the list whose words answer the question of the command, in a line."""
+        """Decorator that adds the function whose words, in one line, answer the question of the command."""
         self.first = judge.__name__  # pyright: ignore[reportAttributeAccessIssue]
         return self.remark(judge)
 
@@ -89,15 +89,15 @@ class Findings(dict[str, Judge]):
         return Finding(words=found if isinstance(found, str) else '\n'.join(found or ()))
 
     def lines(self, case: Any, verbose: bool = True) -> list[str]:
-        """The words of all that have something to say; unless `verbose` only of those that answer or may find a fault."""
+        """The words of all functions that have something to say about a case; if not `verbose`, the remarks are left out."""
         return [found.words for found in self.asked(case, verbose).values() if found.words]
 
     def asked(self, case: Any, verbose: bool = False) -> dict[str, Finding]:
-        """What each function finds, by name; unless the report is `verbose` only of those that answer or may find a fault."""
+        """What the functions find, by name: all of them if `verbose`, else only the answer and those that may find a fault."""
         return {name: self.find(name, case) for name in self if verbose or name not in self.remarks or name == self.first}
 
     def told(self, case: Any, verbose: bool = False) -> list[str]:
-        """The words of the answer and of the faults, or of all in a `verbose` report."""
+        """The words of the answer and of the faults, or of all functions in a `verbose` report."""
         found = self.asked(case, verbose)
         first = [found.pop(self.first).words] if self.first else []
         return [*filter(None, first), *(one.words for one in found.values() if one.words and (verbose or one.fault))]
@@ -117,7 +117,7 @@ class Proposal(NamedTuple):
 
 
 def spoken(name: str) -> str:
-    """A quantity in a sentence, such as 'the exponent a' or 'the foundation along x'."""
+    """The name of a quantity as a sentence uses it, such as 'the exponent a' or 'the foundation along x'."""
     return f'the {"exponent " * (name == "a")}{name.removeprefix("the ").replace("_", " along ")}'
 
 
@@ -138,7 +138,7 @@ def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Map
     >>> from magphonon.findings import proposals
     >>> widths = lambda added: {'the mass': (1e4 + added) ** -0.5}
     >>> print(proposals(widths, 0.0, {'weigh it as before': 1e4, 'weigh it to 0.2 %': 25e4})[0])
-    weigh it to 0.2 %, and the mass is known to 0.2 % instead of 1 %.
+    weigh it to 0.2 %: the mass would then be known to 0.2 % instead of 1 %.
     """
     before, found = widths(now), []
     for words, plan in plans.items():
@@ -151,6 +151,6 @@ def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Map
 
 
 def next_lines(proposed: Iterable[Proposal]) -> list[str]:
-    """Lines of the three best proposals."""
+    """The three best proposals, one a line."""
     lines = [f'  {one}' for one in islice(proposed, 3)]
     return ['\nWhat to measure next:', *lines] if lines else []

@@ -5,7 +5,7 @@ read records understand:
 
 - a text: a table with a header, such as CSV;
 - columns by name, a dict of arrays: {'r [mm]': ..., 'f_N': ...}; an array of two dimensions has a column for each point;
-- datasets: a list of dicts in the words of pyuff, records and functions of the type 58, nodes of the type 15.
+- datasets: a list of dicts with the keys of pyuff; type 58 holds records and functions, type 15 holds nodes.
 
 A package adds a reader by an entry point of the group `magphonon.readers`, whose name is the suffix without its dot:
 
@@ -34,7 +34,7 @@ UNITS = 'unit', 'units', 'unit_string'  # attributes of columns that tell their 
 
 
 def content(path: str | PathLike[str], most: int) -> Any:
-    """What a file of at most `most` bytes holds: a text, columns by name, or datasets; see above.
+    """The contents of a file of at most `most` bytes: a text, columns by name, or datasets (see `magphonon.readers`).
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Refused(ValueError):
 
 
 def text(path: str | PathLike[str]) -> str:
-    """The text of a file in UTF-8, UTF-16 or the Latin of Windows."""
+    """The text of a file in UTF-8, UTF-16 or Windows-1252."""
     found = Path(path).read_bytes()
     coding = next((name for mark, name in BOMS.items() if found.startswith(mark)), None)
     if coding is None and len(found) > 3 and found[1::2].count(0) > 0.9 * (len(found) // 2):
@@ -103,14 +103,14 @@ def _arrays(path):
 
 
 def _named(path, columns):
-    """Columns from pairs of name and values; the fields of records and of structures are columns of their own."""
+    """Columns by name, from pairs of name and values; each field of a structured array becomes a column."""
     found = {}
     for name, values in columns:
         whole = np.asarray(values)
         for own, column in [(field, np.asarray(whole[field].tolist())) for field in whole.dtype.names or ()] or [(name, whole)]:
             if column.size > 1 and own in found and not np.array_equal(found[own], column):
-                raise Refused(f'{path} holds {shown(own)} several times, with other numbers; put each group into a file of its '
-                              'own, or all groups into the same columns')
+                raise Refused(f'{path} holds {shown(own)} several times, with different numbers; put each group into a file of '
+                              'its own, or all groups into the same columns')
             found[own] = column
     return found
 
@@ -159,7 +159,7 @@ def _workbook(path):
 
 
 def _with_unit(name, attributes):
-    """The name of a column, with the unit that its attributes tell, unless it has one itself."""
+    """The name of a column, followed by the unit from its attributes unless the name already contains one."""
     unit = next((unit for key, unit in attributes.items() if key.lower() in UNITS), '')
     unit = unit.decode() if isinstance(unit, bytes) else str(unit)
     return f'{name} [{unit}]' if unit and '[' not in name else name
@@ -181,4 +181,4 @@ READERS = {
     '.mat': _matlab,
     '.tdms': _tdms,
 }
-"""What reads files of a suffix; all others are texts."""
+"""The reader of each suffix; files with other suffixes are read as texts."""

@@ -49,7 +49,7 @@ def _in_words(value: Any, unit: str) -> str:
 
 
 class InHertz(Result):
-    """Base of all results with angular frequencies `omega`: the same frequencies in Hz."""
+    """Base class of results with angular frequencies `omega`; it adds the same frequencies in Hz."""
 
     omega: Any
 

@@ -48,7 +48,7 @@ BLOCK = 2**16
 """Number of rows that are held as text at a time."""
 COMMENT = '#%'  # begins a line that is a comment
 PREAMBLE = 200
-"""Number of lines in which the header is looked for: instruments write their settings above it."""
+"""Number of lines in which the header is sought: instruments write their settings above it."""
 SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # the line by which Excel is told the separator
 BRACKETS = re.compile(r'(?P<name>.*?)\s*(?:\[(?P<a>[^][]*)\]|\((?P<b>[^()]*(?:\([^()]*\)[^()]*)?)\)'
                       r'|\s/\s*(?P<c>\S.*)|/(?P<d>[^][\s]+)|\sin\s(?P<e>\S+))')
@@ -95,7 +95,7 @@ class Table:
         return len(self.lines)
 
     def get(self, quantity: str, otherwise: Any) -> NDArray[Any]:
-        """A column, or where the table lacks it a column of one value."""
+        """A column of the table; if the table lacks it, a column filled with the value `otherwise`."""
         return self.columns.get(quantity, np.full(len(self), otherwise))
 
     def refuse(self, quantity: str, wrong: NDArray[np.bool_], must: str) -> None:
@@ -121,14 +121,14 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
                points: Mapping[str, float] | None = None, held: Any = None) -> Table:
     """Read a table of at most `most` bytes: a text, or columns of another format of `magphonon.readers`.
 
-    Its header names the columns; it is the first line that names those needed, or a comment (# or %) above the rows.  Columns of
-    a text are separated by commas, semicolons, tabs or spaces; beside another separator, or in quotation marks, numbers may
-    have decimal commas.  A unit ends the name (r_mm), stands in brackets (r [mm]) or in a line of units below the header.
+    The header names the columns. It is the first line that names all needed columns, or a comment (# or %) above the rows.
+    Columns of a text are separated by commas, semicolons, tabs or spaces. Numbers may have decimal commas if the separator is
+    no comma, or if they are quoted.  A unit ends the name (r_mm), stands in brackets (r [mm]) or in a line below the header.
 
-    `columns` are the quantities that such a table may hold, with their units: {'x': LENGTH} allows x_m and x [mm].  It must hold
-    those that are `needed`, or one of several; in those that may be `blank` an empty cell or nan gives NaN; without `others`
-    columns of other names are refused.  Columns of other names in a unit of `points` are those of one point each.  `layout` says
-    in messages what such a table looks like; `held` is what the file holds, if that is known already.
+    `columns` are the quantities that the table may hold, with their units: {'x': LENGTH} allows x_m and x [mm].  Each entry of
+    `needed` is a required column, or a tuple of which one is required.  An empty cell or nan in a `blank` column gives NaN.
+    Other names are refused unless `others`; in a unit of `points`, such a column belongs to one point.  `layout` tells users
+    what the table should look like; `held` is the content of the file, if it is already known.
     """
     layout = f'; {layout}' if layout else ''
     needed = [one if isinstance(one, tuple) else (one,) for one in needed]
@@ -184,7 +184,7 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
 
 
 def _places(path, heads, columns, others, layout):
-    """Where the column of each quantity stands; ValueError for two of one quantity, and for one whose unit is not known."""
+    """Index of the column of each quantity; ValueError if two columns hold the same quantity, or a unit is unknown."""
     places: dict[str, int] = {}
     for k, head in enumerate(heads):
         known = head.quantity and head.spelt is not None
@@ -210,7 +210,7 @@ def _of_text(path, rows, heads, separator, places, blank):
 
 
 def _of_array(path, name, values, factor, blank):
-    """A column that another format holds: numbers, or words."""
+    """A column of a file that is not a text: floats if it has a unit, else words; ValueError for other values."""
     if not factor:
         return np.array([str(int(one)) if isinstance(one, (float, np.floating)) and one == int(one) else str(one)
                          for one in values.tolist()])
@@ -226,7 +226,7 @@ def _of_array(path, name, values, factor, blank):
 
 
 def _stretched(path, columns):
-    """Columns of one length: arrays of frames and points are laid out one frame after the other, single numbers left out."""
+    """Columns of one length: arrays (frames, points) are flattened one frame after the other, and single numbers are dropped."""
     columns = {str(name): np.squeeze(values) for name, values in columns.items()}
     columns = {name: values for name, values in columns.items() if values.ndim}
     shapes = {values.shape for values in columns.values()}
@@ -247,7 +247,7 @@ def _stretched(path, columns):
 
 
 def _divided(path, text, headings, is_header):
-    """Headings, separator and rows (number of the line, line) of a text, and what stands above them in words."""
+    """Headings, separator and rows (line number, line) of a text, and notes on the lines that are no rows."""
     lines = [(n, line.strip(' \r\n')) for n, line in enumerate(StringIO(text, newline=None), 1) if line.strip(' \t;,\r\n')]
     given = SEPARATOR.fullmatch(lines[0][1]) if lines else None
     given, lines = (given[1], lines[1:]) if given else (None, lines)
@@ -279,12 +279,12 @@ def _divided(path, text, headings, is_header):
 
 
 def _header_at(rows, k, given, headings, is_header):
-    """Headings and separator of the header in row k, and whether its units stand in the next; None where it is no header."""
+    """Headings and separator of the header in row k, and whether row k + 1 holds the units; None if row k is no header."""
     try:
         names, sign = _names(rows[k][1], given)
         below = _names(rows[k + 1][1], sign)[0] if k + 1 < len(rows) else []
     except csv.Error:
-        if k:  # lines above the header, and rows, are told of elsewhere
+        if k:  # other code reports lines above the header, and rows
             return None
         names, sign = _names(rows[k][1], given)
         below = []
@@ -296,7 +296,7 @@ def _header_at(rows, k, given, headings, is_header):
 
 
 def _heading(name, below, columns, points):
-    """What a name in the header says, with the unit below it where there is a line of units."""
+    """The heading that a name in the header stands for; `below` is its entry in the line of units, if there is one."""
     plain = name.strip().replace('µ', 'u').replace('μ', 'u')
     for quantity, units in columns.items():
         for unit, factor in (units or {'': 0.0}).items():
@@ -321,7 +321,7 @@ def _heading(name, below, columns, points):
 
 
 def _spelt(unit, units):
-    """The name here of a unit as an instrument spells it, such as m_per_s2_per_N of (m/s²)/N; None if it is none of `units`."""
+    """The name that this package gives to an instrument's unit, m_per_s2_per_N for (m/s²)/N; None if it is not in `units`."""
     plain = unit.strip().strip('[]').replace('µ', 'u').replace('μ', 'u')
     plain = SPELT.get(plain.lower(), plain)
     if plain in units or (not units and not plain):
@@ -331,7 +331,7 @@ def _spelt(unit, units):
 
 
 def unit_of_label(path: Any, dataset: Mapping[str, Any], axis: str, units: Mapping[str, float], otherwise: float) -> float:
-    """The unit of an axis of a dataset 58: as its label says, or `otherwise` where it has none."""
+    """The unit of an axis of a dataset of type 58, according to its label; `otherwise` if it has no label."""
     label = str(dataset.get(f'{axis}_axis_units_lab') or '').strip()
     if label.upper() in ('', 'NONE'):
         return otherwise
@@ -342,7 +342,7 @@ def unit_of_label(path: Any, dataset: Mapping[str, Any], axis: str, units: Mappi
 
 
 def _parts(unit):
-    """Numerator and sorted denominators of a unit; None of what is none."""
+    """Numerator and sorted denominators of a unit; None if the text is no unit."""
     unit = unit.replace('_per_', '/').replace('sec', 's').replace('²', '2').replace('^', '').replace('(', '').replace(')', '')
     over, *under = re.sub(r'[\s*·.]', '', unit).split('/')
     if not over or any(ATOM.sub('', one) for one in under):
@@ -360,7 +360,7 @@ def _cells(line, sign):
 
 
 def _passed_over(path, head, columns, others, layout):
-    """None for a column of another name; ValueError where such are not wanted, or where it only has no known unit."""
+    """Pass over a column of another name; ValueError if other names are refused, or if only its unit is unknown."""
     begun = (q for q in columns if columns[q] and (head.name == q or head.name.startswith(f'{q}_')))
     meant = head.quantity or max(begun, key=len, default=None)
     if meant is not None:
@@ -375,7 +375,7 @@ def _passed_over(path, head, columns, others, layout):
 
 
 def _blocks(path, rows, heads, separator):
-    """The cells of up to BLOCK rows at a time, one row after the other, and the place of the first."""
+    """Yield the index of the first of up to BLOCK rows, and the cells of these rows, one row after the other."""
     cells, start, first, count = [], 0, rows[0][1], len(heads)
     try:
         sign = next((sign for sign in separator + SEPARATORS if sign in first and len(_cells(first, sign)) == count), separator)
@@ -395,7 +395,7 @@ def _blocks(path, rows, heads, separator):
 
 
 def _numbers(path, rows, name, cells, blank, signs):
-    """The numbers in the cells of a column; `signs` collects decimal signs, of which a table has one."""
+    """The numbers in the cells of a column; `signs` collects the decimal signs, because a table may use only one."""
     missing = np.array([blank and cell.lower() in ('', 'nan') for cell in cells])
     text = '\n'.join('0' if lacking else cell for cell, lacking in zip(cells, missing, strict=True))
     values = _floats(text)
@@ -407,7 +407,7 @@ def _numbers(path, rows, name, cells, blank, signs):
     signs |= {sign for sign in '.,' if sign in text}
     if len(signs) > 1:
         k = next(k for k, cell in enumerate(cells) if '.' in cell or ',' in cell)
-        raise ValueError(f'line {rows[k][0]} of {path}: {name} is {shown(cells[k])}, and other numbers have the other decimal '
+        raise ValueError(f'line {rows[k][0]} of {path}: {name} is {shown(cells[k])}, but other numbers use the other decimal '
                          'sign; write all with a point, or all with a comma')
     values[missing] = np.nan
     return values
@@ -422,7 +422,7 @@ def _floats(text):
 
 
 def _ungrouped(text):
-    """Numbers without the marks of their thousands, where one of them shows it: 1.234,5 or 1'234.5 or 1,234,567."""
+    """Numbers without thousands separators, if some number shows which mark that is: 1.234,5 or 1'234.5 or 1,234,567."""
     text = re.sub(r"(?<=\d)['\u2019\u00a0\u202f\u2009 ](?=\d\d\d(?!\d))", '', text)
     for mark, sign in ('.,', ',.'):
         whole = rf'[-+]?\d{{1,3}}(?:\{mark}\d\d\d)+'
@@ -433,6 +433,6 @@ def _ungrouped(text):
 
 
 def in_columns(rows: Sequence[Sequence[str]], left: int) -> list[str]:
-    """Lines of a table to be read, the first `left` of its columns flush left, the others flush right."""
+    """Lines of a table for display, with its first `left` columns flush left and the others flush right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ['  '.join(f'{cell:{"<" if k < left else ">"}{widths[k]}}' for k, cell in enumerate(row)).rstrip() for row in rows]

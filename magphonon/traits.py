@@ -30,17 +30,17 @@ NAMED = 4  # number of other tools that a refusal names
 
 @dataclass(frozen=True)
 class Trait:
-    """Something that a structure may have.
+    """A feature that a structure may have, with the words that describe it to users.
 
     Attributes
     ----------
     name : str
     has : callable
-        Whether the atoms and their calculator, its arguments, have it.
+        Function of the atoms and their calculator that says whether they have the trait.
     words : str
         Completes "... does not support".
     mend : callable
-        What to do instead, in words: of the calculator.
+        Function of the calculator that says what to do instead.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Trait:
 
 @dataclass(frozen=True)
 class Tool:
-    """A function or class that declares what it takes, by its module and the names of traits."""
+    """A function or class that declares the traits it accepts: its name, its module and the names of these traits."""
 
     name: str
     module: str
@@ -61,7 +61,7 @@ class Tool:
 TRAITS: dict[str, Trait] = {}
 TOOLS: dict[str, Tool] = {}
 MENDS: dict[tuple[str, str], str] = {}
-"""Advice for a particular tool and trait, by their names, in place of the general advice of the trait."""
+"""Advice for a particular tool and trait, by their names; it replaces the general advice of the trait."""
 _running: ContextVar[Tool | None] = ContextVar('the declared tool that runs', default=None)
 
 
@@ -71,9 +71,9 @@ def takes(*names: str, **mends: str) -> Callable[[Callable[P, R]], Callable[P, R
     Parameters
     ----------
     *names : str
-        Of `TRAITS`.
+        Names of traits in `TRAITS`.
     **mends : str
-        Advice to give where the tool refuses a trait, instead of the advice of the trait itself; '_' stands for a space.
+        Advice for users if the tool refuses a trait, in place of the trait's own advice; '_' in a name stands for a space.
     """
     taken = frozenset(names)
 
@@ -99,24 +99,24 @@ def takes(*names: str, **mends: str) -> Callable[[Callable[P, R]], Callable[P, R
 
 
 def refuse(given: Any, tool: Tool) -> None:
-    """Refuse atoms, a linear system of them or what holds one, if they have a trait that the tool does not support."""
+    """Raise ValueError if `given` has a trait that the tool does not support: atoms, a linear system, or an object with one."""
     given = getattr(given, 'system', given)
     atoms = getattr(given, 'atoms', given)
     calc = getattr(atoms, 'calc', None)
-    if hasattr(calc, 'sites'):  # without a calculator of this package, which the tool misses in its own words
+    if hasattr(calc, 'sites'):  # without a calculator of this package the tool itself raises an error
         refuse_of(atoms, calc, tool)
 
 
 def all_but(what: str, *names: str) -> Tool:
-    """What a tool does in a special case, named by `what`, and in which it does not support the traits of these names."""
+    """A `Tool` for a special case named `what`, in which all traits are supported except those in `names`."""
     return Tool(what, __name__, frozenset(TRAITS) - frozenset(names))
 
 
 def refuse_of(atoms: Any, calc: Any, tool: Tool) -> None:
-    """Refuse atoms with a trait that the tool does not support, for a calculator that is not attached to them."""
+    """Raise ValueError if atoms with the calculator `calc`, attached or not, have a trait that the tool does not support."""
     if 'constraints' not in tool.takes and atoms.constraints and _held(atoms):
         raise ValueError(refusal(calc, tool, TRAITS['constraints']))
-    count, answers = vars(calc).get('_asked', (0, {}))  # which its copies do not have, and `set` clears
+    count, answers = vars(calc).get('_asked', (0, {}))  # copies of the calculator do not keep this, and `set` clears it
     if count != len(TRAITS):
         count, answers = calc._asked = len(TRAITS), {}
     if tool.takes not in answers:
@@ -129,7 +129,7 @@ def refuse_of(atoms: Any, calc: Any, tool: Tool) -> None:
 def refusal(calc: Any, tool: Tool, trait: Trait) -> str:
     """The message with which a tool refuses a trait; it names related tools that accept the trait."""
     def apart(other):
-        """First those of the same file, then of the same room."""
+        """Sort key: tools of the same file come first, then those of the same subpackage."""
         return other.module != tool.module, other.module.split('.')[1] != tool.module.split('.')[1], other.name
 
     others = [other.name for other in sorted(TOOLS.values(), key=apart) if trait.name in other.takes]
@@ -139,17 +139,17 @@ def refusal(calc: Any, tool: Tool, trait: Trait) -> str:
 
 @cache
 def caller(*also: str) -> Tool:
-    """A caller that declares nothing: it takes what masses and stiffness describe, and what it says `also`."""
+    """The `Tool` for callers that declare nothing: it accepts what masses and stiffness describe, and the traits in `also`."""
     return Tool('a tool without a declaration', __name__, frozenset((*KNOWN, *also)))
 
 
 def running(*also: str) -> Tool:
-    """The declared tool that runs, or a `caller` without a declaration."""
+    """The declared tool that is running; if there is none, the result of `caller`."""
     return _running.get() or caller(*also)
 
 
 def trait(name: str, words: str, mend: str | Callable[[Any], str]) -> Callable[[Callable[[Any, Any], Any]], Trait]:
-    """Declare a trait by the function of atoms and calculator that finds it."""
+    """Decorator that declares a trait by a function of atoms and calculator, which says whether they have it."""
     def declared(has):
         told = mend if callable(mend) else lambda calc: str(mend)
         TRAITS[name] = Trait(name, lambda atoms, calc: bool(has(atoms, calc)), words, told)
@@ -158,7 +158,7 @@ def trait(name: str, words: str, mend: str | Callable[[Any], str]) -> Callable[[
 
 
 def attracting(calc: Any) -> NDArray[np.intp]:
-    """The bonds that pull, by their indices; none where forces are not along the bonds."""
+    """Indices of the bonds whose force is attractive; none if forces are not along the bonds."""
     law = calc.interaction.central(calc.dim)
     return np.zeros(0, int) if law is None else np.flatnonzero(law.dphi(calc.bonds.lengths) > 0)
 
@@ -175,7 +175,7 @@ def _gyrating(calc):
 
 def _attracted(calc):
     b, bonds = attracting(calc)[0], calc.bonds
-    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths one sign'
+    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths the same sign'
 
 
 def _mixed(calc):
@@ -201,7 +201,7 @@ trait('all neighbours', 'the sum over all neighbours (AllNeighbours), in which b
 trait('gyration', 'particles that gyrate', _gyrating)(lambda atoms, calc: np.any(calc.gyration))
 trait('modulation', 'a foundation that changes with time', _known)(
     lambda atoms, calc: calc.tie.changes)
-trait('site law', 'ties other than constant springs', _known)(
+trait('site law', 'foundations other than constant springs', _known)(
     lambda atoms, calc: calc.tie.known and not calc.tie.modulated)
 trait('constraints', 'particles that are held or guided', 'remove the constraints with atoms.set_constraint()')(
     lambda atoms, calc: _held(atoms))

@@ -556,7 +556,7 @@ def test_check_and_frf_judge_a_lattice_that_gyrates_to_the_end(tmp_path, capsys)
     (tmp_path / 'scene.toml').write_text(f'{text}\n{frf}')
     for command in (['check'], ['frf', '-o', str(tmp_path / 'out')]):
         assert main([*command, str(tmp_path / 'scene.toml')]) == 0
-        assert 'Nearest neighbours only (shells = 1): the others would shift' in capsys.readouterr().out
+        assert 'Nearest neighbours only (shells = 1): farther ones would shift' in capsys.readouterr().out
 
 
 def test_scenes_refuse_what_knows_no_gyration(tmp_path):
@@ -630,8 +630,8 @@ def test_bursts_of_particles_that_gyrate_follow_their_branches(tmp_path, capsys)
     (tmp_path / 'scene.toml').write_text(text)
     assert main(['burst', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / 'out'), '--verbose']) == 0
     said = capsys.readouterr().out
-    assert '36Hz_90deg_complete, transverse motion: agrees with complete shear' in said
-    assert '36Hz_90deg_conventional, transverse motion: agrees with conventional shear' in said
+    assert '36Hz_90deg_complete, transverse motion: agrees with the complete shear branch' in said
+    assert '36Hz_90deg_conventional, transverse motion: agrees with the conventional shear branch' in said
     cell = read_scene(tmp_path / 'scene.toml').perfect_cell()
     table = np.genfromtxt(tmp_path / 'out' / 'ridges.csv', delimiter=',', names=True, dtype=None, encoding='utf-8')
     table = table[(table['record'] == '36Hz_90deg_complete') & (table['motion'] == 'transverse')]

@@ -230,7 +230,7 @@ def test_gaps_need_the_size_of_the_magnets(tmp_path):
     ('Distance,Force\nmm,eV\n8.0,0.6\n', 'lacks the column r_m'),
     ('r [mm],F [N]\n8.0,0.6\n9.0\n', 'line 3 of .* it has 1 values, not 2'),
     ('r [mm],Distance [mm],F [N]\n8,8,0.6\n', r"columns 'r \[mm\]' and 'Distance \[mm\]' say the same"),
-    ('r [mm];F [N]\n1,234;0.5\n', 'other numbers have the other decimal sign'),  # a thousand, or one and a bit: nobody knows
+    ('r [mm];F [N]\n1,234;0.5\n', 'other numbers use the other decimal sign'),  # a thousand, or one and a bit: nobody knows
     ('r [mm];F [N]\n1.234,5;0,5\n12.34,5;0,4\n', "line 3 of .*r .mm. is '12.34,5', not a finite number"),
 ])
 def test_what_cannot_be_known_is_refused_with_the_mend(written, mend, tmp_path):
@@ -323,7 +323,7 @@ def test_groups_that_name_their_columns_alike_are_refused_where_one_would_replac
             if name == 'same':
                 assert_allclose(read_forces(tmp_path / f'same.{suffix}').f, f[0])
             else:
-                with pytest.raises(ValueError, match="holds 'f_N' several times, with other numbers; put each"):
+                with pytest.raises(ValueError, match="holds 'f_N' several times, with different numbers; put each"):
                     read_forces(tmp_path / f'other.{suffix}')
 
 
@@ -574,7 +574,7 @@ def test_read_refuses_in_words(tmp_path, capsys):
     (tmp_path / 'gaps.csv').write_text('gap_mm,f_N\n1,0.5\n2,0.4\n')
     (tmp_path / 'none.csv').write_text('colour,size\nred,2\n')
     for name, mend in (('noise', 'is not a text file; export it as CSV'), ('gaps', '--contact 6.35mm'),
-                       ('none', 'is not a known kind of record;\n  as forces: ')):
+                       ('none', 'is no kind of record that can be read:\n  as forces: ')):
         assert main(['read', str(tmp_path / f'{name}.csv'), '-o', str(tmp_path / 'out')]) == 2
         said = capsys.readouterr().err
         assert mend in said

@@ -91,7 +91,7 @@ NEEDED = 'a table has time_s and x_m'
     ('time_s,x_m\n1,\n', "x_m is '', not a finite number"),
     ('time_s,x_m\n1,1e400\n', 'line 2 of .*t.csv: x_m must be a finite number'),
     ('time_s,x_m\n1,1e307\n', 'x_m must be a finite number'),
-    ('time_s;x_m\n1,5;2.5\n', 'and other numbers have the other decimal sign'),
+    ('time_s;x_m\n1,5;2.5\n', 'but other numbers use the other decimal sign'),
     ('time_s;x_m\n1;2.1745,5\n', "x_m is '2.1745,5', not a finite number"),
     ('time_s,x_m\n1,"1\n2"\n3,4\n', 'line 2 of .*t.csv: a quotation mark is not closed'),
     ('time_s,x_m\n1,2\n3,"4\n', 'line 3 of .*t.csv: unexpected end of data; complete or delete it'),

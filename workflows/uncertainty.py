@@ -93,8 +93,8 @@ def draw_bands(out):
                          'The prototype with tolerances of about half a percent (chosen here: the paper gives none): the shear '
                          'branches of the two models lie far outside each other\'s ribbons; the longitudinal ribbons touch.'),
             save_picture(bars.figure, out / 'uncertainty_contributions.png',
-                         'The causes of the uncertainty: the spacing moves all bands most, the radius of the pillars the '
-                         'cut-off. The correlated parameters a and b count as one.')]
+                         'The causes of the uncertainty: the spacing contributes most at M, the radius of the pillars '
+                         'most to the cut-off. The correlated parameters a and b count as one.')]
 
 
 def error_of_linear(scene, sigma):

@@ -10,8 +10,8 @@ HEAD = """# Which tool takes what
 
 A structure may have more than masses, bonds and constant springs. Each tool declares which of these it supports, and refuses
 the rest: its message names the trait, the tools that support it, and what to do instead. The tables are made from these
-declarations (`magphonon/traits.py`). A tool of your own that asks `LinearSystem.of(atoms)` is refused {refused}, unless it
-declares them with `magphonon.traits.takes`.
+declarations (`magphonon/traits.py`). If a tool of your own calls `LinearSystem.of(atoms)`, structures with {refused} raise
+an error there, unless the tool declares these traits with `magphonon.traits.takes`.
 
 | trait | a structure with it has |
 |---|---|

@@ -99,7 +99,7 @@ print(f'lowest frequency with D*: {complete.frequencies_Hz.min():.1f} Hz')
 # pillars a third weaker this frequency would be zero, and the lattice would buckle.
 #
 # Before you build a lattice, ``magphonon check --verbose`` checks its scene as the next lines do.  It also prints the largest
-# time step, the range of linear motion, and the stiffness that the pillars need so that the magnets do not tilt out of the plane.
+# time step, the range of linear motion, and the stiffness that the pillars need so that the magnets stay in the plane.
 # ``magphonon explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
 
 from magphonon import verdict

@@ -1,6 +1,6 @@
 """
-A measured scan to a ridge
-==========================
+From a measured scan to a ridge
+===============================
 
 A vibrometer has scanned a row of magnets while a burst ran along it.  Which dispersion does the scan show, how certain is it,
 and does it need D*?  Here the scan is simulated, with the noise of an instrument, so that the truth is known.
@@ -9,7 +9,7 @@ and does it need D*?  Here the scan is simulated, with the noise of an instrumen
 # %%
 # A scan
 # ------
-# A burst of 40 Hz enters a half-hexagon of magnets on pillars at one magnet.  A row of 25 magnets is sampled at 1 kHz with 5 nm
+# A burst of 40 Hz enters a half-hexagon of magnets on pillars at one magnet.  A row of 24 magnets is sampled at 1 kHz with 5 nm
 # of noise.
 
 import numpy as np
@@ -73,7 +73,7 @@ for (model, name), misfit in wave.misfits.items():
     print(f'{model:12} {name:12} {misfit.bins:5.2f} bins over {misfit.points} frequencies')
 
 # %%
-# The scan follows the shear branch with D*.  The conventional shear branch is bins away, many times the uncertainty of the ridge:
+# The scan follows the shear branch with D*.  The conventional shear branch is two bins away, many times the ridge's uncertainty:
 
 ridge = wave.ridge
 print(f'sigma of a point: {np.median(ridge.sigma_xi) / ridge.bin_xi:.2f} bins')
@@ -129,7 +129,7 @@ print(f'evidence for D*: {fits.evidence:.0f} sigma')
 #     magphonon spectrum plane.csv scene.toml --at 40
 #     magphonon fit scene-spectrum/spectrum_plane_ridges.csv --bands scene.toml
 #
-# The motion may be a burst, or noise alone: shake the base, or rely on its ambient vibration, and record for some seconds.  The
+# The motion may be a burst, or noise alone: shake the base, or rely on its ambient vibration, and record for a few seconds.  The
 # average over segments of the record then shows the bands and their ridges along the path of ``[bands]``, for example ``GMKG``.
 # The example below is a wave of 60 Hz over 256 sites, some of which are missing.  It computes a map over the wavevectors at that
 # frequency; the crest of the map lies at the wavevector of the wave.

@@ -79,7 +79,7 @@ one.calc = MagneticRepulsion(one, law, foundation=19.6757 * u.N / u.m)
 print(f'linear to 1 % in frequency up to {verdict(one).amplitude:.2f} mm')
 
 # %%
-# The waveform deviates already at smaller amplitudes: a nonlinear law adds a second harmonic and a drift, whose share of the
+# The waveform already deviates at smaller amplitudes: a nonlinear law adds a second harmonic and a drift, whose share of the
 # motion is proportional to the amplitude.  How large is the error of the linear answer as the force grows?
 
 forces = np.array([1e-3, 1e-2, 1e-1]) * u.N

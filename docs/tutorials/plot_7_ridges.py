@@ -1,6 +1,6 @@
 """
-Ridges of several scans to a lattice
-====================================
+From the ridges of several scans to a lattice
+=============================================
 
 This tutorial goes from measured branches to force, exponent and foundation.  It shows how to use tables of ridges, from
 ``magphonon spectrum`` or from any other analysis, how to add what you know beforehand, and how the source of the waves affects

@@ -120,7 +120,7 @@ print(f'scatter of the strengths: {100 * fits.better.site_scatter[0]:.2g} %')
 # %%
 # Which model?
 # ------------
-# The model with D0 alone has one parameter less, and cannot reproduce the data.
+# The model with D0 alone has one parameter fewer, and cannot reproduce the data.
 
 print(f'the residual without D* is {fits.ratio:.3g} times as large; the data speak for: {fits.verdict}')
 

@@ -72,7 +72,7 @@ ports = {name: target.loud.of(atoms) for name, target in zip('AB', built.design.
 axes = plot_design(atoms, {'source': source, **ports})
 
 # %%
-# The levels at both ports over frequency, for equal magnets and for the designed ones:
+# The levels at both ports as functions of frequency, for equal magnets and for the designed ones:
 
 equal = read_scene('demultiplexer').patch_atoms()
 levels = {}

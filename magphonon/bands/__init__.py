@@ -1,8 +1,8 @@
 """Bloch bands by two methods: the analytic Bloch matrix (Eq. 18) and phonopy's finite displacements.
 
 `bloch` diagonalises the Bloch matrix at any wavevectors, `bands` along a path, with group velocities, speeds of sound and edge
-waves; `force_constants` is the second method, whose files are in `phonopy_files`.  `evanescent` finds the decaying waves inside
-a gap, `density` the density of states, `gruneisen` the change of the bands with the spacing, `zone` maps over the zone.
+waves; `force_constants` is the second method, whose files are in `phonopy_files`.  `evanescent` finds the decaying waves inside a
+gap, `density` the density of states, `gruneisen` the change of the bands with the spacing, `zone` the bands over the whole zone.
 """
 
 import lazy_loader

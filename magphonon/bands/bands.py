@@ -56,7 +56,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
     path : ase.dft.kpoints.BandPath
         Wavevectors `path.kpts` in fractions of the reciprocal vectors, and the names of special points.
     omega : ndarray, shape (wavevectors, modes)
-        Angular frequencies in rad/ms, ascending; an unstable mode counts as negative, -sqrt(-omega^2).
+        Angular frequencies in rad/ms, ascending; negative for an unstable mode, -sqrt(-omega^2).
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), optional
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
     decay : ndarray, shape (wavevectors, modes), optional
@@ -87,7 +87,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
         Where branches cross, their modes are arbitrary, so each gets the mean share of the crossing branches.
         """
         if self.vectors is None:
-            raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+            raise ValueError('these bands were computed without modes; compute them with vectors=True')
         k = self.path.kpts @ self.path.cell.reciprocal().array
         with np.errstate(invalid='ignore'):
             direction = (k / np.linalg.norm(k, axis=1)[:, None])[:, : self.vectors.shape[-1]]
@@ -96,7 +96,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
 
     @property
     def polarisations(self) -> NDArray[np.str_]:
-        """Label of each mode, shape (wavevectors, modes): 'longitudinal', 'transverse' (over 90 %), 'mixed', or '' at k = 0."""
+        """Label of each mode, shape (wavevectors, modes): 'longitudinal' or 'transverse' if over 90 %, 'mixed', '' at k = 0."""
         share = self.longitudinal
         return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
 
@@ -146,7 +146,7 @@ class Bands(InHertz, Saved, kind='bands', units=UNITS):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read what `save` wrote."""
+        """Read bands from the file that `save` wrote."""
         data = saved_arrays(path, 'bands', UNITS, optional=('vectors', 'decay'))
         for name in ('cell', 'kpts', 'points', 'omega'):
             if data[name].dtype.kind != 'f' or (name != 'omega' and data[name].shape[-1] != 3) or data['cell'].shape != (3, 3):
@@ -180,9 +180,9 @@ def analytic_bands(atoms: Atoms, path: BandPath | str | ArrayLike, model: Model 
     vectors : bool
         Keep the modes too.
     branches : int, optional
-        Number of lowest branches to compute, by default all. In cells of hundreds of particles a few are many times faster.
+        Number of lowest branches to compute, by default all. In cells of hundreds of particles, a few take far less time.
     damping : float or array_like, shape (particles,), optional
-        Force per momentum in 1/ms. With damping the bands have a `decay` beside the frequencies, and all branches are computed.
+        Damping rate in 1/ms, force divided by momentum. The bands then also have a `decay`, and all branches are computed.
 
     Examples
     --------
@@ -245,11 +245,11 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
 
 
 def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
-    """A path on the very cell of `atoms`, from one of ASE, from names of special points as in `band_path`, or from wavevectors.
+    """A path on the cell of `atoms`, made from a path of ASE, from special points as in `band_path`, or from wavevectors.
 
-    ASE's `bandpath` returns it on a rotated copy of the cell, whose lengths and angles are made exactly those of the lattice that
-    it recognised, and whose vectors may be in another order.  The fractions of the reciprocal vectors are what counts: they are
-    taken to the cell of the atoms, as it is.
+    ASE's `bandpath` returns a path on a rotated copy of the cell. This copy has exactly the lengths and angles of the lattice
+    that ASE recognised, and its vectors may be in another order.  Only the fractions of the reciprocal vectors matter, so they
+    are kept and applied to the cell of the atoms as it is.
     """
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic and has no bands; use the unit cell from which it was made')
@@ -260,7 +260,7 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
     axes = np.flatnonzero(atoms.pbc)
     ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
     off = {order: abs(ours - theirs[np.ix_(order, order)]).max() / abs(ours).max() for order in permutations(range(len(axes)))}
-    for order in sorted(off, key=lambda order: round(off[order], 9))[:1]:  # of a square cell, the vectors as they are
+    for order in sorted(off, key=lambda order: round(off[order], 9))[:1]:  # in a square cell, the vectors stay as they are
         if off[order] <= SAME_LATTICE:
             own = np.arange(3)
             own[axes] = axes[list(order)]
@@ -268,8 +268,8 @@ def path_of(atoms: Atoms, path: BandPath | str | ArrayLike) -> BandPath:
             return BandPath(atoms.cell, path.kpts[:, own], special, path.path)
     own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
     raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the atoms {own} '
-                     'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE chose another cell '
-                     'of the same lattice: use that cell, or give bandpath your own points as special_points=')
+                     'mm; get the path with atoms.cell.bandpath(..., pbc=atoms.pbc). If you did, ASE chose another cell of '
+                     'the same lattice: use that cell, or give bandpath your own points as special_points=')
 
 
 def _path_through(atoms, q):
@@ -315,7 +315,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
     For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, with the matrix B of `LinearSystem`.  At degenerate
-    points the velocity depends on the direction of approach, so each crossing branch gets their mean velocity.
+    points the velocity depends on the direction of approach, so each crossing branch gets the mean velocity of all of them.
 
     Parameters
     ----------
@@ -364,8 +364,8 @@ def cut_off(atoms: Atoms) -> float | None:
     Returns
     -------
     float or None
-        In rad/ms. None if long acoustic waves propagate at any frequency: without foundation and held particles, or if the
-        foundation leaves a direction free.
+        In rad/ms. None if long acoustic waves propagate, however low their frequency: if there is neither a foundation nor a held
+        particle, or if the foundation leaves a direction free.
 
     Examples
     --------
@@ -398,7 +398,7 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model 
     Returns
     -------
     ndarray, shape (dim,)
-        Ascending, in mm/ms = m/s; an unstable branch counts as negative, -sqrt(-c^2). Infinite where the repulsion has such a
+        Ascending, in mm/ms = m/s; negative for an unstable branch, -sqrt(-c^2). Infinite where the repulsion has such a
         long range that w/k grows without bound in long waves, as in Coulomb crystals. NaN where a zero-stiffness mode of the unit
         cell (a mechanism) couples to the acoustic branch (the conventional kagome lattice).
 
@@ -441,7 +441,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     """Share of the kinetic energy of each mode in the rows at the two edges of a ribbon, from 0 to 1.
 
     An edge wave has most of its energy at an edge, however wide the ribbon is; in all other modes this share falls with the
-    width. Where branches cross, as the branches of two equal edges do, modes are arbitrary and each gets the mean share.
+    width. Where branches cross, as those of two equal edges do, their modes are arbitrary, so each gets the mean share.
 
     Parameters
     ----------
@@ -463,7 +463,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
         raise ValueError(f'only a ribbon, periodic in one direction, has edges, but these atoms have {atoms.pbc.sum()} '
                          f'periodic directions; lattices.ribbon cuts one out of a lattice')
     if bands.vectors is None:
-        raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+        raise ValueError('these bands were computed without modes; compute them with vectors=True')
     if bands.vectors.shape[2] != len(atoms):
         raise ValueError(f'the bands are those of {bands.vectors.shape[2]} particles, but the ribbon has {len(atoms)}; compute '
                          'them with analytic_bands(atoms, path, vectors=True)')

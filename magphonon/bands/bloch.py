@@ -35,7 +35,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
 
-    Held particles, FixAtoms, do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
+    Particles held by FixAtoms do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
     that FixAtoms, FixedLine and FixedPlane leave free.
 
     Parameters
@@ -55,10 +55,9 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative. Frequencies at q and -q differ if forces depend on the velocity (`LinearSystem.B`).
+        In rad/ms; negative for unstable modes. If forces depend on velocity (`LinearSystem.B`), frequencies at q and -q differ.
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
-        Normalised to one and weighted with the square root of the mass; zero on held particles.  They are
-        orthogonal where B = 0.
+        Normalised to one and weighted with the square root of the mass; zero on held particles.  They are orthogonal where B = 0.
 
     Examples
     --------
@@ -78,7 +77,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     if branches is not None:
         count = whole('branches', branches)
         if count > every:
-            raise ValueError(f'the cell has {every} branches, not {count}')
+            raise ValueError(f'the cell has only {every} branches, not {count}; ask for fewer')
         if len(q) and calc.pairwise and not system.turning and _inverse_pays(every, count):
             parts = _lowest_by_inverse(system, q, model, count, vectors)
     squares, columns = zip(*parts, strict=True)
@@ -90,7 +89,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
 
 
 def branch_names(particles: int) -> tuple[str, ...]:
-    """Names of the branches of a planar lattice with so many particles to the cell in tables of ridges, the lowest first."""
+    """Names of the branches of a planar lattice in tables of ridges, the lowest first; `particles` is their number in a cell."""
     return MOTIONS if particles == 1 else tuple(f'branch {k + 1}' for k in range(2 * particles))
 
 
@@ -99,15 +98,15 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: Model | 
                  vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies and decays of a periodic structure with losses, whose modes move as `e^{-(decay + i omega) t}`.
 
-    The arguments are those of `bloch_modes`, and `damping` the force per momentum in 1/ms, of all particles or shape
-    (particles,). It returns omega in rad/ms, ascending, zero for an overdamped mode and minus its rate of growth for one that
-    grows; decay in 1/ms, of the two of an overdamped mode the slower one; both of shape (wavevectors, modes); and the vectors of
-    `bloch_modes`.
+    The arguments are those of `bloch_modes`, and the `damping`, a force per momentum in 1/ms, for all particles or of shape
+    (particles,). It returns omega in rad/ms and decay in 1/ms, both of shape (wavevectors, modes), and the vectors of
+    `bloch_modes`. omega ascends; it is zero for an overdamped mode, and minus the rate of growth for a mode that grows. Of the
+    two decays of an overdamped mode, the slower one is returned.
     """
     system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     gamma = site_damping(damping, len(system))
-    if not (np.ptp(gamma) or system.turning):  # every mode loses the same
+    if not (np.ptp(gamma) or system.turning):  # all modes have the same damping
         omega, modes = bloch_modes(system, q, model, vectors)
         squares, half = np.sign(omega) * omega**2, gamma[0] / 2
         under = np.sqrt(abs(squares - half**2))
@@ -152,7 +151,7 @@ def _by_lapack(system, q, model, vectors):
 
 
 def _of_one_particle(system, q, model):
-    """All squared frequencies of batches of wavevectors where bonds lead to images alone: K = k + sum_b (2 - 2 cos q.R_b) K_b."""
+    """Squared frequencies of a cell of one particle, for batches of wavevectors: K = k + sum_b (2 - 2 cos q.R_b) K_b."""
     calc, m = system.calc, system.masses[0]
     K = calc.rest_stiffness(model).reshape(-1, 4)[:, [0, 1, 3]] * (2 / m)
     kx, ky = (calc.site_stiffness * np.ones((1, 2)))[0] / m
@@ -164,7 +163,7 @@ def _of_one_particle(system, q, model):
 
 
 def _inverse_pays(size, count):
-    from ..stiffness.lowest import inverse_pays  # late: seldom asked for
+    from ..stiffness.lowest import inverse_pays  # imported late, because it is seldom used
 
     return inverse_pays(size, count, real=False)
 
@@ -190,7 +189,7 @@ def wavevectors(q: ArrayLike) -> NDArray[np.float64]:
 
 
 def in_batches(q: NDArray[np.float64], calc: Repulsion) -> list[NDArray[np.float64]]:
-    """The wavevectors in parts for which the largest array, matrices or phases of bonds, takes BATCH_BYTES or little more."""
+    """The wavevectors in batches, so that the largest array (matrices or phases of bonds) takes about BATCH_BYTES at most."""
     numbers = max((len(calc.reference) * calc.dim) ** 2, calc.bonds.i.size)
     parts = min(len(q), -(-len(q) * numbers * 16 // BATCH_BYTES))  # no part is empty
     return np.array_split(q, parts) if parts > 1 else [q]

@@ -1,11 +1,11 @@
 """Density of states of a lattice, the number of modes per frequency, by an integral over the Brillouin zone.
 
 A mesh divides the zone into simplices: lines, triangles or tetrahedra.  In each of them the squared frequency is interpolated
-linearly in the wavevector. It is below E in a share of the simplex that is the distribution function
+linearly in the wavevector. The share of the simplex in which it is below E is the distribution function
 
     F[e0 .. ed](E) = ((E - e0) F[e0 .. ed-1](E) + (ed - E) F[e1 .. ed](E)) / (ed - e0)
 
-of the values e0 <= ... <= ed at its corners, with F[e](E) = 1 from e on. The difference of F between two frequencies gives the
+of the values e0 <= ... <= ed at its corners, with F[e](E) = 1 for E >= e. The difference of F between two frequencies gives the
 mean density between them, which stays finite where the density itself is infinite.
 """
 
@@ -42,8 +42,8 @@ lattices are on the mesh."""
 BLOCK = 2**15  # number of simplices taken at a time, so that those of a large mesh fit in memory, and in the processor's cache
 GAP = 1e-6  # width of a gap, as a fraction of the highest frequency, below which two branches touch
 STEEP = 0.6
-"""Largest distance of two branches, in differences from that at the next point of the mesh, that may vanish between them; a half
-where it changes linearly."""
+"""Two branches may cross between mesh points if their distance is at most this multiple of its change to the next mesh point; it
+is a half if the distance changes linearly."""
 STARTS, HALVINGS = 8, 30
 """Number of places where a crossing is looked for, the nearest ones, and of halvings of the step of the mesh."""
 
@@ -58,7 +58,7 @@ class DensityOfStates(InHertz, Saved, kind='densities of states', units={
     Attributes
     ----------
     omega : ndarray, shape (frequencies,)
-        Angular frequencies in rad/ms, ascending; unstable modes count at negative ones, as in `Bands`.
+        Angular frequencies in rad/ms, ascending; unstable modes count at negative frequencies, as in `Bands`.
     density : ndarray, shape (frequencies,)
         In ms/rad.
     modes : float
@@ -124,7 +124,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     >>> from magphonon import read_scene, ready_scene
     >>> from magphonon.bands import lattice_density
     >>> found = lattice_density(read_scene(ready_scene('ideal')).atoms(), steps=24)
-    >>> found.modes  # of a cell
+    >>> found.modes  # branches
     2.0
     """
     frequencies = _on_mesh(atoms, steps, model)
@@ -153,7 +153,7 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: Model | None = No
     Returns
     -------
     ndarray, shape (bands, 2)
-        Lower and upper end of each, ascending, in rad/ms.
+        Lower and upper end of each range, ascending, in rad/ms.
 
     Examples
     --------
@@ -173,10 +173,10 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: Model | None = No
 
 
 def _nearest_approach(system, frequencies, below, model):
-    """Highest frequency of branch `below`, and lowest of the next, where they come nearest to each other beside the mesh.
+    """Highest frequency of branch `below` and lowest of the next, where they come nearest to each other between mesh points.
 
-    From the points of the mesh where their distance is less than that to the neighbouring points suggests, so that it may vanish
-    between them, steps along all axes are halved again and again.
+    The search starts at mesh points where the distance between the branches is small compared with its change to neighbouring
+    points, so that it may vanish in between. The steps along all axes are halved again and again.
     """
     pbc, steps = system.atoms.pbc, np.array(frequencies.shape[:-1])
     distance = frequencies[..., below + 1] - frequencies[..., below]
@@ -216,13 +216,13 @@ def _on_mesh(atoms, steps, model):
     periodic = int(atoms.pbc.sum())
     if not periodic:
         raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
-    if steps is None:  # about as many wavevectors in the zone of a large cell as there is room for in that of a small one
+    if steps is None:  # the zone of a large cell is smaller and needs fewer wavevectors
         steps = 6 * int(np.ceil(STEPS[periodic] / 6 / max(1.0, len(atoms) / 6) ** (1 / periodic)))
     steps = whole('steps', steps)
     n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
     turned = atoms.calc.turning > 0
     if not turned:
-        n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # those of -q are the same
+        n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # the frequencies at -q are the same
     frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)
     half = frequencies.reshape(-1, *(steps,) * (periodic - 1), frequencies.shape[-1])
     if turned:
@@ -242,11 +242,11 @@ def _middles(frequencies):
 
 
 def simplices(values: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Values at the corners of the simplices of a periodic mesh, ascending; of a function with f(-q) = f(q).
+    """Yield the values of a function with f(-q) = f(q) at the corners of the simplices of a periodic mesh, ascending.
 
-    Each step from a point of the mesh along all of its axes, one after the other in some order, is a simplex.  The opposite order
-    gives the mirror images, at whose corners such a function has the same values: they are left out.  From values of the shape
-    (n1, ..., nd, branches) it yields arrays of the shape (up to BLOCK, d + 1).
+    Steps from a mesh point along all axes, one after the other, pass through the corners of one simplex for each order of the
+    axes.  The opposite order gives mirror images, whose corner values are the same, so these are left out.  From values of the
+    shape (n1, ..., nd, branches) it yields arrays of the shape (up to BLOCK, d + 1).
     """
     for branch in np.moveaxis(values, -1, 0):
         for order in permutations(range(branch.ndim)):
@@ -261,7 +261,7 @@ def simplices(values: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
 
 
 def _below(corners, levels):
-    """Number of simplices, a fraction of those cut, where a linear function with these values is below each level, ascending."""
+    """Number of simplices below each level, ascending, by linear interpolation; a simplex that is cut counts by its share."""
     first, last = (np.searchsorted(levels, corners[:, k]) for k in (0, -1))
     crossed = last - first  # levels that cut a simplex
     which = np.repeat(np.arange(len(corners)), crossed)
@@ -272,7 +272,7 @@ def _below(corners, levels):
 
 
 def _distribution(e, E):
-    """The recursion above; e of shape (simplices, corners), E of shape (simplices,)."""
+    """The recursion for F in the docstring of this module; e of shape (simplices, corners), E of shape (simplices,)."""
     E = E[:, None]
     F = (e <= E).astype(float)
     for d in range(1, e.shape[1]):

@@ -1,13 +1,13 @@
 """Complex bands: the complex wavenumbers at a given frequency, also inside band gaps.
 
 Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i s xi}, with a term for each distance that
-bonds bridge, all multiples of s.  At the frequency omega its mass-weighted modes v obey
+bonds bridge, all of which are multiples of s.  At the frequency omega its mass-weighted modes v obey
 
     sum_p D_p mu^p v = (omega^2 + i omega B) v        B = gamma - g (x) J        p = -P ... P
 
-a polynomial eigenproblem of degree 2 P, with the damping gamma and the turning g of each particle (`LinearSystem.B`), of the
-motion e^{-i omega t}.  Without damping, real xi are the bands. Complex xi belong to waves that decay as e^{-Im xi} per step:
-below the cut-off of a foundation, above the bands and between them.  With damping every wave decays.
+This is a polynomial eigenproblem of degree 2 P for the motion e^{-i omega t}, with the damping gamma and the gyration g of each
+particle (`LinearSystem.B`).  Without damping, the bands are the real xi. Complex xi belong to waves that decay as e^{-Im xi} per
+step: below the cut-off of a foundation, above the bands and between them.  With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
 at zero, in Jordan chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
@@ -44,7 +44,7 @@ LONGEST_STEP = 0.1  # longest Newton step in log mu; a longer one leads to anoth
 SINGULAR_FRACTION = 1e-14  # of the largest singular value: below is round-off, as where two roots coincide
 LARGEST_DENOMINATOR = 6  # of exponents; the pencil grows with it, and symmetry directions need 1, 2 or 3
 LEAST_DECAY = 1e-6  # per step; below is round-off: at a band edge, a double root, round-off changes xi by its square root
-LEAST_LOSS = 1e-12  # the same with damping, where no two roots of a wave meet at a band edge
+LEAST_LOSS = 1e-12  # the same with damping, with which no two roots meet at a band edge
 INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)
 
 
@@ -52,8 +52,8 @@ def laurent_roots(A: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.c
     """Roots mu of `sum_p A_p mu^p v = 0` that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
     `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p. If A_0 is Hermitian and not
-    symmetric, the pairs are mu and 1/mu*. Entries of what is not coupled must be exactly zero.  The vectors v, shape (roots, n),
-    are of norm one.
+    symmetric, the pairs are mu and 1/mu*. Entries between uncoupled components must be exactly zero.  The vectors v, shape
+    (roots, n), are of norm one.
     """
     powers, n = len(A) - 1, A.shape[1]
     A = A / abs(A).max()
@@ -72,7 +72,7 @@ def laurent_roots(A: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.c
 
 
 class _Link:
-    """One link of the chains of infinite roots of L x = mu R x: the null space of R, and what it is to the other roots."""
+    """One link of the chains of infinite roots of L x = mu R x: the null space of R, and its coupling to the other roots."""
 
     def __init__(self, L, R, rank):
         axes = np.linalg.svd(R)[2].conj().T
@@ -84,7 +84,7 @@ class _Link:
         self.L, self.R, self.pencil = L[: self.lost], R[: self.lost], (L[self.lost :], R[self.lost :])
 
     def restored(self, z, alpha, beta):
-        """Vectors of the pencil with this link, in columns; `z` are those without it, and alpha/beta the roots."""
+        """Eigenvectors of the pencil with this link, in columns, from those without it, `z`; alpha/beta are the roots."""
         inside = linalg.solve_triangular(self.triangle, self.R @ z * alpha - self.L @ z * beta)
         x = self.keep @ (z * beta) + self.null @ inside
         return x / np.linalg.norm(x, axis=0)
@@ -106,7 +106,7 @@ def _without_chains(L, R, lengths=None):
 
 def polished(A: NDArray[Any], mu: NDArray[np.complex128],
              v: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Roots and vectors after Newton's steps on `A(mu) v = 0` and `v0^+ v = 1` in log mu, as long as they lessen what is left."""
+    """Roots and vectors after Newton steps on `A(mu) v = 0` and `v0^+ v = 1` in log mu, as long as the residual falls."""
     powers = np.arange(len(A)) - len(A) // 2
     log, (matrix, slope, rest, left) = np.log(mu), _at(A, powers, np.log(mu), v)
     for _ in range(POLISHES if len(mu) else 0):
@@ -125,7 +125,7 @@ def polished(A: NDArray[Any], mu: NDArray[np.complex128],
 
 
 def _at(A, powers, log, v):
-    """A(mu), its derivative by log mu and A(mu) v, over the largest |mu^p|, and what is left of it over its terms."""
+    """A(mu), its derivative by log mu and A(mu) v, divided by the largest |mu^p|; and the residual relative to its terms."""
     terms = np.exp(powers * log[:, None])
     terms /= abs(terms).max(axis=1)[:, None]
     matrix, slope = np.einsum('rp,pab->rab', terms, A), np.einsum('rp,pab->rab', powers * terms, A)
@@ -145,7 +145,7 @@ class ComplexBands(InHertz):
         Phase and decay per step, `e^{i xi}`; the imaginary part is zero or positive. Without damping the real part is not
         negative either, and each value stands for four waves: xi, -xi and their conjugates. With damping it stands for xi and
         -xi; the real part is negative if the crests of a wave run against its energy. For gyroscopes only waves whose energy
-        runs forwards are given. Infinite where a wave does not go beyond the particle that moves.
+        runs forwards are given. The imaginary part is infinite where a motion does not reach the next step.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
         where the decay is infinite.
@@ -172,14 +172,14 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
     atoms : ase.Atoms
         One cell with its PairCalculator; held particles, such as the walls of a channel, do not move.
     direction : array_like, shape (3,)
-        Wavevector of xi = 2 pi in fractions of the reciprocal vectors, as for `spectrum.branch`: in the triangular
+        The wavevector at which xi = 2 pi, in fractions of the reciprocal vectors, as for `waves.branch`: in the triangular
         lattice along R2, (0, 1, 0) for a row of sources along R1 and (1/2, 1, 0) for a point source.
     omega : array_like, shape (frequencies,)
-        In rad/ms; negative for the square root of -omega^2, as in `Bands`.
+        In rad/ms; a negative value -w stands for an imaginary frequency, omega^2 = -w^2, as in `Bands`.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
-        Force per momentum gamma in 1/ms; weak damping adds the decay gamma/(2 v) to a wave of the group velocity v.
+        Damping rate gamma in 1/ms, force divided by momentum; weak damping adds the decay gamma/(2 v) at the group velocity v.
 
     Examples
     --------
@@ -214,7 +214,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
 
 
 def _dynamic(system, omega, damping):
-    """The matrices omega^2 + i omega B with losses and forces that turn velocities, real without them."""
+    """The matrices omega^2 + i omega B, with damping and gyration in B; real if there is neither."""
     gamma, one = site_damping(damping, len(system)), np.eye(system.directions)
     if not (gamma.any() or system.turning):
         return (omega * abs(omega))[:, None, None] * one
@@ -228,12 +228,12 @@ def _exponents(steps):
     fractions = [Fraction(float(step)).limit_denominator(LARGEST_DENOMINATOR) for step in steps]
     for step, fraction in zip(steps, fractions, strict=True):
         if abs(step - fraction) > 1e-9:
-            raise ValueError(f'a bond bridges {step:.6g} steps along the direction, '
-                             'which is not a fraction with a denominator up to '
+            raise ValueError(f'along this direction a bond spans {step:.6g} lattice steps, which '
+                             'is no fraction with a denominator of at most '
                              f'{LARGEST_DENOMINATOR}; choose a direction of symmetry, such as (0, 1, 0) or (1/2, 1, 0)')
     if not any(fractions):
-        raise ValueError('no bond has a component along the direction; give it in fractions of the reciprocal vectors of the '
-                         'periodic directions')
+        raise ValueError('no bond has a component along the direction; give the direction in fractions of the reciprocal vectors '
+                         'of the periodic directions')
     d = lcm(*(fraction.denominator for fraction in fractions))
     exponents = np.array([int(d * fraction) for fraction in fractions])
     common = gcd(*exponents.tolist())
@@ -241,7 +241,7 @@ def _exponents(steps):
 
 
 def _laurent(calc, model, exponents):
-    """Coefficients D_p, p = -P ... P, of the Bloch matrix by powers of mu, bond by bond: what none couples is exactly zero."""
+    """Coefficients D_p, p = -P ... P, of the Bloch matrix by powers of mu; entries that no bond couples are exactly zero."""
     K, i, j = calc.rest_stiffness(model), calc.bonds.i, calc.bonds.j
     n, P = calc.bonds.particles, abs(exponents).max()
     D = np.zeros((2 * P + 1, n, n, calc.dim, calc.dim))
@@ -255,7 +255,7 @@ def _laurent(calc, model, exponents):
 
 
 def _waves(D, dynamic, unit, lossy):
-    """One xi, with its mode, of each family where sum_p D_p mu^p has the value `dynamic`."""
+    """The xi of all waves at one frequency, one for each family of equivalent waves, and their modes."""
     n, P = D.shape[1], len(D) // 2
     A = D.astype(dynamic.dtype)
     A[P] -= dynamic

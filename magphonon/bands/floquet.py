@@ -27,8 +27,8 @@ from ..traits import SPRUNG, takes
 from .bloch import wavevectors
 
 MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
-NEAR = 0.75  # distance in harmonics of the middle of a wave from its wavevector; the middle of two that share it is at 1/2
-STILL = -1e-9  # in W: real frequencies down to this are those of growth alone, and not of the wave that runs backwards
+NEAR = 0.75  # largest mean harmonic of a wave that belongs to its wavevector; it is 1/2 if two harmonics share the wave
+STILL = -1e-9  # in W: real frequencies down to this value belong to pure growth, lower ones to the wave that runs backwards
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class FloquetBands(InHertz):
         Share of the harmonic at q itself in this motion, 0 to 1: it is 1 far from all resonances and 1/2 where two waves mix
         equally.
     harmonics : int
-        Number of harmonics on either side that were needed.
+        Number of harmonics that were needed on either side of the one at q.
     """
 
     q: np.ndarray
@@ -76,7 +76,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: Model | None = None, dampin
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms.
+        Damping rate in 1/ms, the force divided by the momentum.
     tolerance : float
         Harmonics are added until no frequency changes by more than this fraction of the largest one.
 
@@ -141,9 +141,9 @@ class Hill:
         self.B = self.system.B(site_damping(damping, n)).toarray()
 
     def solved(self, q: NDArray[np.float64], harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-        """All frequencies with so many harmonics on either side, shape (wavevectors, all), and the weights of harmonics in each.
+        """All quasi-frequencies, shape (wavevectors, all), and the weight of each harmonic in each of these solutions.
 
-        The weights have the shape (wavevectors, harmonics, all).
+        `harmonics` is their number on either side of q. The weights have the shape (wavevectors, 2 * harmonics + 1, all).
         """
         found = [self._at(each, np.arange(-harmonics, harmonics + 1)) for each in q]
         omega, weight = zip(*found, strict=True) if found else ((), ())
@@ -153,7 +153,7 @@ class Hill:
     def growth(self, q: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
         """Rate of the fastest growth at each wavevector in 1/ms, shape (wavevectors,).
 
-        Of waves around that wavevector: at the last harmonics, beyond which nothing follows, they are not those of the lattice.
+        Only waves with their main weight near q count: those at the last harmonics, where the series is cut off, are artefacts.
         """
         omega, weight = self.solved(q, harmonics)
         centre = np.einsum('n,qnw->qw', np.arange(-harmonics, harmonics + 1), weight)

@@ -68,14 +68,14 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     Parameters
     ----------
     atoms : ase.Atoms
-        One periodic cell with its PairCalculator or AllNeighbours; the calculator's reference is displaced.
+        One periodic cell with its PairCalculator or AllNeighbours; displacements start from the calculator's reference.
     supercell : three ints, optional
         Number of cells along each lattice vector, 1 along directions that are not periodic. By default the smallest supercell in
         which no bond spans half of it. With AllNeighbours no supercell is large enough: the bands are then right at the
         wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
-        Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, which
-        gives bands to 1e-9 of the highest frequency (see `DISTANCE`), and less where the law is steep (`STEEPEST`).
+        Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, or
+        less where the law is steep (`STEEPEST`); this gives bands to 1e-9 of the highest frequency (see `DISTANCE`).
 
     Returns
     -------
@@ -136,8 +136,8 @@ def _cell_calculator(atoms):
         raise ValueError(f"phonopy refuses the symbol 'X' of particle {atoms.symbols.search('X')[0]}; "
                          "name an element, atoms.symbols = 'Nd', and set the masses again")
     if not calc.reference.cell.rank == 3:
-        raise ValueError(f'phonopy needs three lattice vectors, not {calc.reference.cell.rank}; give the cell one of about two '
-                         'spacings along each direction that is not periodic, then make the calculator')
+        raise ValueError(f'phonopy needs three lattice vectors, not {calc.reference.cell.rank}; along each direction that is not '
+                         'periodic, give the cell a vector of about two spacings, then make the calculator')
     return calc, freedom(atoms)[0]
 
 
@@ -192,7 +192,7 @@ def _checked_distance(distance, shortest):
     distance = positive('distance', distance, 'mm')
     if not 1e-12 * shortest <= distance <= 0.1 * shortest:
         raise ValueError(f'the distance {distance:g} mm is {distance / shortest:.1e} of the shortest bond; outside 1e-12 to '
-                         f'0.1, round-off or the curvature of the law spoils the force constants. Without distance= it is '
+                         f'0.1, round-off or the curvature of the law spoils the force constants. The default is '
                          f'{DISTANCE * shortest:g} mm')
     return distance
 
@@ -254,7 +254,7 @@ def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) 
 
 
 def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
-    """The same path on phonopy's unit cell, as by `bands.path_of`."""
+    """The same path on phonopy's unit cell, as `bands.path_of` makes it."""
     # ASE's path has vectors only where it is periodic; phonopy repeats the cell only there
     pbc = path.cell.mask() if isinstance(path, BandPath) else np.diag(phonon.supercell_matrix) > 1
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)

@@ -32,7 +32,7 @@ class Gruneisen(NamedTuple):
     Attributes
     ----------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.
+        In rad/ms; negative for unstable modes.
     gamma : ndarray, shape (wavevectors, modes)
         Where branches cross, the parameters of the crossing branches in no particular order.  NaN where the frequency is zero.
     """
@@ -68,7 +68,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: Model | None = None)
     calc = system.calc
     if calc.load.any() or calc.spring_forces.any():
         raise ValueError('a dead load or stretched springs of the foundation hold the particles, and how these forces change '
-                         'with the spacing is not known; relax the lattice at two spacings and take the difference')
+                         'with the spacing is not known; relax the structure at two spacings and compare the frequencies')
     dK = stiffness_change(calc.bond_vectors, growth(calc, system.free.toarray()), calc.interaction, model or calc.model)
     omega, vectors = bloch_modes(system, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)
@@ -89,7 +89,7 @@ def growth(calc: PairCalculator, free: NDArray[np.float64]) -> NDArray[np.float6
     """Derivative `R + C u` of the bond vectors with respect to the logarithm of the spacing, in mm, shape (bonds, dim).
 
     The calculator is at rest; `free`, shape (particles * dim, free), are the orthonormal directions that constraints leave free.
-    Rest is a matter of statics, which are those of the complete model.
+    The rest positions follow from the static forces, so the complete model is used here whatever the model of the bands.
     """
     R, C = calc.bond_vectors, calc.bonds.incidence
     push = -(C.T @ np.einsum('bxy,by->bx', calc.rest_stiffness('complete'), R)).ravel()

@@ -1,9 +1,9 @@
 """How many neighbours matter: what the omitted ones would change, and how many shells the frequencies need.
 
-That one shell of neighbours is enough is an assumption. Here the frequencies with a few shells are compared with those of all
-neighbours at given wavevectors: by Ewald's sums where the law has a tail (`magphonon.stiffness.all_neighbours`), else by a sum to
-the last of `REACHES`. A law that is not known far away, such as a table of forces, is continued from its end by the inverse power
-that fits there.
+It is an assumption that one shell of neighbours is enough. Here the frequencies with a few shells are compared with those with
+all neighbours, at given wavevectors. All neighbours are summed by Ewald's method if the law has a tail
+(`magphonon.stiffness.all_neighbours`), otherwise directly, up to the last of `REACHES`. A law that is not known far away, such as
+a table of forces, is continued from its end by the inverse power that fits there.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from ..traits import SPRUNG, takes
 from .bloch import bloch_modes
 
 REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
-"""Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one if the first is
-not enough.  It holds about a thousand bonds of each particle, whose sum takes as long as that over all by Ewald's method."""
+"""Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one is used if the
+first is not enough.  It includes about a thousand bonds of each particle, whose sum takes as long as Ewald's sum over all
+neighbours."""
 LOW = 0.01
 """Below this fraction of the highest frequency, shifts are given relative to that fraction and not to the frequency itself:
 near buckling a frequency is the small difference of large terms, and at Gamma it is zero."""
@@ -44,7 +45,7 @@ class NeighbourShifts:
     Attributes
     ----------
     omega, every : ndarray, shape (wavevectors, branches)
-        In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); unstable modes negative.
+        In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); negative for unstable modes.
     known : bool
         Whether the law is known at all distances that were needed; if not, it was continued from its end.
     """
@@ -66,7 +67,7 @@ def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its PairCalculator or AllNeighbours; waves in the plane of a layer.
+        One cell with its PairCalculator or AllNeighbours; of a layer, only waves in its plane count.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
 
@@ -109,7 +110,7 @@ class ConvergedShells:
 
 @takes('all neighbours', *{*SPRUNG} - {'conventional'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
-    """The smallest number of shells from which on each frequency is right within a tolerance.
+    """The smallest number of shells that, like every larger number, gives each frequency to within a tolerance.
 
     Parameters
     ----------
@@ -159,8 +160,8 @@ def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedS
 
 
 def whole_reach(atoms: Atoms, laws: Laws) -> float:
-    """Cutoff in mm between two distances that holds all pairs of a finite structure; or, if these are too many or the structure
-    is periodic, all as far as the law is known or becomes its tail.
+    """Cutoff in mm that includes all pairs of a finite structure. If there are too many pairs, or the structure is periodic, it
+    includes all pairs up to the distance to which the law is known or from which its tail is used.
     """
     nearest = nearest_distance(atoms)
     extent = 1.01 * float(np.linalg.norm(np.ptp(atoms.positions, axis=0)))
@@ -174,7 +175,7 @@ def whole_reach(atoms: Atoms, laws: Laws) -> float:
 
 
 def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
-    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds."""
+    """The bonds of each neighbour shell, as a list of Bonds, within `reach` spacings and as far as the law is known."""
     calc: Any = atoms.calc
     every = bonds_within(calc.reference, reach * calc.bonds.lengths.min())
     order = np.argsort(every.lengths, kind='stable')
@@ -185,7 +186,7 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
 
 
 def is_known(laws: Laws, r: float) -> bool:
-    """Whether all laws are known at a distance in mm; a measured table has a last one."""
+    """Whether all laws are known at a distance in mm; a measured table is not known beyond its last point."""
     try:
         for law in laws_of(laws):
             _planar(law).dphi(r)
@@ -195,12 +196,12 @@ def is_known(laws: Laws, r: float) -> bool:
 
 
 def _planar(law: Any) -> Any:
-    """The law of the distance, of upright magnets that in their plane."""
+    """The law as a function of the distance; for upright magnets, their law within the plane."""
     return law.central(2) if hasattr(law, 'central') else law
 
 
 def _in_plane(atoms):
-    """The atoms at the reference of their calculator, a layer without motion out of its plane."""
+    """The atoms at the reference of their calculator; a layer loses its motion out of the plane."""
     calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
     return LinearSystem.about(calc, atoms).atoms
 
@@ -222,7 +223,7 @@ def _omega(atoms, D):
 
 
 def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:
-    """The atoms of a plane with AllNeighbours, None where their law has no tail, and whether the law is known so far."""
+    """The atoms of a plane with AllNeighbours, or None if their law has no tail; and whether the law is known far enough."""
     calc: Any = atoms.calc
     if isinstance(calc.laws, Mapping):
         return None, True
@@ -238,7 +239,7 @@ def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:
 
 
 def _every(atoms, q):
-    """Frequencies with all neighbours, and whether the law is known as far as it has to be."""
+    """Frequencies with all neighbours, and whether the law is known at all distances that they need."""
     calc, (sums, known) = atoms.calc, with_all(atoms)
     if sums is not None:
         return _omega(atoms, sums.calc.bloch_matrix(q)), known
@@ -261,7 +262,7 @@ class _Continued(Composed):
 
 
 def _continued(law, low):
-    """A law that is known at `low` (mm), with the inverse power that it is at its end beyond it."""
+    """A law that is known at `low` (mm), continued beyond its last known distance by the inverse power that fits there."""
     high = 2 * low
     while is_known(law, high):
         high *= 2
@@ -270,6 +271,6 @@ def _continued(law, low):
         low, high = (middle, high) if is_known(law, middle) else (low, middle)
     force, a = -float(law.dphi(low)), float(local_exponent(law, low))
     if a <= 0:
-        raise ValueError(f'law: at its end, {low:.4g} mm, the force does not fall with the distance, so the effect of farther '
-                         'neighbours cannot be estimated; check its last points')
+        raise ValueError(f'law: at the end of the table, {low:.4g} mm, the force does not fall with the distance, so the effect '
+                         'of farther neighbours cannot be estimated; check the last points of the table')
     return _Continued(law, InversePower(force * low**a, a), low)

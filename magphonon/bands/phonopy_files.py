@@ -1,9 +1,9 @@
 """Files of bands and force constants for phonopy and related programs, and thermal properties by phonopy.
 
-Files are in mm and N. Masses are scaled so that phonopy, with the factor that it assumes, computes Hz where it prints THz: 1 g is
-written as `GRAM` of `stiffness.other_tools`. Where phonopy multiplies a frequency by Planck's constant, it assumes THz. Heat
-capacities, free energies and mean square displacements would be wrong by twelve powers of ten in the frequency, without a
-warning, so for these the frequencies are converted.
+Files are in mm and N. Masses are scaled (1 g is written as `GRAM` of `stiffness.other_tools`), so that the numbers that phonopy
+prints as THz are in Hz. Where phonopy multiplies a frequency by Planck's constant, it assumes THz. Heat
+capacities, free energies and mean square displacements would then, without a warning, be those of frequencies 10^12 times too
+high, so for these the frequencies are converted.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     >>> round(float(warm.heat_capacity[0] / 8.314462618), 3)  # k for each of two modes
     2.0
     """
-    force_constants_of(phonon)  # says so if there are none
+    force_constants_of(phonon)  # raises an error if there are none
     crystal = phonon.replicate()
     crystal.force_constants = phonon.force_constants
     crystal.unit_conversion_factor = 1e-12 * phonon.unit_conversion_factor  # Hz to THz
@@ -145,7 +145,7 @@ def _pieces(path):
         connected[-1:] = [False]
         start += 1
     if not pieces:
-        raise ValueError('the path names no special points; get it from atoms.cell.bandpath(...)')
+        raise ValueError('the path names no special points; get the path from atoms.cell.bandpath(...)')
     return pieces, names, connected
 
 
@@ -191,13 +191,13 @@ def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
         exact |= {key: [dict(one)[key] for one in displaced] for key in ('displacement', 'forces')}
     text = _with_all_digits(str(phonon.to_phonopy_yaml(settings={'force_constants': True})), exact)
     with whole_file(file) as out:
-        out.write('# lengths in mm, forces in N, force constants in N/mm, masses in 103.64 g: what is called THz is Hz;\n'
-                  '# the foundation survives only without symmetrisation (phonopy --no-sym-fc)\n')
+        out.write('# lengths in mm, forces in N, force constants in N/mm, masses in 103.64 g;\n'
+                  '# frequencies are in Hz, not THz; the foundation survives only without symmetrisation (phonopy --no-sym-fc)\n')
         out.write(text)
 
 
 def _with_all_digits(text, exact):
-    """The text with all digits of the numbers below some of its keys, a dict of arrays in the order of the text."""
+    """The text with all digits of the numbers below some of its keys; `exact` gives these numbers for each key, in order."""
     exact = {key: iter(np.ravel(numbers)) for key, numbers in exact.items()}
     lines, key = [], None
     for line in text.splitlines(keepends=True):

@@ -77,7 +77,7 @@ def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDA
             return np.rint(turn * flux.sum(axis=(0, 1)) / (2 * np.pi)).astype(int)
         if gaps.min() <= TOUCHING or steps >= FINE:
             band = int(gaps.argmin())
-            raise ValueError(f'the bands {band} and {band + 1} (from 0) touch, or nearly so, and have no Chern numbers of their '
+            raise ValueError(f'the bands {band} and {band + 1} (counted from 0) nearly touch and have no Chern numbers of their '
                              f'own: they come within {gaps[band]:.2g} of the highest frequency; change foundation, gyration or '
                              f'law until a gap opens between them')
         steps *= 2
@@ -112,10 +112,11 @@ class EdgeFlow(NamedTuple):
         Number of waves that run along the period minus the number that run against it, at the edge to the right of the period
         vector (the lower edge of a strip along x) and at the left edge.
     q : ndarray, shape (waves,)
-        Their wavevectors, in fractions of the reciprocal vector.
+        Wavevectors of the waves, in fractions of the reciprocal vector.
     velocity : ndarray, shape (waves,)
-        Their group velocities along the period in mm/ms.
+        Group velocities of the waves along the period in mm/ms.
     at_right : ndarray of bool, shape (waves,)
+        Whether each wave runs along the right edge.
     """
 
     right: int
@@ -166,7 +167,7 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = N
     fixed = omega**2 * np.eye(len(B)) + 1j * omega * B
 
     def at(q):
-        """K(q) - omega^2 - i omega B."""
+        """The matrix K(q) - omega^2 - i omega B."""
         return system.bloch(np.atleast_1d(q)[:, None] * np.eye(3)[along], model) - fixed
 
     mesh = np.arange(STEPS + 1) / STEPS

@@ -68,7 +68,7 @@ class ZoneMap(InHertz, Saved, kind='frequencies over the zone', units={
     q : ndarray, shape (n1, n2, 3)
         Wavevectors in fractions of the reciprocal vectors.
     omega : ndarray, shape (n1, n2, branches)
-        Angular frequencies in rad/ms, ascending; an unstable mode is negative, as in `Bands`.
+        Angular frequencies in rad/ms, ascending; negative for an unstable mode, as in `Bands`.
     velocity : ndarray, shape (n1, n2, branches, 2)
         Group velocities in mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """
@@ -143,6 +143,6 @@ def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.floa
     k = complete.wavevectors
     if complete.omega.shape != conventional.omega.shape or not np.allclose(k, conventional.wavevectors, rtol=1e-9, atol=0):
         raise ValueError(f'the two maps belong to different meshes, {complete.omega.shape} and {conventional.omega.shape}, '
-                         'or lattices; compute both from the same atoms and steps')
+                         'or to different lattices; compute both from the same atoms and steps')
     zero = abs(conventional.omega) <= ROUND_OFF * abs(conventional.omega).max()
     return np.divide(complete.omega, conventional.omega, out=np.full(zero.shape, np.nan), where=~zero)

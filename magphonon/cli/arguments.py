@@ -26,7 +26,7 @@ FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is name
 
 
 def add_scene(parser: ArgumentParser, needs: str = '', example: str = 'prototype') -> None:
-    """Add the argument SCENE; `needs` says what must be in it, as it is in the ready scene `example`."""
+    """Add the argument SCENE; `needs` says what the scene must contain, and the ready scene `example` contains it."""
     parser.add_argument('scene', metavar='SCENE', help=f'scene file{needs}, or the name of a ready scene such as {example}, or - '
                                                        'for standard input')
     parser.set_defaults(example=example)
@@ -51,7 +51,7 @@ def share(text: str) -> float:
     found = _quantity(text, {'': 1.0, '%': 0.01})
     if 0 <= found < 1:
         return found
-    raise ArgumentTypeError(f'{text!r} is not from 0 up to 1; write 3 percent as 0.03 or 3%')
+    raise ArgumentTypeError(f'must be at least 0 and below 1, not {text!r}; write 3 percent as 0.03 or 3%')
 
 
 def _quantity(text, units):
@@ -63,7 +63,7 @@ def _quantity(text, units):
 
 
 def ready_table(name: str) -> str:
-    """The file of this name, or else the table of this name that comes with the package, as ready scenes do."""
+    """The file of this name if it exists, otherwise the table of this name that comes with the package."""
     from importlib.resources import files
 
     table = files('magphonon.data') / f'{name}.csv'
@@ -71,14 +71,14 @@ def ready_table(name: str) -> str:
 
 
 def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
-    """Add the option -o DIR; without a `default` the command itself handles its absence."""
+    """Add the option -o DIR; if `default` is None, the command itself handles a missing -o."""
     parser.add_argument('-o', '--output', metavar='DIR', default=default,
-                        help='directory for the results, created if it does not exist (default: SCENE-COMMAND, such as '
-                             f'{parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
+                        help='directory for the results, created if it does not exist (default: the name of the input and of the '
+                             f'command, such as {parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
 
 
 def find_inputs(options: Namespace) -> None:
-    """Find the source of the scene, and name the directory of the results after it."""
+    """Find the file of the scene, and name the directory of the results after it."""
     if getattr(options, 'scene', None) is None:
         return
     import sys
@@ -96,9 +96,9 @@ def default_folder(options: Namespace) -> str:
 
 
 def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[str]]:
-    """The lattice of a scene, its patch or finite structure, and lines that say what is left out."""
+    """The lattice of a scene, its patch or finite structure, and lines that say what is omitted."""
     if scene.single:
-        raise ValueError('the oscillator is one particle and has no bands or modes to count; use "magphonon frf"')
+        raise ValueError('the oscillator is one particle and has no bands or modes; use "magphonon frf"')
     left = left_out(scene)
     if scene.finite:
         return None, scene.patch_atoms(), left
@@ -106,10 +106,10 @@ def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[st
 
 
 def left_out(scene: Scene) -> list[str]:
-    """A line that says which keys of [bands] are for the command `bands` alone, if any are given."""
+    """A line that says which of the given keys of [bands] only the command `bands` uses, if there are any."""
     given = '' if scene.bands is None else scene.bands.beyond
     return [f'{given} ignored here: this command computes linear motion without losses or heat; "magphonon bands" includes '
-            'them'] if given else []
+            'both'] if given else []
 
 
 def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
@@ -118,14 +118,14 @@ def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
     group.add_argument('--pdf', action='store_true', help='write each picture as PDF too')
     group.add_argument('--title', metavar='TEXT', help="title of the pictures (default: the title of the scene); '' for none")
     if frequencies:
-        group.add_argument('--fmax', metavar='HZ', type=float, help='upper end of the frequency axes in Hz')
+        group.add_argument('--fmax', metavar='HZ', type=float, help='upper end of the frequency axes, in Hz')
     group.add_argument('--style', metavar='FILE', help='style sheet of matplotlib, whose settings replace those of the package')
 
 
 @contextmanager
 def answering(options: Namespace, scene: Scene,
               *tables: str) -> Iterator[tuple[Path, Callable[[FigureBase, str], None], list[str]]]:
-    """The folder of the results, what saves a picture in it, and a list of lines that are printed once all files are there."""
+    """Context with the folder of results, a function that saves pictures in it, and a list of lines to print at the end."""
     from .results import results
 
     told: list[str] = []
@@ -136,7 +136,9 @@ def answering(options: Namespace, scene: Scene,
 
 @contextmanager
 def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Callable[[FigureBase, str], None]]:
-    """Draw in the style for print; yields what saves a figure in the folder by its name, as the options of `add_pictures` say.
+    """Context for drawing in the style for print; yields a function that saves a figure in the folder under a name.
+
+    Size and format follow the options of `add_pictures`.
 
     The title stands above all pictures, unless the options set one.
     """

@@ -43,7 +43,7 @@ LEAST_WRITTEN_N_per_mm = 1e-6
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with its bands, and what several findings ask of them."""
+    """A scene with its bands, and the intermediate results that several findings share."""
 
     scene: Scene
     atoms: Any
@@ -66,27 +66,27 @@ REPORT = Findings()
 
 
 def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> list[str]:
-    """Which waves grow, of Floquet bands over the distances `x` along a path, in rad/mm."""
+    """Lines that say which waves of Floquet bands grow, and where; `x` are distances along the path in rad/mm."""
     lines = []
     for model, found in bands.items():
         k, rate = found.growth.argmax(), found.growth.max() * units.s
         grows = found.growth.max() > 1e-9 * abs(found.omega).max()
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
-    return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics on '
-            'either side. Growing waves fill narrow ranges of wavevectors, so some may lie between these: "magphonon check" '
-            'searches everywhere.']
+    return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics '
+            'above each frequency and as many below. Waves grow in narrow ranges of wavevectors, so some may have been missed: '
+            '"magphonon check" searches everywhere.']
 
 
 def _in_words(value):
-    """A number for the terminal; a speed of sound may be infinite, if the range of the force is too long, or not exist."""
+    """A number as text; a speed of sound may be infinite, if the force has a long range, or may not exist."""
     if isnan(value):
         return 'none'
     return f'{value:.7g}' if not isinf(value) else 'unbounded' if value > 0 else '-unbounded'
 
 
 def _rows(label, columns, highest):
-    """A line for each branch with a number for each model."""
+    """Lines of a table, with a row for each branch and a number for each model."""
     table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
     return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
             for branch, row in enumerate(table)]
@@ -94,7 +94,7 @@ def _rows(label, columns, highest):
 
 @REPORT.answer
 def effect(case: Case) -> str:
-    """What D* does to the branch at a special point that it changes most, and whether the lattice stands."""
+    """The largest shift of a branch by D* at a special point, and whether the lattice is stable."""
     from ..plotting.bands import mode_names
 
     stands = verdict(case.atoms).finding('buckling') if case.turned else buckling(case)
@@ -110,19 +110,19 @@ def effect(case: Case) -> str:
     if abs(f - f0) <= ZERO_FRACTION * complete.max():
         return f'D* changes no branch at {", ".join(at)}.{words}'
     to = (f'{units.in_words("Hz", f0, f)} ({100 * (f / f0 - 1):+.2g} %)' if f > 0 else
-          f'{units.in_words("Hz", f0)} to below zero: it buckles')
+          f'{units.in_words("Hz", f0)} to below zero: the lattice buckles')
     kind = mode_names(case.bands['complete'])[at[name], branch]
     return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.{words}'
 
 
 @REPORT.remark
 def lattice(case: Case) -> Iterator[str]:
-    """What the bands are of."""
+    """The lattice whose bands are reported."""
     given, atoms = case.scene.lattice, case.atoms
     yield case.scene.title
     if given.kind == 'file':
         held = len(atoms) - int(freedom(atoms)[0].sum())
-        yield f'{len(atoms)} particles from {given.file}, {held} of them held, the nearest {given.spacing_m:g} m apart'
+        yield f'{len(atoms)} particles from {given.file}, {given.spacing_m:g} m or more apart; {held} of them are held'
     else:
         force = repulsion(atoms.calc.law, given.spacing_m * units.m)
         yield (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
@@ -157,13 +157,13 @@ def long_waves(case: Case) -> Iterator[str]:
     yield from _rows('', speeds, case.bands['complete'].omega.max() * case.scene.lattice.spacing_m * units.m)
     if np.isnan(speeds).any():
         yield '  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch'
-    with suppress(ValueError):  # such as of a law that needs a neutralising background
+    with suppress(ValueError):  # such as for a law that needs a neutralising background
         yield f'with the foundation removed: {elastic_moduli(case.atoms)}'
 
 
 @REPORT.remark
 def decays(case: Case) -> Iterator[str]:
-    """The bands with damping at their special points: frequency, decay, and what of a mode is lost in a period."""
+    """The bands with damping at the special points: frequency, decay, and damping ratio."""
     if (lossy := case.lossy) is None:
         return
     yield f'\n{"with the damping":18}{"frequency (Hz)":>16}{"decay (1/s)":>14}{"damping ratio":>16}'
@@ -190,7 +190,7 @@ def thermal_motion(case: Case) -> Iterator[str]:
 
 @REPORT.remark
 def topology(case: Case) -> Iterator[str]:
-    """Of particles that gyrate: Chern numbers of bands, gaps, and the waves that run one way along an edge in each."""
+    """For particles that gyrate: Chern numbers of the bands, the gaps, and the one-way edge waves in each gap."""
     if not case.turned:
         return
     judged = verdict(case.atoms)
@@ -206,33 +206,33 @@ def topology(case: Case) -> Iterator[str]:
         at = bloch_modes(case.atoms, np.zeros((1, 3)), model)[0][0]
         for low, high in band_gaps(case.atoms, model=model):
             net = int(numbers[at <= (low + high) / 2].sum())  # of the bands below
-            side = (f'{abs(net)} more along an edge with the rim on {"the right" if net > 0 else "the left"} than in the '
-                    'opposite direction')
-            yield (f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz; waves: '
-                   f'{side if net else "none that runs only one way along an edge"}')
+            side = (f'{abs(net)} more edge wave{"s run" if abs(net) > 1 else " runs"} with the rim on '
+                    f'{"the right" if net > 0 else "the left"} than the opposite way')
+            yield (f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz: '
+                   f'{side if net else "as many edge waves run one way as the other"}')
 
 
 @REPORT.remark
 def by_phonopy(case: Case) -> Iterator[str]:
-    """The foundation in the sums of phonopy's force constants, and how far its bands are from the exact ones."""
+    """The foundation found in the sums of phonopy's force constants, and the difference of its bands from the exact ones."""
     if case.phonon is None:
         if not case.turned:
-            yield '\nphonopy is not installed, so its bands are left out: pip install phonopy'
+            yield '\nphonopy is not installed, so its bands are omitted: pip install phonopy'
         return
     atoms, k = case.atoms, np.asarray(case.phonon.force_constants)
     sums = np.einsum('ixx->x', foundation_recovered(case.phonon)) / len(case.phonon.unitcell) / (units.N / units.m)
-    along_z = f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
-    held = ', which contain the bonds to the held particles' if atoms.constraints else ''
+    along_z = f'; along z: {common_support(atoms) / (units.N / units.m):.6g} and {sums[2]:.6g} N/m' if atoms.calc.layer else ''
+    held = ' (these sums contain the bonds to the held particles)' if atoms.constraints else ''
     yield (f"\nfoundation: {_spring_in_plane(atoms):.6g} N/m in the scene; phonopy's force constants sum to "
            f'{sums[: 2 if along_z else atoms.calc.dim].mean():.6g} N/m{held}{along_z}')
     squares = [np.sign(case.bands[name].omega) * case.bands[name].omega ** 2 for name in ('complete', 'phonopy')]
     off = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
-    line = f'phonopy differs from complete by at most {off.max():.1e} of the highest squared frequency'
+    line = f'squared frequencies by phonopy and of the complete model differ by at most {off.max():.1e} of the highest one'
     if case.scene.law.shells == ALL:
         waves = case.path.kpts * case.scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
-        line += (f', and by {off[fits].max(initial=0):.1e}\n  at wavevectors commensurate with the supercell; it interpolates '
-                 'between them, because no finite supercell holds all neighbours')
+        line += (f', and by {off[fits].max(initial=0):.1e}\n  at wavevectors commensurate with the supercell; phonopy '
+                 'interpolates between these, because no finite supercell holds all neighbours')
     yield line
     if abs(k).max() <= LEAST_WRITTEN_N_per_mm:
         yield f'phonopy_params.yaml is not written: its 15 decimals are too few for force constants of {abs(k).max():.0e} N/mm'
@@ -240,19 +240,19 @@ def by_phonopy(case: Case) -> Iterator[str]:
 
 @REPORT.check
 def others(case: Case) -> Finding | None:
-    """What neighbours that are omitted would change of frequencies."""
+    """How the omitted neighbours would change the frequencies."""
     return None if case.turned else omitted(case.scene)
 
 
 @REPORT.remark
 def far_ones(case: Case) -> str | None:
-    """What they would change of long waves."""
+    """How the omitted neighbours would change the speeds of long waves."""
     return None if case.turned else speeds(case.scene)
 
 
 @REPORT.remark
 def out_of_plane(case: Case) -> str | None:
-    """Whether a layer stands out of its plane."""
+    """Whether a layer is stable against motion out of its plane."""
     return verdict(case.atoms).finding('out_of_plane').words if not case.turned and case.atoms.calc.layer else None
 
 
@@ -265,14 +265,14 @@ def buckling(case: Case) -> Finding | None:
     given, needed = _spring_in_plane(case.atoms), needed / (units.N / units.m)
     place = ' in the plane' if case.atoms.calc.layer or case.atoms.calc.dim == 2 else ''
     if on_the_verge(given, needed):
-        return Finding(needed, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what it needs.')
+        return Finding(needed, f'On the verge of buckling{place}: the foundation of {given:.6g} N/m is just what is needed.')
     if given >= needed:
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else ', even without a foundation'
         return Finding(needed, f'Stable{place}{why}.')
     where = ', '.join(f'{x:.3g}' for x in softest)
     return Finding(needed, f'\nUNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).\n'
-                   f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as\n'
-                   'negative frequencies. The conventional model does not show this.', fault=True)
+                   f'The lattice needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and '
+                   'saved as\nnegative frequencies. The conventional model does not show this.', fault=True)
 
 
 def _spring_in_plane(atoms):

@@ -44,7 +44,7 @@ def run(options: Namespace) -> None:
 
 
 def _bands(scene, atoms, path):
-    """The bands of both models and of phonopy, and phonopy's object; None where it is missing or the velocity turns forces."""
+    """The bands of both models and of phonopy, and phonopy's object; None without phonopy or for velocity-dependent forces."""
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
 
@@ -62,7 +62,7 @@ def _bands(scene, atoms, path):
 
 
 def _floquet(folder, save, atoms, path, plan, highest_Hz):
-    """Floquet bands along a path and back, and what they say in words."""
+    """Compute, save and draw Floquet bands along a path and back, and return the lines that report them."""
     from ..bands.floquet import floquet_bands
     from ..plotting.floquet import plot_floquet
     from .band_report import floquet_report
@@ -141,7 +141,7 @@ def _thermal_run(folder, plan, scene, atoms, path):
         hot = thermal_run(atoms, repeats, plan.temperature_J * units.J, q)
     except Diverged as error:
         raise PhysicsError(f'bands.temperature_J = {plan.temperature_J:g} tears the lattice apart: after '
-                           f'{error.time / units.s:.4g} s particle {error.particle} had left its neighbours; lower it, or give a '
-                           'stiffer foundation if "magphonon check" says that the lattice buckles') from None
+                           f'{error.time / units.s:.4g} s particle {error.particle} had left its neighbours; lower the '
+                           'temperature, or give a stiffer foundation if the lattice buckles ("magphonon check")') from None
     hot.save(folder / 'bands_thermal.npz')
     return hot

@@ -1,4 +1,4 @@
-"""`magphonon burst SCENE`: tone bursts through the patch of a scene, in both models, compared with its bands.
+"""`magphonon burst SCENE`: tone bursts through the patch of a scene, in both models, compared with the bands.
 
 The exit status is 0 if all bursts ran to their end, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
@@ -32,7 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
                                                        'a burst that has already run there, on this machine or on a cluster, is '
                                                        'read and not run again')
-    parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
+    parser.add_argument('--threads', metavar='N', type=int, help='threads for compiled time steps (default: by patch size)')
     parser.add_argument('--animation', action='store_true',
                         help='also a GIF of each burst crossing the patch, both models side by side')
 
@@ -67,7 +67,7 @@ def run(options: Namespace) -> None:
 
 
 def _told(scene, cell, records, largest):
-    """The conclusion of the bursts with what must not be missed, and every ridge."""
+    """Lines with the conclusion of the bursts, warnings, and all ridges."""
     from ..waves.wave_report import report
 
     unstable, found = _unstable(cell), scene.relaxation()
@@ -78,7 +78,7 @@ def _told(scene, cell, records, largest):
 
 
 def _engine(options):
-    """The engine of a burst in a model: a function of the name of the burst and the model that returns keywords for `send`."""
+    """A function that returns the engine of a burst, as keywords of `send`, for the name of the burst and the model."""
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
         raise ValueError('--ranks and --files apply to LAMMPS only; add --engine lammps')
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
@@ -96,14 +96,14 @@ def _engine(options):
 
 
 def _seen(row, cell, source):
-    """The waves along the row; those of a shaken bench enter at all walls, and no shift is known of them."""
+    """The waves along the row; on a shaken bench they come from all walls, and count as those of a point source."""
     from ..waves.wave_analysis import waves
 
     return [replace(wave, source='point') for wave in waves(row, cell, 'row')] if source == 'bench' else waves(row, cell, source)
 
 
 def _send(scene, k, cell, patch, engine):
-    """Patch, site and passage of burst number k in a patch; the row is measured by the vibrometer of the scene, if any."""
+    """Patch, source and passage of burst number k; if the scene has a vibrometer, the row is measured with it."""
     from ..dynamics.cages import Diverged
 
     try:
@@ -111,7 +111,7 @@ def _send(scene, k, cell, patch, engine):
     except Diverged as error:
         what = f'burst {scene.burst.names[k]}, {patch.calc.parameters.model} simulation'
         if unstable := _unstable(cell):
-            raise ValueError(f'{what}: at {error.time:g} ms particles leave their cells. ' + ' '.join(unstable[1:])) from error
+            raise ValueError(f'{what}: at {error.time:g} ms particles leave their sites. ' + ' '.join(unstable[1:])) from error
         raise ValueError(f'{what}: it diverged at {error.time:g} ms (particle {error.particle}); lower burst.force_N') from error
     if scene.vibrometer is not None:
         passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
@@ -147,7 +147,8 @@ def _draw(save, name, carrier, passages, found):
 
 
 def _conclusion(records):
-    """On which branches the ridges lie, and how far off those of the other model, a line for each branch of each simulation."""
+    """Lines that say to which branches the ridges belong, and how far they are from the branches of each model."""
+    from ..waves.spectrum import RESOLVED
     from ..waves.wave_analysis import BRANCHES, MODELS
 
     lines, astray = [], 0
@@ -158,13 +159,14 @@ def _conclusion(records):
         for name in BRANCHES:
             here = [wave.misfits for wave in ridges if (model, name) in wave.agrees_with]
             if here:
-                bins = [sorted(misfits[which, name].bins for misfits in here) for which in (model, other)]
-                near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
-                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges agree with its {name} branch: they are '
-                             f'{near} bins off it, and {far} bins off that of the {other} model')
+                near, far = (sorted(misfits[which, name].bins for misfits in here) for which in (model, other))
+                away = ' to '.join(dict.fromkeys((f'{far[0]:.2f}', f'{far[-1]:.2f}')))
+                lines.append(f'{model} simulation: {len(here)} of its {len(ridges)} ridges follow{"s" * (len(here) == 1)} its '
+                             f'{name} branch to within {near[-1]:.2f} bins; that branch of the {other} model is {away} bins away'
+                             + ', too near to tell the models apart' * (far[0] <= RESOLVED))
     lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
-        lines.append(f'{astray} of the ridges lie on no branch of the row: --verbose lists possible reasons')
+        lines.append(f'{astray} of all ridges follow no branch; the report of --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']
 
 
@@ -178,8 +180,8 @@ def _amplitudes(cell, largest, loud):
     for record, u in largest.items():
         lines.append(f'{record}: largest displacement {_metres(u)}, {u / spacing:.2%} of the spacing')
         if loud and u > bound:
-            lines[-1] += (f'; WARNING: beyond the linear range ({_metres(bound)} = {LINEAR_ERROR:.0%} frequency error); '
-                          'lower force_N')
+            lines[-1] += (f'; WARNING: beyond the linear range: at {_metres(bound)} frequencies are already off by '
+                          f'{LINEAR_ERROR:.0%}; lower force_N')
     return lines
 
 
@@ -200,7 +202,7 @@ def _decays(plan, cell, records):
                 reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
                 if np.isfinite(reach):
                     lines.append(f'{name}_{model}: {carrier:g} Hz lies in a band gap along R2; the wave that decays most slowly '
-                                 f'falls to 1/e in {reach:.3g} steps')
+                                 f'falls to 1/e in {reach:.3g} steps of the row')
     return ['', *lines] if lines else []
 
 
@@ -214,11 +216,11 @@ def _unstable(cell):
         return [] if judged.stable else ['', f'UNSTABLE: {judged.finding("buckling").words}']
     needed, given = critical_foundation(cell, 'complete')[0], common_spring(cell)
     if on_the_verge(given, needed):
-        return ['', f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what it needs.']
+        return ['', f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what is needed.']
     if given >= needed:
         return []
     needed, given = (k / (units.N / units.m) for k in (needed, given))
     return ['', 'UNSTABLE: the static forces buckle this lattice. In the complete simulation the growth may hide the burst.',
-            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Lowering force_N does not help, because the '
+            f'The lattice needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Lowering force_N does not help: the '
             'growth does not depend on the force.',
             'The conventional model does not show this.']

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 HELP = 'is the structure stable, what must its supports hold, up to which amplitude is it linear?'
 JUDGED = 20_000
-"""Largest number of particles of a patch that is judged separately.  This takes about ten seconds at this size, and the time
+"""Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
          'dos': 'bands.density.lattice_density', 'burst': 'response.propagation.propagate', 'plan': 'planning.peak.plan_peak',
@@ -59,13 +59,13 @@ def run(options: Namespace) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene, and what several findings ask of it."""
+    """A scene, and the intermediate results that several findings share."""
 
     scene: Scene
 
     @cached_property
     def relaxation(self) -> Any:
-        """Where a structure with defects or disorder comes to rest, or None for a scene without."""
+        """The relaxed structure with its defects or disorder; None if the scene has neither."""
         return self.scene.relaxation()
 
     @cached_property
@@ -75,7 +75,7 @@ class Case:
 
     @cached_property
     def patch(self) -> Atoms | None:
-        """The patch at its rest, or None for a scene without."""
+        """The patch at its rest; None if the scene has none."""
         if self.scene.finite or self.scene.single or self.scene.patch is None:
             return None
         return self.scene.patch_atoms() if self.relaxation is None else self.relaxation.atoms
@@ -100,7 +100,7 @@ class Case:
 
     @cached_property
     def of_patch(self) -> Verdict | None:
-        """The verdict on the patch; None without one, or for one that is too large."""
+        """The verdict on the patch; None if there is no patch, or if it is too large."""
         from ..stability.verdicts import verdict
 
         return None if self.patch is None or len(self.patch) > JUDGED else verdict(self.patch, damping=self.damping)
@@ -111,7 +111,7 @@ REPORT = Findings()
 
 @REPORT.answer
 def verdict_in_short(case: Case) -> str:
-    """Whether it stands, on which supports, and how far it is linear; the faults have lines of their own."""
+    """Whether the structure is stable, which supports it needs, and up to which amplitude it is linear; without the faults."""
     judged = [one for one in (case.judged, case.of_patch) if one is not None]
     if any(one.faults for one in judged):
         return f'{case.scene.title}: {sum(len(one.faults) for one in judged)} problem(s)'
@@ -138,7 +138,7 @@ def guided(case: Case) -> str | None:
 
 @REPORT.check
 def defects(case: Case) -> str | None:
-    """Where a structure with defects or disorder stands."""
+    """How far a structure with defects or disorder moved to its rest."""
     return case.relaxation and f'Defects and disorder: {case.relaxation} This equilibrium is stable.'
 
 
@@ -151,7 +151,7 @@ def structure(case: Case) -> Finding:
 
 @REPORT.check
 def patch(case: Case) -> Finding | str | None:
-    """The verdict on the patch; of a large one, that of its lattice holds."""
+    """The verdict on the patch; for a large patch, the verdict on its lattice is used."""
     if case.patch is None:
         return None
     if case.of_patch is None:
@@ -161,18 +161,18 @@ def patch(case: Case) -> Finding | str | None:
 
 @REPORT.check
 def cut_off(case: Case) -> str | None:
-    """The lowest frequency at Gamma, of a lattice whose foundation or held particles give one."""
+    """The cut-off frequency, the lowest at Gamma, if a foundation or held particles cause one."""
     from ..bands import bands
 
     if not case.atoms.pbc.any() or case.judged.residual or case.modulated or (lowest := bands.cut_off(case.atoms)) is None:
         return None
     holds = 'The held particles and the foundation give' if case.atoms.constraints else 'The foundation gives'
-    return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz, the lowest frequency at Gamma.'
+    return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz at Gamma: below it no long waves propagate.'
 
 
 @REPORT.check
 def others(case: Case) -> list[str]:
-    """What neighbours that are omitted would change."""
+    """How the omitted neighbours would change the frequencies."""
     from .neighbours import neighbours
 
     return [] if case.modulated else neighbours(case.scene)
@@ -197,7 +197,7 @@ def commands(case: Case) -> str | None:
 
 @REPORT.check
 def leaning(case: Case) -> str | None:
-    """What leaning pillars, which the scene omits, would do to the lowest branch, if anything."""
+    """How leaning pillars, which the scene omits, would shift the lowest branch, if they matter."""
     from ..bands.bloch import bloch_modes
 
     scene = case.scene
@@ -207,17 +207,17 @@ def leaning(case: Case) -> str | None:
     points = {'Gamma' if name == 'G' else name: q for name, q in scene.special_points.items()}
     try:
         here, there = (units.hertz(bloch_modes(one.perfect_cell(), [*points.values()])[0][:, 0]) for one in (scene, leant))
-    except ValueError:  # no lattice of which leaning is known
+    except ValueError:  # the effect of leaning is not known for this lattice
         return None
     shifts = [f'at {name} from {a:.6g} to {b:.6g} Hz' for name, a, b in zip(points, here, there, strict=True)
               if abs(b - a) > SEEN * abs(a)]
-    return (f'Pillars lean, and the magnets with them: this would shift the lowest branch {", ".join(shifts)}. '
+    return (f'Not modelled: pillars lean, and the magnets with them. This would shift the lowest branch {", ".join(shifts)}. '
             'Write lean = true in [foundation.pillar] to include it.') if shifts else None
 
 
 @REPORT.check
 def cost(case: Case) -> Finding | None:
-    """What the commands on this scene need; a fault where the memory does not suffice."""
+    """The memory that the commands need for this scene; a fault if it is not available."""
     from .costs import COSTS
 
     expected = [COSTS.find(name, case.scene) for name in COSTS if getattr(case.scene, name, None) is not None]
@@ -227,18 +227,17 @@ def cost(case: Case) -> Finding | None:
 
 
 def _large(patch, perfect):
-    """What the terminal shows for a patch that is too large to be judged separately.
+    """The finding for a patch that is too large for a verdict of its own.
 
-    The free particles of a perfect patch have all their neighbours, so that its Hessian is a block of that of the lattice, in
-    the plane, out of it and at every spacing.  Its eigenvalues lie between the lowest and the highest one of the lattice
-    (Cauchy).
+    The free particles of a perfect patch have all their neighbours, so that its Hessian is a block of that of the lattice, in the
+    plane, out of it and at every spacing.  Its eigenvalues lie between the lowest and the highest one of the lattice (Cauchy).
     """
     from ..dynamics.engine import highest_frequency
 
-    many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged separately. '
+    many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not checked separately. '
     if perfect:
         return (many + 'Every particle inside its rim has all of its neighbours, so the results for the lattice are valid for '
-                'the patch: foundation, spacing, supports and time steps. The fixed rim may make it stable even where the '
-                'lattice buckles. The linear amplitude is that of waves far from the rim.')
-    return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). Its spacing, its '
-            'supports and its linear amplitude are not judged: for these, give a smaller patch with as many defects.')
+                'the patch: foundation, spacing, supports and time steps. The fixed rim may make the patch stable even where the '
+                'lattice buckles. The linear amplitude is given for waves far from the rim.')
+    return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). The spacing, the '
+            'supports and the linear amplitude of the patch are not checked: give a smaller patch with as many defects.')

@@ -1,7 +1,7 @@
 """`magphonon completion SHELL`: a script that completes commands, options, ready scenes and files in bash or zsh.
 
 Write it once, in bash with `magphonon completion bash > ~/.local/share/bash-completion/completions/magphonon`, in zsh to the file
-`_magphonon` in a directory of `$fpath`, and again after an update. It is static: a completion starts no Python.
+`_magphonon` in a directory of `$fpath`, and again after an update of magphonon. Completing a word starts no Python.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The memory that each command needs, estimated before it starts, and the key that it grows with.
 
 The estimates count the largest arrays.  The constants below are fitted to the peak resident memory of the commands, at two to
-four sizes each (`tests/cli/test_costs.py` lists them); one marked "counted" was not measured.  The estimates are accurate enough
+four sizes each (`tests/cli/test_costs.py` lists them); those marked "counted" were not.  The estimates are accurate enough
 to distinguish a typing error, such as 1e12 points, from work that fits.  Names end in the unit, bytes.
 """
 
@@ -42,16 +42,16 @@ SAMPLE_bytes = 1800  # burst: one particle of the row at one time, with its shar
 
 
 COSTS = Findings()
-"""By the names of the commands: the bytes that each needs for a scene, or None where the scene lacks its table."""
+"""For each command, by name: the bytes that it needs for a scene, or None if the scene lacks its table."""
 
 
 def amount(size: float) -> str:
-    """A number of bytes in words; what every process needs is not resolved."""
+    """A number of bytes in words; all sizes below 0.1 GB look the same."""
     return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'about {size / GIGABYTE:.2g} GB'
 
 
 def estimate(memory: Callable[[Scene], dict[str, float] | None]) -> None:
-    """Put a command on the list by what it needs, bytes by the key that they grow with: a fault where no memory holds it."""
+    """Decorator that adds a command to the list of costs; its function returns bytes for each key with which they grow."""
     @wraps(memory)
     def judge(scene):
         if (needed := memory(scene)) is None:
@@ -65,7 +65,7 @@ def estimate(memory: Callable[[Scene], dict[str, float] | None]) -> None:
             value = scene.supercell() if key == 'supercell' else scene.wanted('bands') if key == 'bands' else getattr(value, key)
         return Finding(size, f'{largest} = {list(value) if isinstance(value, tuple) else value!r} makes [{memory.__name__}] need '
                        f'{amount(size)} of memory, more than {USABLE_FRACTION:.0%} of the {free / GIGABYTE:.3g} GB that are '
-                       'free; lower it', fault=True)
+                       f'free; lower {largest}', fault=True)
 
     COSTS.check(judge)
 
@@ -151,7 +151,7 @@ def modes(scene: Scene) -> dict[str, float] | None:
 
 
 def size_key(scene: Scene) -> str:
-    """The key that the number of particles grows with."""
+    """The key of the scene with which the number of particles grows."""
     return 'lattice.file' if scene.finite else scene.patch.size_key if scene.patch is not None else 'title'
 
 

@@ -19,7 +19,7 @@ percent of the spacing, which moves a frequency by some percent."""
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [design]', 'design')
     parser.add_argument('--resume', action='store_true', help='with [[design.targets]]: continue from the design in the '
-                                                              'directory')
+                                                              'directory of results')
     add_output(parser)
     add_pictures(parser, frequencies=False)
 
@@ -41,21 +41,21 @@ def run(options: Namespace) -> None:
     met = [] if plan.spacing_from is None else [f'{plan.spacing_from.name} at {best.value / HERTZ:.6g} Hz']
     met += [] if plan.cut_off_Hz is None else [f'cut-off {plan.cut_off_Hz:.6g} Hz']
     lines = [f'# a spacing of {best.spacing / u.m:.6g} m and a foundation of {k / (u.N / u.m):.6g} N/m: {", ".join(met)}',
-             f'# {scene.title}: replace the tables of the same names by these']
+             f'# in the scene "{scene.title}", replace the tables of the same names by these']
     if plan.spacing_from is not None:
-        lines.append(f'# {plan.spacing_from.name}: 1 % more spacing changes it by {best.slope / HERTZ / 100:+.3g} Hz')
+        lines.append(f'# 1 % more spacing changes {plan.spacing_from.name} by {best.slope / HERTZ / 100:+.3g} Hz')
     given, needed = (stiffness / (u.N / u.m) for stiffness in (k, best.needed))
     lines.append(f'# stable: the foundation is {given:.6g} N/m, the static forces require {needed:.6g} N/m')
     others = ', '.join(f'{design.spacing / u.m:.6g}' for design in designs if design is not best)
     if others:
-        lines.append(f'# this spacing is the nearest to the present one; other spacings that meet the target: {others} m')
+        lines.append(f'# this spacing is the nearest to that of the scene; other spacings that meet the target: {others} m')
     near = ' '.join(_left_out(scene, plan, best, k, options.verbose))
     shown = [*(lines if options.verbose else lines[:1]), *([f'# {near}'] if near else [])]
     print('\n'.join([*shown, '', tables(scene, best, k)]))
 
 
 def _left_out(scene, plan, best, k, verbose):
-    """What neighbours cost in the lattice that was found."""
+    """Lines that say how the omitted neighbours would shift the frequencies of the lattice that was found."""
     from ..scenes.tolerances import varied
     from .neighbours import REPORT, Case
 

@@ -1,4 +1,4 @@
-"""`magphonon dos SCENE`: density of states of the lattice and of the patch, and the bands of the patch unfolded."""
+"""`magphonon dos SCENE`: density of states of the lattice and of the patch, and the unfolded bands of the patch."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ REPORT = Findings()
 
 @REPORT.answer
 def where(case: Case) -> str:
-    """Where modes are, and where there are none."""
+    """The ranges of frequency with modes, and the gaps between them."""
     if not case.lattice:
         return _modes_of_patch(case.patch)
     ends, found = case.ends['complete'], case.lattice['complete']
@@ -81,7 +81,7 @@ def where(case: Case) -> str:
 
 @REPORT.remark
 def of_lattice(case: Case) -> list[str]:
-    """Branches and gaps by each model."""
+    """Branches and gaps of the lattice in each model."""
     lines = [case.scene.title, *case.left]
     for model, found in case.lattice.items():
         ends, f = case.ends[model], found.frequencies_Hz
@@ -105,14 +105,14 @@ def of_patch(case: Case) -> str | None:
 
 @REPORT.remark
 def unfolded_bands(case: Case) -> str | None:
-    """What spectral.png shows."""
+    """What the picture spectral.png shows, the unfolded bands."""
     return case.unfolded and (f'spectral.png: the modes of the patch along {case.scene.band_path().path}, resolved to '
                               f'{units.hertz(case.unfolded.width[0]):.3g} Hz at low frequencies')
 
 
 @REPORT.check
 def others(case: Case) -> Finding:
-    """What neighbours that the scene omits would change of the lattice."""
+    """How the omitted neighbours would change the frequencies of the lattice."""
     from .neighbours import omitted
 
     return Finding() if case.scene.finite else omitted(case.scene)

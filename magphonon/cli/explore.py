@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'
 CYCLES = 120  # of the tone in a structure, most of which is nearly steady
 SUM = b'<!-- magphonon explore, sha256 '
-"""Begins the last line of every such page, which holds the checksum of the rest: any other file is not replaced."""
+"""Beginning of the last line of every such page, which holds the checksum of the rest; a file without it is not replaced."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -51,7 +51,7 @@ def run(options: Namespace) -> None:
         border = stability_boundary_of_exponents(atoms, explorer.exponents.values)
     else:
         border = stability_boundary(atoms, explorer.scales)
-    perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
+    perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
     _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
            [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])
@@ -66,7 +66,7 @@ def _write(options, file, page, words):
 
 
 def _pushed(scene):
-    """The structure, and its push in SI: by the first target of [design] if there is one, with its loud places as ports."""
+    """The structure and its force in SI; if [design] has targets, the force and the ports are those of the first target."""
     atoms, frf, targets = scene.patch_atoms(), scene.frf, getattr(scene.design, 'targets', ())
 
     def place(pick):
@@ -83,7 +83,7 @@ def _pushed(scene):
 
 
 def _template(text, scene, atoms):
-    """The scene without its comments; in the place of each value that a slider changes stands the name of this value."""
+    """The scene without its comments, with a name in place of each value that a slider changes."""
     from ..scenes.scene import toml
 
     tables, masses = tomllib.loads(text), atoms.get_masses() / u.kg
@@ -111,8 +111,8 @@ def _refuse_foreign(file):
             raise ValueError(f'{file} is not a regular file but, for example, a pipe or a link; choose another name')
         page, mark, rest = file.read_bytes().rpartition(SUM)
         if mark + rest != _signature(page):
-            raise ValueError(f'{file} is not an unchanged page of "magphonon explore" and is not replaced; choose another name, '
-                             f'or move it away')
+            raise ValueError(f'{file} is not a page of "magphonon explore", or was edited, and is not replaced; choose another '
+                             'name, or move it away')
 
 
 def _refuse_unknown(scene: Scene) -> None:
@@ -125,11 +125,11 @@ def _refuse_unknown(scene: Scene) -> None:
         raise ValueError('lattice.kind = "file": positions from a file may lose their balance when the spacing or the exponent '
                          'changes; the explorer needs a lattice given by its name, such as kind = "triangular"')
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
-        raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or use '
+        raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; omit this table, or use '
                          '"magphonon bands"')
     if scene.foundation is not None and scene.foundation.leans:
         raise ValueError('foundation.pillar.lean: leaning softens the foundation by an amount that depends on the spacing, '
-                         'which the explorer does not compute; leave lean out, or use "magphonon bands"')
+                         'which the explorer does not compute; omit lean, or use "magphonon bands"')
     if scene.cell().pbc.all():
         raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, but the explorer draws planar ones; use '
                          '"magphonon bands"')

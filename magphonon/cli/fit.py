@@ -2,16 +2,16 @@
 
 Some errors are shared by all rows of a table: the zeros of the distance and of the force, hysteresis, backlash, the gain of the
 load cell. The intervals allow for them; options say how well you know each.  A length or force without a unit is in m or N:
-`--spacing 10mm` or 0.01. With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any
-other analysis: force, exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is
-stated.  The table says which kind of source sent the waves; the intervals allow for the shift that such a source gives to all
-ridges of a branch. Name a scene first, `magphonon fit mine.toml forces.csv ridges.csv`, and each of the other files is recognised
-by its contents. Forces, ridges and transfer functions are fitted together, with one law, one foundation and one mass. The report
-then says which record contradicts the others, and what to measure next. With `--frf SCENE` the files are of measured transfer
-functions, tables or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are
-fitted to them, with D* and without.
+`--spacing 10mm` or 0.01. With `--bands SCENE` the tables hold ridge points, from `magphonon spectrum` or any other analysis:
+force, exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The table
+says which kind of source sent the waves; the intervals allow for the shift that such a source gives to all ridges of a branch.
+If a scene is named first, `magphonon fit mine.toml forces.csv ridges.csv`, each of the other files is recognised by its contents.
+Forces, ridges and transfer functions are then fitted together, with one law, one foundation and one mass. The report says which
+record contradicts the others, and what to measure next. With `--frf SCENE` the files hold measured transfer functions, as tables
+or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are fitted to them, with
+D* and without.
 
-docs/coverage.md says how often its 95 % intervals contain the true value.
+docs/coverage.md says how often the 95 % intervals contain the true value.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
                         'frequency_Hz and re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg, or universal files .uff')
     parser.add_argument('--fix', metavar='NAMES',
-                        help='with --bands or --frf: parameters that keep their values in the scene, with the names of '
-                             '--prior, such as --fix a,foundation_N_per_m')
+                        help='with --bands or --frf: parameters that keep the values of the scene, named as in --prior, '
+                             'such as --fix a,foundation_N_per_m')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
                         help='with --bands or --frf: what is already known about a parameter, in SI, such as force_N=0.288+-0.01 '
                              'or a=3.8+-10%%; units may be left out of names; may be given several times')
     parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
-                        help='with --bands: omit a ridge, such as --without "60Hz, longitudinal"; the intervals are widened by '
-                             'as much as the fit misses it')
+                        help='with --bands: omit a ridge, such as --without "60Hz, longitudinal"; the intervals are widened '
+                             'according to how far the fit misses this ridge')
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, such as 10mm (default: the middle of the '
                                                                     'measured distances)')
     for name, reader, metavar, words in (
-            ('distance', length, 'R', 'standard uncertainty of the zero of the distances, such as 0.1mm; it matters most '
+            ('distance', length, 'R', 'standard uncertainty of the zero of the distances, such as 0.1mm; this error matters most '
                                       '(default: 0.2mm)'),
             ('zero', force, 'F', 'standard uncertainty of the zero of the force, such as 5mN (default: a tenth of the largest '
                                  'force)'),
@@ -71,13 +71,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--pair-sigma', metavar='X', type=share,
                         help='standard deviation of the force from one pair to the next, as a fraction (default: the scatter of '
                              'several pairs in one table, else 0)')
-    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: the known shape '
+    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of your magnets: their known shape '
                                                           'narrows the intervals; if the data contradict it, a free curve is '
                                                           'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact: measurements below it are refused (default: that of --magnet)')
+                        help='distance of the centres at contact; a table with a smaller one is refused (default: from --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',
-                        help='directory for the picture and the entry for a scene file (default: none, the entry is printed)')
+                        help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_pictures(parser, frequencies=False)
 
 
@@ -100,20 +100,20 @@ def _of_one_kind(options):
 
 
 def _refuse_copies(names):
-    """Raise ValueError for two files of the same numbers, in whatever format, units or order."""
+    """Raise ValueError if two files hold the same numbers, in whatever format, units or order."""
     known = []
     for name in names if len(names) > 1 else ():
-        with suppress(ValueError, OSError):  # of which the fit will tell
+        with suppress(ValueError, OSError):  # which the fit will report
             columns = [np.ravel(column) for table in columns_of(*held(ready_table(name))) for column in table.values()]
             known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
     for (first, one), (name, other) in combinations(known, 2):
         if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
-            raise ValueError(f'{first} and {name} hold the same numbers, and their noise would count as independent; give one of '
-                             'them')
+            raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
+                             'of them')
 
 
 def _with_scene(options):
-    """A scene and files that are recognised by what they hold: the fit of one kind of record, or of all of them together."""
+    """Run the fit for a scene and files that are recognised by their contents: of one kind of record, or of all together."""
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
 
@@ -141,7 +141,7 @@ def _with_scene(options):
 
 
 def _fit_together(options, name, kinds):
-    """All records of one lattice at once."""
+    """Fit all records of one lattice at once, and report the result."""
     from ..scenes.frf_fits import GAIN, KEYS, UNITS
     from ..scenes.joint_fits import fit_records
     from ..scenes.scene import read_scene
@@ -173,7 +173,7 @@ def _shared_errors(options):
 
 
 def _told(options, scene, tables, report, name, figure=None):
-    """Print a report, and write all of it, with its picture if it has one, into the folder of the results if there is one."""
+    """Print a report; if there is a folder of results, write the full report and its picture, if any, into it."""
     from .results import results
 
     if options.output is not None:
@@ -215,14 +215,14 @@ def _fit_forces(options):
 
 
 def _check_options_of_forces(options):
-    """A fit of forces takes one table, and no options of the other fits."""
+    """Raise ValueError if a fit of forces is given several tables, or options of the other fits."""
     for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
         if given:
             raise ValueError(f'{name} belongs to a fit of ridges; name the scene with --bands SCENE')
     (options.file, *more) = options.files
     if more:
-        raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one, in any '
-                         'order; if these are ridges, name their scene with --bands')
+        raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one table, '
+                         'in any order; if these are ridges, name their scene with --bands')
     if options.output is None and (options.pdf or options.title is not None or options.style is not None):
         raise ValueError('--pdf, --title and --style apply to the picture; say with -o DIR where to write it')
 
@@ -246,7 +246,7 @@ def _fit_bands(options):
 
     for name in OF_FORCES:
         if getattr(options, name) is not None:
-            raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; leave it or --bands out')
+            raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; omit it or --bands')
     scene, points = read_scene(options.scene), read_ridges(*options.files)
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
@@ -262,7 +262,7 @@ def _fit_bands(options):
 
 
 def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
-    """The parameters that --fix names, with their unit or without."""
+    """The parameters that --fix names; the names may contain the unit or not."""
     names: list[str] = [name.strip() for name in options.fix.split(',')] if options.fix else []
     return [keys.get(name, name) for name in names]
 
@@ -301,7 +301,7 @@ def _fit_frf(options):
     for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
         if getattr(options, name):
             option = 'bands' if name == 'scene' else name.replace('_', '-')
-            raise ValueError(f'--{option} belongs to other fits; leave it or --frf out')
+            raise ValueError(f'--{option} belongs to other fits; omit it or --frf')
     if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
         options.files, options.frf = [options.frf], options.files[0]
     options.scene = source_of(options.frf)
@@ -310,7 +310,7 @@ def _fit_frf(options):
     fixed = _fixed(options, KEYS)
     gain = GAIN if options.gain_sigma is None else options.gain_sigma
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
-        print(f'These look like {doubt}: correct that before believing what follows.\n')
+        print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
     _told(options, scene, options.files, partial(frf_report, found, fixed), 'frf_fit',
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

@@ -1,6 +1,4 @@
-"""The reports of `magphonon fit`: the force and its slope, the lattice fitted to ridges, the lattice fitted to transfer
-functions.
-"""
+"""The reports of `magphonon fit`: the force and its slope, and the lattice fitted to ridges or to transfer functions."""
 
 from __future__ import annotations
 
@@ -22,8 +20,8 @@ from ..waves.ridge_tables import SHIFT_bins
 from .fitted import SIGMAS, entries_of, in_a_line, interval, unlike_springs, with_unit
 from .neighbours import neighbours, omitted
 
-FEW, MANY = 10, 4  # points below which so many parameters may be moved by one misread ridge without a sign of it
-SURE = 0.8  # probability of a drift from which it is told
+FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
+SURE = 0.8  # probability of a drift above which it is reported
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 KEY_OF = {name: key for key, name in KEYS.items()}  # the parameters as --prior and --fix name them
 
@@ -41,7 +39,7 @@ FORCES, RIDGES, RESPONSES = Findings(), Findings(), Findings()
 
 
 def force_report(*case, verbose: bool = True) -> str:
-    """What is said of a fit of forces, of a `ForceCase`: all of it, or the answer and what must not be missed."""
+    """The report of a fit of forces, described by a `ForceCase`: all of it, or only the answer and the warnings."""
     return '\n'.join(FORCES.lines(ForceCase(*case), verbose))
 
 
@@ -95,10 +93,10 @@ def what_makes_the_slope_uncertain(case):
 def which_law(case):
     if case.options.magnet is None:
         near, far = case.forces.r.min(), case.forces.r.max()
-        return (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm do not decide between the laws; the intervals hold for any '
+        return (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm do not determine the kind of law; the intervals hold for any '
                 f'smooth law.')
     lost = '; the data contradict it.' if case.fit.weight < SHAPE_WEIGHT / 5 else '.'
-    return f'The shape of {case.options.magnet} has the weight {case.fit.weight:.2g} against a free curve{lost}'
+    return f'The shape of {case.options.magnet}, rather than a free curve, has the probability {case.fit.weight:.2g}{lost}'
 
 
 @FORCES.check
@@ -121,14 +119,14 @@ def drift(case):
 
 @FORCES.remark
 def pairs(case):
-    """How far one pair may be from the mean of the lattice."""
+    """How far a single pair may be from the mean of all pairs in the lattice."""
     count, sigma = case.forces.pairs, case.fit.pair
     if sigma:
         told = 'as stated' if case.shared.pair is not None else 'as their scatter says'
         return (f'{count} pair{"s" * (count > 1)}, whose forces scatter about their mean by {100 * sigma:.2g} % (one standard '
                 f'deviation, {told}); the intervals are those of the mean.')
     return ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is about 3.5 % off the mean '
-            'of the lattice. Measure several pairs, with a column pair, or give --pair-sigma 0.035.') if count == 1 else None
+            'of the lattice. Measure several, numbered in a column "pair", or give --pair-sigma 0.035.') if count == 1 else None
 
 
 @FORCES.check
@@ -140,22 +138,22 @@ def few_rows(case):
 @FORCES.check
 def scatter(case):
     return (f'The rows scatter {case.fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened '
-            'accordingly: look for an outlier, or leave the column out.') if case.fit.scatter > 1 else None
+            'accordingly: look for an outlier, or remove this column.') if case.fit.scatter > 1 else None
 
 
 @FORCES.remark
 def reach(case):
-    """How many shells of neighbours the table reaches."""
+    """How many shells of neighbours lie within the range of the table."""
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
-    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours. Forces at '
-            'larger distances are extrapolated: measure to three spacings or more, or name the magnet (--magnet). "magphonon '
-            'check" says by how much the neighbours there shift the frequencies.')
+    return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours or more. The '
+            'law omits farther neighbours: measure to three spacings or more, or name the magnet (--magnet). "magphonon check" '
+            'estimates by how much farther neighbours would shift the frequencies.')
 
 
 @FORCES.check
 def conflicts(case):
-    """Errors of the whole table that come out far from what was stated."""
+    """Errors shared by the whole table whose fitted values are far from what was stated."""
     for name, value, conflict, unit, symbol in zip(SHARED, case.fit.zeros, case.fit.conflicts, (u.N, u.mm, u.N, u.mm),
                                                    ('N', 'mm') * 2, strict=True):
         if conflict > CONFLICT:
@@ -169,8 +167,8 @@ def next_table(case):
 
 
 def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> str:
-    """The parameters in both models with their intervals, what is not determined, the evidence for D*, and what others shift;
-    or only the answer, its entries for a scene, and what must not be missed.
+    """The parameters in both models with their intervals, what is not determined, the evidence for D*, and shifts by omitted
+    neighbours; or only the answer, its entries for a scene, and the warnings.
     """
     if not verbose:
         beside = omitted(found.scene, {'the ridges': found.points.q})
@@ -186,11 +184,11 @@ def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> s
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     return '\n'.join([*lines, *_table(fits, rows), '',
-                      '95 % intervals; force and bond stiffness -df/dr are those at the spacing.', *RIDGES.lines(found)])
+                      '95 % intervals; force and bond stiffness -df/dr are given at the spacing.', *RIDGES.lines(found)])
 
 
 def _called(found, branch):
-    """How the particles move on a branch, in brackets, where it is the same at all its points."""
+    """The polarisation of a branch in brackets, if it is the same at all measured points; otherwise ''."""
     points, cell = found.points, found.scene.perfect_cell()
     on = np.array(found.fits['complete'].branches)[points.ridge] == branch
     kinds = {*analytic_bands(cell, points.q[on], vectors=True).polarisations[:, branch]}
@@ -206,8 +204,8 @@ def _known(found, fixed):
     shells = found.scene.law.shells
     return ['; '.join(['Known: spacing and mass', *known]) + '.',
             f'Neighbours: {shells} shell{"s" * (shells != 1)}.' + (
-                ' The others are omitted: a law fitted with one shell is not the pair law of the magnets; shells = "auto" '
-                'counts as many as matter.' if shells == 1 else '')]
+                ' Farther neighbours are omitted: a law fitted with one shell is not the pair law of the magnets; shells = '
+                '"auto" counts as many shells as matter.' if shells == 1 else '')]
 
 
 def _predicted(found):
@@ -221,11 +219,11 @@ def _predicted(found):
 
 @RIDGES.remark
 def allowed(found):
-    """What the intervals contain of shifts that all ridges of a branch share."""
+    """The shifts, shared by all ridges of a branch, for which the intervals allow."""
     sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
     kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
-    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins ({count} points of waves from a {kind})' for kind, count in kinds)
-    lines = [f'The intervals allow for a shift in wavenumber that all ridges of a branch share, of {told}.']
+    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
+    lines = [f'The intervals allow for a common shift of all ridges of a branch in wavenumber: {told}.']
     strayed = found.fits['complete'].strayed
     if strayed:
         lines.append(f'{strayed} of the points from a point source are closer to the other branch than to the branch of their '
@@ -234,14 +232,14 @@ def allowed(found):
 
 
 def _answer(found):
-    """The parameters of the better model in a line, if it follows the data."""
+    """The parameters of the better model in one line, if it fits the data."""
     model = found.better.model
     told = f'{model.capitalize()} model: {in_a_line(found.values(model), UNITS)}, with 95 % intervals in brackets.'
     return [told] if found.better.follows else []
 
 
 def _table(fits, rows):
-    """Lines of rows with one column for each model."""
+    """Lines of a table with one column for each model."""
     rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits)), *rows]
     return in_columns(rows, left=1 + len(fits))
 
@@ -256,9 +254,9 @@ def few_points(found):
 
 @RIDGES.check
 def any_law(found):
-    """Whether the intervals are those of any smooth law."""
-    return ('The intervals hold for any smooth law; the inverse power of the scene was only the start. They become several times '
-            'narrower if the scene names the shape of the magnets (kind = "magnets" or "table"), or with a table of forces '
+    """Whether the intervals hold for any smooth law."""
+    return ('The intervals hold for any smooth law; the inverse power in the scene was only a first guess. They become several '
+            'times narrower if the scene names the shape of the magnets (kind = "magnets" or "table"), or with a table of forces '
             'beside the ridges.') if found.of_any_law else None
 
 
@@ -295,13 +293,13 @@ def left_out(found):
     if not found.left_out:
         return []
     return [f'Omitted from the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
-            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened accordingly. A fit that is good only '
+            f'{fit.scatter:.2g} times their uncertainties, and all intervals are widened accordingly. A fit that is good only '
             'because ridges were left out is no more certain than a fit to all of them.']
 
 
 @RIDGES.check
 def stated(found):
-    """The force that was measured before, as the scene states it, beside that of the ridges."""
+    """The force stated in the scene from an earlier measurement, beside that from the ridges."""
     if found.stated is None or not found.fits['complete'].follows:
         return []
     (before, sigma), (force, share) = found.stated, found.values()['force']
@@ -319,7 +317,7 @@ def stated(found):
 @RIDGES.check
 def verdict(found):
     if not found.better.follows:
-        return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
+        return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} times '
                 f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above are '
                 f'meaningless, and these data are no evidence for D* or against it. {_causes(found)}']
     sigmas = found.evidence
@@ -340,22 +338,22 @@ def verdict(found):
 
 
 def _scattered(found):
-    """What to think of points that scatter about the better model by more than their uncertainties say."""
+    """A comment if the points scatter about the better model by more than their uncertainties."""
     fit = found.better
     if fit.chance >= FITS:  # also where only ridges that were left out do
         return []
-    return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
+    return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} times their uncertainties; its intervals are '
             f'enlarged, and the evidence is lowered, by this factor. {_causes(found)}']
 
 
 def _causes(found):
-    """Why points may scatter: what was tried, with the chi2 that is left, and what explains it."""
+    """Why points may scatter: the changes that were tried, with the remaining chi2, and the one that explains it."""
     fit = found.better
     tried = [f'{one.chi2:.4g}/{one.freedom} ' + ('with as many neighbours as matter (shells = "auto")' if name == NEIGHBOURS else
                                                  f'without the ridge "{name}"') for name, one in found.causes.items()]
     told = f'Fitted again, with one thing changed, chi2/freedom is {"; ".join(tried)}. ' if tried else ''
     explain = [name for name, one in found.causes.items() if one.chi2 / one.freedom < fit.chi2 / fit.freedom / EXPLAINS]
-    best = NEIGHBOURS if NEIGHBOURS in explain else next(iter(explain), None)  # with them nothing that was measured is left out
+    best = NEIGHBOURS if NEIGHBOURS in explain else next(iter(explain), None)  # it keeps all measurements
     also = f'{"what --prior says, " if found.priors else ""}mass and spacing of the scene'
     if best is None:
         return f'{told}None of these explains it: look at {also}.' if tried else f'Look at {also}.'
@@ -392,7 +390,7 @@ def entries(found):
 
 @RIDGES.remark
 def others(found):
-    """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
+    """Shifts by omitted neighbours at the ridges; a relative shift of frequency is half that of the bond stiffness."""
     sigma = found.values()['bond stiffness'][1]
     within = {('the ridges', k + 1): NORMAL * sigma / 2 for k in set(found.fits['complete'].branches)}
     scene = found.fitted() if found.fits['complete'].follows else found.scene
@@ -400,8 +398,8 @@ def others(found):
 
 
 def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
-    """The parameters in both models with their intervals, what the lattice cannot follow, and which model does; or only the
-    answer and what must not be missed.
+    """The parameters in both models with their intervals, what no model of the lattice can fit, and which model fits better; or
+    only the answer and the warnings.
     """
     if not verbose:
         return '\n'.join([*_answer(found), *RESPONSES.lines(found, verbose=False)])
@@ -411,13 +409,13 @@ def frf_report(found, fixed: list[str], verbose: bool = True) -> str:
     rows = [(with_unit(name, UNITS), *(interval(*values[model][name]) if fit.follows else f'({values[model][name][0]:.4g})'
                                  for model, fit in fits.items())) for name in values['complete']]
     stated = any(one.sigma is not None for one in found.functions)
-    rows.append(('residual in the noise' if stated else 'residual (% of the peak)',
+    rows.append(('residual / noise' if stated else 'residual (% of the peak)',
                  *(f'{fit.misfit:.4g}' if stated else f'{100 * fit.noise:.3g}' for fit in fits.values())))
     return '\n'.join([
         *_answer(found), '', found.scene.title, '',
         f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '', *_table(fits, rows), '',
-        '95 % intervals; values in brackets are of a model that does not fit the data; force and '
-        'bond stiffness -df/dr are those at the spacing.', *RESPONSES.lines(found)])
+        '95 % intervals; a model whose values stand in brackets does not fit the data. Force and '
+        'bond stiffness -df/dr are given at the spacing.', *RESPONSES.lines(found)])
 
 
 @RESPONSES.check
@@ -425,7 +423,7 @@ def not_this_lattice(found):
     better = found.better
     strengths = 100 * better.site_scatter[0]
     why = (f'the data would need strengths that scatter by {strengths:.0f} % from site to site' if np.isfinite(strengths) else
-           f'the residual is {better.misfit:.3g} times the noise, whatever the sites are')
+           f'the residual is {better.misfit:.3g} times the noise, even if each site has its own strength and springs')
     return None if better.follows else (
         f'The lattice does not follow this model: {why}, so no intervals are given. Check mass, '
         'spacing, shells, units, and the positions and directions of the points.')
@@ -468,7 +466,7 @@ def which_model(found):
     worse = 'conventional' if found.ratio >= 1 else 'complete'
     return f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {
         'complete': 'the data speak for D0 + D*.',
-        'conventional': 'D0 alone follows the data and D0 + D* does not; they speak for D0 alone'
+        'conventional': 'D0 alone follows the data and D0 + D* does not. The data speak for D0 alone'
                         + (', and the fit of the complete model ends without static forces.' if found.endless else '.'),
         None: 'this cannot decide between the models.'}[found.verdict]
 

@@ -1,4 +1,4 @@
-"""What was fitted: values with their 95 % intervals, in words, and the entries for a scene."""
+"""Fitted values with their 95 % intervals, in words, and the entries that a scene needs for them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..scenes.scene import Scene
 
 SIGMAS = 'as a guide, noise alone gives 2 sigma in one fit of 20, and 5 sigma in one of two million'
 """How to read a number of standard deviations."""
-UNLIKE = 3.0  # sigmas by which springs along x and y differ from those of a fit before it is said
+UNLIKE = 3.0  # the ratio of springs along x and y is reported if it misses the fitted one by these sigmas
 
 
 def in_a_line(values: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
-    """Parameters that are determined, each with its interval; `values` hold relative standard uncertainties."""
+    """The determined parameters with their intervals, in one line; `values` hold relative standard uncertainties."""
     return ', '.join(f'{spoken(name).removeprefix("the ")} {f"{value:.4g} {units[name]}".rstrip()} ({_ends(value, sigma)})'
                      for name, (value, sigma) in values.items() if sigma <= DETERMINED)
 
 
 def with_unit(name: str, units: Mapping[str, str]) -> str:
-    """A parameter as the head of its row."""
+    """The name of a parameter with its unit, as the first cell of its row."""
     return f'{name} ({units[name]})' if units[name] else name
 
 
@@ -39,11 +39,11 @@ def _ends(value, sigma):
 
 
 def unlike_springs(fit: TransferFit) -> str | None:
-    """What to change in the scene if its sites show that springs along x and y are another ratio than the fitted one."""
+    """What to change in the scene if its sites show another ratio of the springs along x and y than the fitted one."""
     ratio, sigma = fit.unlike
     stiff, soft = 'xy' if ratio > 0 else 'yx'
     return None if abs(ratio) < UNLIKE * sigma else (
-        f'The pillars have a larger ratio of the stiffness along {stiff} to that along {soft} than this fit assumes: by '
+        f'Compared with their stiffness along {soft}, the pillars are stiffer along {stiff} than this fit assumes, by '
         f'{100 * np.expm1(abs(ratio)):.2g} +- {100 * np.exp(abs(ratio)) * sigma:.2g} %. Give [foundation] a stiffness_N_per_m '
         'for x and a stiffness_y_N_per_m, and fit both.')
 

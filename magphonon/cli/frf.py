@@ -1,4 +1,4 @@
-"""`magphonon frf SCENE`: displacement per harmonic force over frequency, for the oscillator or a patch."""
+"""`magphonon frf SCENE`: displacement per harmonic force as a function of frequency, for the oscillator or a patch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .. import units
 from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
-HELP = 'frequency response to a force or a shaken bench, also drawn over measurements'
+HELP = 'frequency response to a force or a shaken bench, compared with measurements if you have any'
 RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
 MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
@@ -57,7 +57,7 @@ def _measured(scene, options):
 
 
 def _responses(scene, plan, folder, save):
-    """Write and draw the responses of both models; a line that names their highest peaks, and where each has others."""
+    """Write and draw the responses of both models; return a line with their highest peaks, and lines with further peaks."""
     from ..plotting.response import plot_response
     from ..response.frf import receptance
     from ..stiffness.rest import LinearSystem
@@ -72,8 +72,8 @@ def _responses(scene, plan, folder, save):
         system = LinearSystem.of(atoms, *LINEAR)
         if plan.wall is not None and model == 'complete':
             moved = np.count_nonzero(source.any(axis=1))
-            lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees: all those beyond the free '
-                         f'particles in the direction of {plan.wall.side_deg:g} degrees')
+            lines.append(f'the wall: {moved} held particles on the side at {plan.wall.side_deg:g} degrees, moved along '
+                         f'{plan.wall.direction_deg:g} degrees')
         result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
@@ -89,7 +89,7 @@ def _responses(scene, plan, folder, save):
 
 
 def _beside(scene, measured, save):
-    """Draw what was measured over what is computed, and say how far they are from each other."""
+    """Draw the measured responses over the computed ones, and return lines that say how much they differ."""
     if not measured:
         return []
     from ..plotting.response import plot_transfer
@@ -98,12 +98,12 @@ def _beside(scene, measured, save):
     curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
     save(plot_transfer(measured, curves), 'frf_measured')
     lines, doubt = ['', *_compared(measured, curves)], suspect_units(scene, measured)
-    return lines if doubt is None else [*lines[:-1], f'They look like {doubt}: correct the table, or the name of its column, '
-                                                     'first.']
+    return lines if doubt is None else [*lines[:-1], f'The measurements look like {doubt}: correct the table, or the name '
+                                                     'of its column, first.']
 
 
 def _compared(functions, curves):
-    """How far the computed responses are from each measured one."""
+    """Lines that say how much the computed responses differ from each measured one."""
     lines = ['root mean square difference from the measurement, as a fraction of its peak:']
     for k, one in enumerate(functions):
         peak = abs(one.response).max()
@@ -111,11 +111,11 @@ def _compared(functions, curves):
         lines.append('  ' + ', '.join(f'{model} {share:.3g}' for model, share in off.items()) + f'  ({one.name})')
         if one.coherence is not None:
             lines.append(f'  its median coherence is {np.median(one.coherence):.3f}, the lowest {one.coherence.min():.3f}')
-    return [*lines, '"magphonon fit --frf" fits the lattice to it.']
+    return [*lines, '"magphonon fit --frf" fits the lattice to the measurement.']
 
 
 def _natural(system, omega):
-    """The natural frequencies to be drawn, and what the terminal shows of all: a large structure's are counted, not computed."""
+    """The natural frequencies to be drawn, and lines about all of them; in large structures they are counted, not computed."""
     from ..dynamics.engine import highest_frequency
     from ..response.normal_modes import SMALL, count_modes_below, local_modes, natural_frequencies
     from ..stiffness.lowest import lowest_mode
@@ -141,7 +141,7 @@ def _natural(system, omega):
 
 
 def _scattered(scene, system, omega):
-    """The lowest natural frequencies in the range with what [uncertainty] leaves unknown of them."""
+    """The lowest natural frequencies in the range, with their standard deviations due to [uncertainty]."""
     from ..design.scatter import mode_scatter
     from ..response.normal_modes import Modes, local_modes
 
@@ -153,7 +153,7 @@ def _scattered(scene, system, omega):
         return []
     spread = mode_scatter(system, scatter, Modes(found.omega[:SHOWN_PEAKS], found.shapes[:SHOWN_PEAKS]))
     shown = ', '.join(f'{f:.5g} +- {std:.2g}' for f, std in zip(*map(units.hertz, spread), strict=True))
-    return [f'  the lowest of them, with the standard deviations that follow from [uncertainty] to first order: {shown} Hz']
+    return [f'  the lowest natural frequencies in this range, with standard deviations due to [uncertainty]: {shown} Hz']
 
 
 def _peaks(result, unit):

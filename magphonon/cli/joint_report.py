@@ -17,14 +17,15 @@ from ..tables import in_columns
 from .fitted import SIGMAS, entries_of, in_a_line, interval, unlike_springs, with_unit
 
 PULL = 2.7
-"""Pull in standard deviations above which a fault is named: a fault of 4 is found in 9 of 10 cases, a false one in 1 of 100."""
+"""Pull in standard deviations above which a fault is named: a fault with a pull of 4 is then named in 9 of 10 cases, a false one
+in 1 of 100."""
 
 JOINT = Findings()
 
 
 def joint_report(found, verbose: bool = True) -> str:
-    """The parameters by all records with their intervals, and how well each record alone knows them; or only the answer and what
-    must not be missed.
+    """The parameters from all records with their intervals, and how well each record alone determines them; or only the answer
+    and the warnings.
     """
     joint, values = found.joints['complete'], found.values()
     first = f'{in_a_line(values, UNITS)}, with 95 % intervals in brackets.'
@@ -43,7 +44,7 @@ def joint_report(found, verbose: bool = True) -> str:
             rows.append((f'{name}, branch {branch + 1} (Hz)', interval(u.hertz(omega[k, branch]), sigma[k, branch])))
     rows = [(*row, *[''] * (len(rows[0]) - len(row))) for row in rows]
     return '\n'.join([first, '', found.specimen.scene.title, '', *in_columns(rows, left=2), '',
-                      '95 % intervals, then the half widths of those that each record alone would give.', *JOINT.lines(found)])
+                      '95 % intervals; then, for each record alone, the half width of its interval.', *JOINT.lines(found)])
 
 
 @JOINT.remark
@@ -54,7 +55,7 @@ def contradictions(found):
         others = [(other, joint.contradiction(name, other)) for other in names[k + 1:]] if len(names) > 2 else []
         told = [f'{"all others" if other is None else other} {sigmas:.1f}' for other, sigmas in
                 [(None, joint.contradiction(name)), *others] if np.isfinite(sigmas)]
-        yield f'  {name} against {", ".join(told) or "nothing that others know"}'
+        yield f'  {name} against {", ".join(told) or "none: the other records determine nothing that this one does"}'
 
 
 @JOINT.check
@@ -66,8 +67,8 @@ def faults(found):
         return
     for pull in pulls[:3]:
         if pull.sigmas >= PULL:
-            yield (f'{pull.record}: {pull.fault} would have to be off by {abs(pull.shift):.1f} times what was stated '
-                   f'({pull.sigmas:.1f} standard deviations).')
+            yield (f'{pull.record}: {pull.fault} would have to be off by {abs(pull.shift):.1f} times its stated '
+                   f'uncertainty; the evidence for this is {pull.sigmas:.1f} sigma.')
     yield 'Begin with the first one: when it is corrected, the others may vanish.'
 
 
@@ -89,8 +90,8 @@ def responses(found):
     if (told := unlike_springs(found.responses['complete'])) is not None:
         yield told
     if not found.joints['complete'].alone(RESPONSES).records[0].information.any():
-        yield ('They are given no weight, because even a scatter of 10 % from site to site would not explain them: use '
-               '"magphonon fit --frf" to check whether positions, units or neighbours are wrong.')
+        yield ('The transfer functions are given no weight, because even a scatter of 10 % from site to site would not explain '
+               'them: use "magphonon fit --frf" to check whether positions, units or neighbours are wrong.')
 
 
 @JOINT.check
@@ -98,13 +99,13 @@ def laws(found):
     yield f'Probability of each kind of law: {", ".join(f"{words} {weight:.2g}" for words, weight in found.laws.items())}.'
     if found.specimen.family.tau < 1 and found.laws['the shape in the scene'] < SHAPE_WEIGHT / 5:
         yield ('The records contradict the shape of the law in the scene, and the values above depend on it. Repeat the fit '
-               'with kind = "inverse_power", for any smooth law.')
+               'with kind = "inverse_power", which allows any smooth law.')
 
 
 @JOINT.check
 def springs(found):
     weight = found.one_spring
-    return None if weight is None else f'One spring for both directions, rather than two, has the probability {weight:.2g}.'
+    return None if weight is None else f'The probability that one spring constant holds for both directions is {weight:.2g}.'
 
 
 @JOINT.check

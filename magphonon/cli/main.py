@@ -36,7 +36,7 @@ SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stabili
             'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
 CYCLES = 50_000, 5, 5
-"""How seldom cycles of objects are looked for: at Python's own 700 a burst spends a tenth of its time on it, a workflow a
+"""Thresholds of Python's garbage collector: with its own 700 a burst spends a tenth of its time on collection, a workflow a
 twentieth."""
 
 

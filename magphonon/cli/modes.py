@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
-MOST_TURNING = 1500  # the same where forces turn velocities: matrices are complex and of twice the size
+MOST_TURNING = 1500  # the same limit with gyration: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
     lattice, patch, left = lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
-            raise ValueError(f'--{option} {given}: the scene has no patch, so there are no modes to use; add a table [patch]')
+            raise ValueError(f'--{option} {given}: the scene has no patch whose modes could be computed; add a table [patch]')
     with answering(options, scene) as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
         if lattice is not None:
@@ -70,7 +70,7 @@ def run(options: Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene, and what several findings ask of the modes of its lattice and of its patch."""
+    """A scene, and the modes of its lattice and of its patch that several findings share."""
 
     scene: Scene
     left: list[str]
@@ -80,7 +80,7 @@ class Case:
 
     @cached_property
     def bands(self) -> dict[str, Bands]:
-        """Of the lattice, along its special points, by model."""
+        """The bands of the lattice along its special points, by model."""
         from ..bands.bands import analytic_bands
         from .neighbours import special_points
 
@@ -89,7 +89,7 @@ class Case:
 
     @cached_property
     def at(self) -> dict[str, int]:
-        """The wavevectors of the special points on that path, by their names."""
+        """Indices of the wavevectors of the special points on the path of `bands`, by their names."""
         from .neighbours import special_points
 
         path = self.bands['complete'].path
@@ -105,7 +105,7 @@ class Case:
 
     @cached_property
     def system(self) -> LinearSystem:
-        """Of the patch or the finite structure, as all that follows."""
+        """The linear system of the patch or the finite structure."""
         from ..stiffness.rest import LinearSystem
         from ..traits import LINEAR
 
@@ -113,14 +113,14 @@ class Case:
 
     @cached_property
     def ranges(self) -> NDArray[np.float64]:
-        """Of the bands of the lattice; none of a finite structure."""
+        """Frequency ranges of the bands of the lattice; empty for a finite structure."""
         from ..bands.density import band_ranges
 
         return np.empty((0, 2)) if self.lattice is None else band_ranges(self.lattice)
 
     @cached_property
     def computed(self) -> tuple[Modes, bool]:
-        """Modes, and whether they are all."""
+        """The computed modes of the patch, and whether these are all its modes."""
         return _modes(self.system, self.ranges)
 
     @property
@@ -146,7 +146,7 @@ class Case:
 
     @cached_property
     def local(self) -> list[int]:
-        """The modes outside the bands of the lattice, the most local first."""
+        """Indices of the modes outside the bands of the lattice, the most local first."""
         room = OUTSIDE * abs(self.found.omega).max()
         outside = [k for k, omega in enumerate(self.found.omega)
                    if not any(low - room <= omega <= high + room for low, high in self.ranges)]
@@ -154,14 +154,14 @@ class Case:
 
     @cached_property
     def shown(self) -> list[int]:
-        """The modes that are drawn: the most local ones, or the lowest of a patch without local ones."""
+        """Indices of the modes that are drawn: the most local ones, or the lowest if the patch has no local modes."""
         order = np.argsort(self.extent.participation)
         every = range(len(self.found.omega)) if len(self.ranges) else order[~self.free[order]]
         return (self.local or [*every])[:SHOWN]
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which modes cost no energy."""
+        """Mask of the modes that cost no energy."""
         return _of_no_stiffness(self.found.omega)
 
     @cached_property
@@ -170,7 +170,7 @@ class Case:
 
     @property
     def about(self) -> dict[str, Any]:
-        """About what pictures and films show one image of a periodic patch: its first defect or else its most local mode."""
+        """Centre of the pictures of a periodic patch: its first defect, or else its most local mode; and the defects."""
         own = self.defects if len(self.defects) else self.extent.centre[self.shown, :2]
         return {'defects': self.defects, 'centre': own[0]}
 
@@ -186,8 +186,8 @@ def count(case: Case) -> str:
         lowest = 0.0 if _of_no_stiffness(f).flat[f.argmin()] else f.min()
         return f'modes of the lattice at {", ".join(case.at)}: from {units.in_words("Hz", lowest, f.max(), digits=6)}'
     f, name = case.found.frequencies_Hz, 'structure' if case.scene.finite else 'patch'
-    every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands,', 0.0 if case.free[0] else f[0]
-    outside = f'; {len(case.local) or "none"} of them lie outside the bands of the lattice' if len(case.ranges) else ''
+    every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands, in all', 0.0 if case.free[0] else f[0]
+    outside = f'; outside the bands of the lattice: {len(case.local) or "none"}' if len(case.ranges) else ''
     return f'modes of the {name}: {every} {len(f)}, from {units.in_words("Hz", lowest, f[-1], digits=6)}{outside}'
 
 
@@ -208,26 +208,26 @@ def of_lattice(case: Case) -> Iterator[str]:
             shown = ''.join(f'{f if abs(f) > ZERO_FRACTION * top else 0.0:14.6g}' for f in found)
             yield f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip()
     if not case.drawable:
-        yield (f'no picture: modes are drawn for planar lattices with a number of shells, motion in the plane and at most '
+        yield (f'no picture: modes are drawn only for planar lattices with a number of shells, motion in the plane and at most '
                f'{MOST_BRANCHES} branches')
 
 
 @REPORT.check
 def without_energy(case: Case) -> Finding | None:
-    """Of a finite structure: how many modes cost no energy, and how many would with D0 alone; told always where there are any."""
+    """How many modes of a finite structure cost no energy, and how many would with D0 alone; always printed if there are any."""
     from ..stiffness.rest import LinearSystem
 
     if case.patch is None or not case.scene.finite or case.system.turning or case.system.directions > MOST_REPEATED:
         return None
     alone = LinearSystem.about(case.patch.calc.about(case.patch, model='conventional'), case.patch).moving()
     blind = _of_no_stiffness(_modes(alone, case.ranges)[0].omega)
-    return Finding(blind, f'  {case.free.sum()} of them cost no energy; with D0 alone {blind.sum()} would',
+    return Finding(blind, f'  modes that cost no energy: {case.free.sum()}; with D0 alone there would be {blind.sum()}',
                    fault=True) if (case.free | blind).any() else None
 
 
 @REPORT.check
 def stands(case: Case) -> Finding | None:
-    """Whether what stands in a photo would stand with this law."""
+    """Whether a lattice that stands in a photo would be stable with this law."""
     if case.patch is None or not case.scene.finite or getattr(case.scene.lattice, 'positions', None) != 'rest':
         return None
     unstable = case.found.omega[0] < -OUTSIDE * abs(case.found.omega).max()
@@ -237,7 +237,7 @@ def stands(case: Case) -> Finding | None:
 
 @REPORT.check
 def most_local(case: Case) -> Finding | None:
-    """The most local modes; told always where some lie outside the bands, or there are no bands."""
+    """The most local modes; always printed if some lie outside the bands, or if there are no bands."""
     if case.patch is None or not (case.local or not len(case.ranges)):
         return None
     lines, extent, std = ['the most local ones:'], case.extent, case.spread[0].get('std_Hz')
@@ -251,15 +251,15 @@ def most_local(case: Case) -> Finding | None:
 
 @REPORT.check
 def scatter(case: Case) -> Finding | None:
-    """What +- means, and whether structures drawn at random buckle."""
+    """An explanation of the +- values, and whether structures drawn at random buckle."""
     if case.patch is None or not case.spread[0]:
         return None
     columns, lost = case.spread
     words = '  +- is the standard deviation due to all tolerances in [uncertainty], to first order'
     if 'drawn_std_Hz' in columns:
-        words = ('  +- is the larger of two standard deviations: one follows to first order from the scatter of the sites, the '
-                 f'other is that of the same mode in {round(DRAWN * (1 - lost))} structures drawn at random, about these '
-                 'frequencies; both are in modes.csv')
+        words = ('  +- is the larger of two standard deviations of the frequency: one follows to first order from the '
+                 f'scatter of the sites, the other comes from the same mode in {round(DRAWN * (1 - lost))} structures drawn at '
+                 'random. Both are in modes.csv')
     unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
     return Finding(lost, words + unstable, fault=bool(unstable))
 
@@ -272,7 +272,7 @@ def unused_tolerances(case: Case) -> Finding | None:
 
 @REPORT.remark
 def other_neighbours(case: Case) -> list[str] | None:
-    """What the neighbours that a patch or a structure leaves out would change of the modes that are shown."""
+    """Lines that say how the omitted neighbours of a patch or structure would change the modes that are shown."""
     from ..scenes.scene import LONG_RANGE, PAIRS
     from ..stiffness.rest import LinearSystem
 
@@ -283,12 +283,12 @@ def other_neighbours(case: Case) -> list[str] | None:
     if scene.finite and cutoff and system.directions <= MOST_REPEATED and system.atoms.calc.pairwise:
         farther = scene.lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
         every = LinearSystem.of(scene.model_copy(update={'lattice': farther}).atoms()).moving()
-        return _shifted(case, every, f'cutoff_m = {FARTHER * cutoff:.3g}')
+        return _shifted(case, every, f'neighbours up to cutoff_m = {FARTHER * cutoff:.3g}')
     if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
         return None
     enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
-        return ['  the effect of farther neighbours on these modes was not computed']
+        return ['  the effect of farther neighbours on the modes of the patch was not computed']
     if enough.shells <= scene.law.asked:
         return None
     law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))
@@ -298,14 +298,14 @@ def other_neighbours(case: Case) -> list[str] | None:
 
 @REPORT.check
 def measured(case: Case) -> Finding | None:
-    """The computed mode that is most like each measured shape: told always, as it is asked for."""
+    """The computed mode most similar to each measured shape; always printed, because the user asked for it."""
     found = None if case.patch is None else case.comparison
     return None if found is None else Finding(found, '\n'.join(matches(found, case.found)), fault=True)
 
 
 @REPORT.check
 def others(case: Case) -> Finding:
-    """What neighbours that the scene omits would change of the lattice."""
+    """How the omitted neighbours would change the frequencies of the lattice."""
     from .neighbours import omitted
 
     return Finding() if case.scene.finite else omitted(case.scene)
@@ -319,7 +319,7 @@ def unused(scene: Scene) -> Finding:
 
 
 def _of_no_stiffness(omega):
-    """Which modes cost no energy, such as the motion of the whole structure where nothing holds it."""
+    """Mask of the modes that cost no energy, such as the motion of a whole structure that nothing holds."""
     from .band_report import ZERO_FRACTION
 
     return abs(omega) < ZERO_FRACTION * abs(omega).max()
@@ -332,7 +332,7 @@ def _modes(system, ranges):
     size, turns = system.K.shape[0], system.turning
     if turns and size > MOST_TURNING:
         raise ValueError(f'the patch has {size} free directions; modes of gyroscopes need dense matrices, '
-                         f'of up to {MOST_TURNING}: use a smaller patch, or "magphonon frf"')
+                         f'which may have up to {MOST_TURNING} rows: use a smaller patch, or "magphonon frf"')
     if size <= MOST_DIRECTIONS:
         return modes(system), True
     lowest = modes(system, LOWEST)
@@ -345,14 +345,14 @@ def _modes(system, ranges):
 
 
 def _spread(scene, system, found):
-    """Columns of modes.csv with the scatter that [uncertainty] names for each site; the share of structures drawn that buckle."""
+    """Columns of modes.csv with standard deviations due to [uncertainty]; and the share of random structures that buckle."""
     from ..design.scatter import mode_scatter, sampled_modes
 
     scatter, _ = scene.known_of_structure
     if not scatter:
         return {}, 0.0
     first = units.hertz(mode_scatter(system, scatter, found).std)
-    if system.directions > MOST_DRAWN or not scatter.std.any():  # what all sites share mixes no modes
+    if system.directions > MOST_DRAWN or not scatter.std.any():  # deviations that all sites share mix no modes
         return {'std_Hz': first}, 0.0
     drawn = sampled_modes(system.atoms, scatter, DRAWN)
     lost = float(np.isnan(drawn[:, 0]).mean())
@@ -364,7 +364,7 @@ def _spread(scene, system, found):
 
 
 def _shifted(case, every, how):
-    """Where modes of a system are found in the same with more neighbours, in words; modes are those that are most alike."""
+    """Lines with the shifts of modes if more neighbours count; a mode is identified by the similarity of its shape."""
     from scipy.spatial import KDTree
 
     from ..response.normal_modes import modes
@@ -378,16 +378,16 @@ def _shifted(case, every, how):
     for k, row in zip(case.shown, mac, strict=True):
         f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
         told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
-                    f'no mode is like mode {k + 1}')
-    return [f'  with {how}: {"; ".join(told)}']
+                    f'mode {k + 1} beyond recognition')
+    return [f'  {how} would shift: {"; ".join(told)}']
 
 
 def matches(comparison, found) -> list[str]:
-    """A line for each measured shape: the computed mode that is it, and which others look the same at the measured points."""
+    """A line for each measured shape: the computed mode that matches, and others that look the same at the measured points."""
     from ..response.measured_shapes import FAR
 
     f = found.frequencies_Hz
-    lines = ['measured shapes (a MAC of 1 means the same shape; mac.csv has its columns in this order):']
+    lines = ['measured shapes (a MAC of 1 means the same shape; the columns of mac.csv have this order):']
     for name, omega, mac, least, best in zip(comparison.names, comparison.omega, comparison.mac, comparison.least,
                                              comparison.best, strict=True):
         measured, alike = units.hertz(omega), np.flatnonzero(mac > least)
@@ -395,11 +395,11 @@ def matches(comparison, found) -> list[str]:
         what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
         off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
         if mac[best] > least:
-            far = bool(abs(f[best] - measured) > FAR * measured)  # not, if unknown
+            far = bool(abs(f[best] - measured) > FAR * measured)  # False if unknown
             others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
             lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
                          + (', too far apart in frequency for one mode: are u_x and u_y exchanged, or is the law wrong?' * far)
-                         + (f'; mode {", ".join(others)} looks the same at so few points (aliasing): measure particles between '
+                         + (f'; at so few points mode {", ".join(others)} looks the same (aliasing): measure particles between '
                             'them' if others else ''))
         else:
             lines.append(f'{what}no mode matches; the most similar is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC '
@@ -449,7 +449,7 @@ def _draw_lattice(save, case):
 
 
 def _write(folder, save, case):
-    """Tables and pictures of the modes of the patch, and a film of one."""
+    """Write tables and pictures of the modes of the patch, and a film of one mode."""
     from ..plotting.modes import plot_comparison
 
     filmed, f = case.options.animate, case.found.frequencies_Hz
@@ -468,7 +468,7 @@ def _write(folder, save, case):
 
 
 def _draw(save, case):
-    """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
+    """Draw how many particles take part in each mode, and the shapes of the most local or the lowest modes."""
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.modes import plot_extents, plot_shape
 
@@ -485,8 +485,8 @@ def _draw(save, case):
 
 
 def _film(folder, case, filmed):
-    """A film of one period of a mode whose largest displacement is a thousandth of the shortest bond; its title says how much
-    larger it is drawn.
+    """Save a film of one period of a mode whose largest displacement is a thousandth of the shortest bond; its title says by
+    which factor motion is enlarged.
     """
     from ..plotting.animation import animate, mode_frames
 

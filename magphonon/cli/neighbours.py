@@ -1,4 +1,4 @@
-"""What the neighbours that a scene omits would change, in words, per branch at the points asked.
+"""How the neighbours that a scene omits would change its frequencies, in words, for each branch at given points.
 
 `check`, fits, designs and tolerances list the shifts in full. The other commands print a line with the largest one if it matters.
 """
@@ -29,7 +29,7 @@ MOST_SHOWN = 6
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, and where the shifts by its neighbours are asked for."""
+    """A scene, and the points and intervals for which shifts by omitted neighbours are reported."""
 
     scene: Scene
     points: Mapping[str, ArrayLike] | None = None
@@ -43,21 +43,21 @@ class Case:
 
     @cached_property
     def q(self) -> dict[str, NDArray[np.float64]]:
-        """The wavevectors by the names of their points."""
+        """The wavevectors of the points, by the names of these."""
         points = special_points(self.scene) if self.points is None else self.points
         return {name: np.reshape(np.asarray(several, dtype=float), (-1, 3)) for name, several in points.items()}
 
     @property
     def unknown(self) -> str | None:
-        """Why shifts are not known, the end of a sentence; None where they are."""
+        """The end of a sentence that says why shifts are not known; None if they are known."""
         lattice: Any = self.scene.lattice
         if self.scene.finite:
             chosen = lattice.cutoff_m is None and not isinstance(self.scene.law.asked, int)
-            return '.' if chosen else '. Leave law.shells and lattice.cutoff_m out to count all pairs.'
+            return '.' if chosen else '. Omit law.shells and lattice.cutoff_m to count all pairs.'
         if not self.atoms.calc.pairwise:
             return '.'
         large = isinstance(lattice, FileLattice) and len(self.atoms) > MOST_IN_A_CELL
-        return '; the effect of the others is not computed for so large a cell.' if large else None
+        return '; the effect of farther ones is not computed for so large a cell.' if large else None
 
     @cached_property
     def found(self) -> NeighbourShifts:
@@ -65,12 +65,12 @@ class Case:
 
     @property
     def matters(self) -> bool:
-        """Whether a frequency shifts by more than real lattices are known to."""
+        """Whether a frequency shifts by more than the accuracy to which real lattices are known."""
         return self.unknown is None and bool(abs(self.found.relative).max() > TOLERANCE)
 
     @property
     def end(self) -> str:
-        return '' if self.found.known else ', if the forces keep falling as at the end of their table'
+        return '' if self.found.known else ', if the forces keep falling as they do at the end of the table'
 
     @cached_property
     def shifts(self) -> list[tuple[float, str, str, tuple[str, int]]]:
@@ -88,8 +88,8 @@ class Case:
 
     @cached_property
     def counted(self) -> str:
-        """Which neighbours count, in words."""
-        law, lattice = self.scene.law, self.scene.lattice  # of a file, where it has a cutoff
+        """Which neighbours the scene counts, in words."""
+        law, lattice = self.scene.law, self.scene.lattice  # a lattice from a file may have a cutoff
         if lattice.cutoff is not None:
             reach = f'Neighbours within {lattice.cutoff / 1e3:.4g} m count'
             return reach if getattr(lattice, 'cutoff_m', None) is not None else f'{reach} (shells = "{law.asked}")'
@@ -105,49 +105,49 @@ REPORT = Findings()
 
 @REPORT.remark
 def shifts(case: Case) -> str:
-    """How many neighbours count, and the largest shifts by the others, or that there is none."""
+    """How many neighbours the scene counts, and the largest shifts by the others, if there are any."""
     if case.unknown is not None:
         return case.counted + case.unknown
     if not case.matters:
-        return (f'{case.counted}: the others would shift no frequency at {", ".join(case.q)} by more than {100 * TOLERANCE:g} %'
+        return (f'{case.counted}: farther ones would shift no frequency at {", ".join(case.q)} by more than {100 * TOLERANCE:g} %'
                 f'{case.end}.')
     least = sorted((abs(x) for x, *_ in case.shifts), reverse=True)[:MOST_SHOWN][-1]
     shown = [f'{place} by {words}' for x, place, words, _ in case.shifts if abs(x) >= max(least, TOLERANCE)]
     others = max((abs(x) for x, *_ in case.shifts if TOLERANCE < abs(x) < least), default=0.0)
-    rest = f'; others by up to {100 * others:.2g} %' if others else ''
-    return f'{case.counted}: the others would shift {"; ".join(shown)}{rest}{case.end}.'
+    rest = f'; other branches by up to {100 * others:.2g} %' if others else ''
+    return f'{case.counted}: farther ones would shift {"; ".join(shown)}{rest}{case.end}.'
 
 
 @REPORT.check
 def not_enough(case: Case) -> Finding | None:
-    """Shifts that exceed half the width of an interval that is given."""
+    """The shifts that exceed half the width of a given interval."""
     exceeding = [place for x, place, _, which in case.shifts if abs(x) > max((case.within or {}).get(which, np.inf), TOLERANCE)
                  ] if case.matters else []
     few = 'Nearest neighbours' if case.scene.law.shells == 1 else 'So few neighbours'
-    return Finding(exceeding, f'{few} are not enough here: the others shift {" and ".join(exceeding)} by more than {case.limit}.',
-                   fault=True) if exceeding else None
+    return Finding(exceeding, f'{few} are not enough here: farther ones shift {" and ".join(exceeding)} by more than '
+                   f'{case.limit}.', fault=True) if exceeding else None
 
 
 @REPORT.remark
 def advice(case: Case) -> str | None:
-    """What to do where a shift matters."""
+    """Advice for the user if a shift matters."""
     if not case.matters:
         return None
     if not case.found.known:
-        return 'Measure the force farther away, or give the shape of the magnets.'
+        return 'Measure the force at larger distances, or give the shape of the magnets.'
     counts = isinstance(case.scene.law.asked, int)
-    return 'Omit law.shells, or write shells = "auto", to count as many as matter.' if counts else None
+    return 'Omit law.shells, or write shells = "auto", to count as many shells as matter.' if counts else None
 
 
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *,
                within: Mapping[tuple[str, int], float] | None = None, brief: bool = False) -> list[str]:
-    """A line that says how many neighbours are counted and what all of them would change; nothing for a scene where the number
-    cannot be chosen.
+    """Lines that say how many neighbours are counted and how all of them would change the frequencies; no line if a scene cannot
+    choose their number.
 
     If `brief`, it names only the largest shift, if any matters. `points` are wavevectors in fractions of the reciprocal vectors:
     one for each name, or several under one name, for which the largest shift is given; by default the special points of the
-    bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch from 1: shifts that
-    exceed them are named.
+    bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch (counted from 1).
+    Shifts that exceed them are named.
     """
     if scene.single or isinstance(scene.law, SavedLaw) or KINDS[scene.law.kind].shells == 1:
         return []
@@ -155,12 +155,12 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *,
     if not brief:
         return [' '.join(REPORT.lines(case))]
     most = [max(case.shifts, key=lambda shift: abs(shift[0]))] if case.matters else []
-    return [f'{case.counted}: the others would shift {place} by {words}{case.end}. "magphonon check --verbose" names all shifts.'
-            for _, place, words, _ in most]
+    return [f'{case.counted}: farther ones would shift {place} by {words}{case.end}. "magphonon check --verbose" names all '
+            'shifts.' for _, place, words, _ in most]
 
 
 def omitted(scene: Scene, points: Mapping[str, ArrayLike] | None = None) -> Finding:
-    """The largest shift as a finding of a command: a fault, except in the ready scenes, which say that they omit others."""
+    """The largest shift by omitted neighbours, as a finding: a fault, except in ready scenes, which state the omission."""
     return Finding(words=''.join(neighbours(scene, points, brief=True)), fault=scene._name not in ready_scenes())
 
 
@@ -188,7 +188,7 @@ def speeds(scene: Scene) -> str | None:
     shifts = (all_ - few) / np.where(few == 0, np.nan, abs(few))
     if not (abs(shifts) > TOLERANCE).any():
         return None
-    told = ', '.join(f'the speed of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
-                     for k, (x, c) in enumerate(zip(shifts, all_, strict=True)) if np.isfinite(c))
-    return ('Long waves feel neighbours much farther away: all of them together would shift '
+    told = ', '.join(f'the speed of branch {k + 1} from {a:.4g} to {c:.4g} m/s'
+                     for k, (a, c) in enumerate(zip(few, all_, strict=True)) if np.isfinite(c))
+    return ('Long waves feel neighbours much farther away: all neighbours together would change '
             f'{told or "the speeds above without bound"}.')

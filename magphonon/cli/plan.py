@@ -31,8 +31,8 @@ def run(options: Namespace) -> None:
 
     tolerance = positive('--tolerance', options.tolerance)
     if not LEAST_TOLERANCE <= tolerance < 1:
-        raise ValueError(f'--tolerance must lie between {LEAST_TOLERANCE:g} and 1, not {tolerance:g}; '
-                         'near zero a frequency is the square root of a rounded eigenvalue and has no more digits')
+        raise ValueError(f'--tolerance must lie between {LEAST_TOLERANCE:g} and 1, not {tolerance:g}; a frequency near zero is '
+                         'the square root of a rounded eigenvalue and has no more correct digits')
     if options.output is not None and not options.answer:
         raise ValueError(f'-o {options.output} is the directory for the results of --run; add --run, or omit -o')
     scene = read_scene(options.scene)

@@ -1,8 +1,8 @@
 """`magphonon read FILE`: show how all commands read a file of measurements, with a picture and a clean table.
 
 Forces between two magnets, ridges, transfer functions, and scans are recognised by what they hold.  The report says how each
-column was understood and which range it covers, so that a wrong unit is easily seen. The clean table is in SI and is read in the
-same way.
+column was understood and which range it covers, so that a wrong unit is easily seen. The clean table is in SI; every command
+reads it like the original.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HELP = 'how a file of measurements is understood, with a picture and a clean tab
 RESULTS = 'clean*.csv', 'clean.p*'
 KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
          'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
-"""What a file may hold, and what reads it."""
+"""The kinds of records that a file may hold, and the function that reads each."""
 MOST_BYTES = 1000 * MEGABYTE  # of a scan, the largest of all
 MOST_WORDS = 6  # different words of a column that are listed
 
@@ -36,7 +36,7 @@ MOST_WORDS = 6  # different words of a column that are listed
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('file', metavar='FILE', help='text, .npz, .mat, .h5, .tdms, .xlsx or universal file of an instrument')
     parser.add_argument('--contact', metavar='R', type=length, default=0.0,
-                        help='for a table of forces over gaps: size of the magnets along the line between them, such as 6.35mm')
+                        help='for a table of forces over gaps: size of a magnet along the line between the two, such as 6.35mm')
     add_output(parser, default=None)
     add_pictures(parser, frequencies=False)
 
@@ -63,9 +63,7 @@ def run(options: Namespace) -> None:
 
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
-    """What a file holds: its kind, and its contents as they were read; `contact` in mm is needed where a table of forces has
-    gaps.
-    """
+    """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
     if Path(file).suffix == '.toml':
         raise ValueError(f'{file} is a scene and holds no measurements')
     faults = []
@@ -75,12 +73,12 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
             return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
         except ValueError as error:
             faults.append(f'as {kind}: {error}')
-    content(file, MOST_BYTES)  # what cannot be read at all is told once
-    raise ValueError(f'{file} is not a known kind of record;\n  ' + '\n  '.join(faults))
+    content(file, MOST_BYTES)  # a file that cannot be read at all gives a single message
+    raise ValueError(f'{file} is no kind of record that can be read:\n  ' + '\n  '.join(faults))
 
 
 def _understood(file, kind, clean):
-    """Which quantity each column holds, unless the clean table calls it the same, and what was done to read it."""
+    """Lines with the quantity of each column whose name the clean table changes, and notes on how the file was read."""
     module = import_module(f'magphonon.{KINDS[kind][0]}')
     found = content(file, MOST_BYTES)
     if isinstance(found, list):
@@ -103,7 +101,7 @@ def _range(name, column):
 
 
 def columns_of(kind: str, record: Any) -> Iterator[dict[str, Any]]:
-    """The columns of the clean tables of a record by their names, in SI."""
+    """Yield the clean tables of a record, each a dict of columns in SI by their names."""
     yield from {'forces': _of_forces, 'ridges': _of_ridges, 'transfer functions': _of_transfer, 'a scan': _of_scan}[kind](record)
 
 
@@ -125,7 +123,7 @@ def _of_ridges(points):
 
 
 def _of_transfer(functions):
-    """Functions that say where they are stand in one table, others each in its own."""
+    """Tables of transfer functions: those with known points share one table, the others have one each."""
     groups: dict[Any, list] = {}
     for k, one in enumerate(functions):
         placed = one.answer is not None

@@ -1,6 +1,6 @@
 """`magphonon reproduce [NAME ...]`: the results of the paper, recomputed and compared, with pictures and a report.
 
-The same as `python -m workflows` in the sources. The exit status is 1 if a number fails its check.
+It does the same as `python -m workflows` in the sources. The exit status is 1 if a number fails its check.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Folders of results: a command writes its files into a hidden directory, and they get their names when all of them are complete.
+"""Folders of results: a command writes its files into a hidden directory and moves them out only when all are complete.
 
 Only the hidden directory that this process made is ever deleted. A file is replaced only by a result of the same name, and only
 if its checksum shows that it is still what the command wrote. So no file of a user is touched, whatever is in the folder. The
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 
 PROVENANCE, SCENE = 'provenance.json', 'scene.toml'
 PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib')  # packages whose versions are recorded with the results
-COPY = 'a copy of the scene'  # what a file is `by` that no command computed
+COPY = 'a copy of the scene'  # value of `File.by` for files that no command computed
 OTHERWISE = 'name another directory with -o'
 
 
 class File(BaseModel, extra='forbid'):
-    """A file: the command that wrote it, its SHA-256 and that of the file which it replaced."""
+    """Record of a file: the command that wrote it, its SHA-256 and that of the file which it replaced."""
 
     by: str
     sha256: str
@@ -52,7 +52,7 @@ class File(BaseModel, extra='forbid'):
 
 
 class Run(BaseModel, extra='forbid'):
-    """The last run of a command: `inputs` are its measured tables with their SHA-256; if `complete`, all its files are there."""
+    """Record of the last run of a command: `inputs` are its measured tables with their SHA-256; `complete` if all files exist."""
 
     command: str
     date: str
@@ -70,7 +70,7 @@ class Origin(BaseModel, extra='forbid'):
 
 
 class Provenance(BaseModel, extra='forbid'):
-    """What is known of a folder; `sha256` is the checksum of the rest."""
+    """Content of `provenance.json`: all that is known about a folder; `sha256` is the checksum of the other entries."""
 
     sha256: str = ''
     scene: Origin | None = None
@@ -78,21 +78,21 @@ class Provenance(BaseModel, extra='forbid'):
     files: dict[str, File] = {}
 
     def checksum(self) -> str:
-        """The right `sha256`."""
+        """The value that `sha256` must have."""
         return _digest(self.model_dump_json(exclude={'sha256'}).encode())
 
 
 @contextmanager
 def results(options: Namespace, scene: Scene | None = None, *tables: str | PathLike[str]) -> Iterator[Path]:
-    """A directory to write into, whose files appear in the folder `options.output` when all of them are complete.
+    """Context with a directory to write into, whose files appear in the folder `options.output` when all of them are complete.
 
-    The folder is made if it does not exist, with its parents.  Files of an earlier run of the same command are replaced, unless
-    they were edited; those that are not written again are left.  The `tables` are measured ones that the command reads.  The
-    options get `written`, the folder, and `notes`, sentences about what else is there.
+    The folder and its parents are made if they do not exist.  Files of an earlier run of the same command are replaced, unless
+    they were edited; those that are not written again are left.  The `tables` are measured tables that the command reads.  The
+    options get `written`, the folder, and `notes`, sentences about other files in it.
 
-    It raises ValueError at once if the folder holds results of another scene or table, or edited ones, or if the scene names a
-    file that is called like a result; at the end if a new file would replace one that no command wrote.  The folder is then
-    unchanged.
+    ValueError is raised at once if the folder holds edited results, or results of another scene or table, or if the scene refers
+    to a file with the name of a result. It is raised at the end if a new file would replace one that no command wrote.  In all
+    these cases the folder stays unchanged.
     """
     folder, made = Path(options.output), []
     try:
@@ -111,7 +111,7 @@ def results(options: Namespace, scene: Scene | None = None, *tables: str | PathL
                       'another place') from None
     finally:
         for path in reversed(made):
-            with suppress(OSError):  # it stays if there is anything in it
+            with suppress(OSError):  # a folder that is not empty stays
                 path.rmdir()
     options.written, options.notes = folder, []
     if stale:
@@ -135,7 +135,7 @@ def _make(folder, made):
 
 @contextmanager
 def _beside(folder):
-    """A hidden directory within the folder, from which files take their names without being copied."""
+    """Make a hidden directory within the folder, from which files can be renamed to their places without a copy."""
     try:
         stage = TemporaryDirectory(prefix='.partial-', dir=folder, ignore_cleanup_errors=True)
     except OSError as error:
@@ -145,7 +145,7 @@ def _beside(folder):
 
 
 class _Run:
-    """One run of a command, whose results go into a folder."""
+    """A run of a command whose results go into a folder."""
 
     def __init__(self, options, scene, tables):
         self.folder, self.scene, self.tables = Path(options.output), None, {}
@@ -163,7 +163,7 @@ class _Run:
         self.scene = Origin(title=scene.title, shells=scene.law.shells, tables=digests)
         for key, named in tomllib.loads(self.source.text).items():
             path = Path(named.get('file', '') if key in ('law', 'lattice') else '')
-            if path.name and not path.is_absolute():  # it stands beside the scene, and is copied with it
+            if path.name and not path.is_absolute():  # a file beside the scene, which is copied with it
                 file = str(path)  # without ./
                 if file != path.name:
                     raise ValueError(f'{key}.file = "{file}" is not in the folder of the scene, so the copy of the scene among '
@@ -177,8 +177,8 @@ class _Run:
         """Raise ValueError if the folder holds results of another scene or table, or edited ones.
 
         A scene counts as the same if all its earlier tables are unchanged: results computed from them remain valid when another
-        table is added.  One of the same title may replace the results of its own command, if there are none of others; so may
-        a measured table of the same path.
+        table is added.  A changed scene of the same title may replace the results of its own command, if the folder holds no
+        results of other commands. So may a changed measured table with the same path.
         """
         there, run = known.scene, known.results.get(self.name, self.record)
         edited = there and self.scene and there.title == self.scene.title and known.results.keys() <= {self.name}
@@ -200,10 +200,10 @@ class _Run:
                 self.replaces(name, file.sha256, self.name, known)
 
     def move(self, stage):
-        """Let the new files and copies of the scene take their names; return those of earlier runs that stay beside them."""
+        """Move the new files and copies of the scene to their places; return the files of earlier runs that stay."""
         for path in (stage, *stage.iterdir()):
             if path.is_symlink():
-                raise ValueError(f'{path} was made a link by another program while the command ran; nothing was written')
+                raise ValueError(f'another program replaced {path} by a link while the command ran; nothing was written')
         if self.scene is not None:
             (stage / SCENE).write_bytes(self.source.content)
         for name, path in self.tables.items():
@@ -233,7 +233,7 @@ class _Run:
                 if file.by == self.name and name not in new and os.path.lexists(self.folder / name)]
 
     def replaces(self, name, digest, by, known):
-        """Whether a new file is to take this name; False if it is there already, ValueError if another is in the way."""
+        """Whether a new file must be moved to this name; False if it is there already, ValueError if another one is."""
         there, file = self.folder / name, known.files.get(name)
         if not os.path.lexists(there):
             return True
@@ -275,7 +275,7 @@ def _write(provenance, stage, folder):
 
 
 def _take(file, place):
-    """Move a file to its place; a file of others that appears where there was none stays."""
+    """Move a file to its place; if another program has meanwhile put a file there, that file stays."""
     if os.path.lexists(place):
         os.replace(file, place)
         return
@@ -288,7 +288,7 @@ def _take(file, place):
 
 
 def _text(name):
-    """A name as text, also one whose bytes are none."""
+    """A file name as text, even if its bytes are not valid text."""
     return str(name).encode(errors='backslashreplace').decode()
 
 

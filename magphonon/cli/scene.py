@@ -50,10 +50,11 @@ def run(options: Namespace) -> None:
 def _described(key: Key, width: int) -> str:
     from textwrap import fill
 
-    default = key.default.replace('none', 'optional')
-    default += ' if left out' if default != 'optional' and not default.startswith('required') else ''
-    kinds = f'of the kind {" or ".join(key.kinds)}' if key.kinds else ''
-    facts = [f'{key.type}, {key.unit}' if key.unit else key.type, default, *filter(None, (key.allowed, kinds))]
+    default, *others = key.default.replace('none', 'optional').split('; ')
+    default += ' if omitted' * (default not in ('optional', 'required')) + f' ({"; ".join(others)})' * bool(others)
+    kinds = f'only for kind = {" or ".join(key.kinds)}' if key.kinds else ''
+    facts = [f'{key.type}, {key.unit}' if key.unit else key.type, default,
+             *filter(None, (key.allowed * (key.allowed != key.type), kinds))]
     lines = ['; '.join(facts), key.description, f'e.g. {key.example}' if key.example else '']
     margin = 28 * ' '
     text = '\n'.join(fill(line, width, initial_indent=margin, subsequent_indent=margin) for line in lines if line)

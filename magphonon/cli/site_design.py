@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 PARAMETERS = 'design.npy'
-GOAL_dB = 30.0  # contrast that counts as one
-JUDGES, SEED = 60, 1  # specimens by which a design is judged, from a seed that made none of it
+GOAL_dB = 30.0  # contrast above which a copy counts as good
+JUDGES, SEED = 60, 1  # number of specimens for the test of a design, and their seed, which its own draws do not use
 FRAMES = 24
 
 
@@ -55,7 +55,7 @@ def run(options: Namespace, scene: Scene) -> None:
     alone = replace(design, conventional=None)  # the table already says what D0 alone promises
     print('\n'.join([scene.title, found.table('dB', goal=GOAL_dB), *alone.words]))
     if stopped:
-        print(f'stopped early: this is the best so far, and "--resume -o {options.output}" continues from it')
+        print(f'stopped early: this is the best design so far, and "--resume -o {options.output}" continues from it')
     print(f'build list and pictures are in {options.output}')
 
 
@@ -67,7 +67,7 @@ def _left(folder):
 
 
 def _draw(scene, design, patch, source, tolerances, folder, save):
-    """Parts, levels before and after, the way there, tolerances, and one film for each frequency."""
+    """Draw the parts, the levels before and after, the progress of the design, its tolerances, and a film for each frequency."""
     from ..design import Rest
     from ..plotting.animation import animate, mode_frames
     from ..plotting.designs import plot_convergence, plot_design, plot_levels, plot_sites
@@ -91,12 +91,12 @@ def _draw(scene, design, patch, source, tolerances, folder, save):
     save(plot_levels(u.hertz(frf.omega), levels, marks)[0].figure, 'design_levels')
     histories = {'D0 + D*': design.history}
     if design.conventional is not None:
-        histories['D0 alone, as it promises'] = design.conventional.history
+        histories['D0 alone, by its own model'] = design.conventional.history
     save(plot_convergence(histories, 'weakest target (dB)').figure, 'design_convergence')
     if tolerances is not None:
         free = LinearSystem.of(design.atoms).mobile
         tolerable = np.where(free, 100 * tolerances['strength'], np.nan)
-        save(plot_sites(design.atoms, tolerable, 'strength: % for 1 dB', places, norm='log').figure, 'design_tolerances')
+        save(plot_sites(design.atoms, tolerable, '% of strength for 1 dB', places, norm='log').figure, 'design_tolerances')
     for target in plan.targets:
         shape = after.response(source, 2 * np.pi * target.frequency_Hz * u.Hz, frf.damping)
         animate(folder / f'design_{target.name}.gif', design.atoms, mode_frames(shape, frames=FRAMES),

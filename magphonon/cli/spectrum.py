@@ -1,7 +1,7 @@
-"""`magphonon spectrum SCAN ... SCENE`: measured scans of a row or of the plane, their maps and ridges over the bands of a scene.
+"""`magphonon spectrum SCAN ... SCENE`: maps and ridges of scans of a row or of the plane, drawn over the bands of a scene.
 
-A scan is a table of text or a universal file; points that cover the plane are recognised.  Points may have any numbers, and some
-may be missing or dead; the names of the columns give units and components. The scene needs only the lattice, its law and its
+A scan is a table of text or a universal file; points that cover the plane are recognised. Points may be numbered in any way; some
+may be missing or dead.  The names of the columns give units and components. The scene needs only the lattice, its law and its
 foundation.  Each scan is analysed on its own; `magphonon fit --bands` takes the ridges of all of them.
 """
 
@@ -28,19 +28,20 @@ RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('tables', metavar='SCAN', nargs='+',
-                        help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or one of them, or '
-                             'velocities v_y_m_per_s; also in mm or um (u_y_um); or a universal file (.uff, '
-                             '.unv) with records of dataset 58; several are analysed one after the other')
+                        help='table (.csv) with the columns time_s, point, x_m, y_m and one or both of u_x_m, u_y_m, or '
+                             'velocities such as v_y_m_per_s; also in mm or um, as u_y_um; or a universal file (.uff, '
+                             '.unv) with records of dataset 58; several scans are analysed one after the other')
     add_scene(parser)
     parser.add_argument('--geometry', metavar='POINTS.csv',
-                        help='places of the points, columns point, x_m, y_m, if the scan has none; without them its points are '
-                             'particles, numbered as in the row.csv that "magphonon burst" writes')
+                        help='table of the positions of the points, with the columns point, x_m, y_m, if the scan has none; '
+                             'without it points are particles, numbered as in the row.csv of "magphonon burst"')
     parser.add_argument('--source', choices=('row', 'point'),
-                        help='how the waves were driven: row, with fronts along R1, or point (default: the source of [burst], '
-                             'otherwise point; for points that cover the plane, noise if the motion does not decay)')
+                        help='the source of the waves: a row, with fronts along R1, or a point. For a scanned row the default '
+                             'is the source that [burst] names, or a point if the scene has no [burst]; for a scan of the plane '
+                             'it is noise if the motion does not decay, and a point if it does')
     parser.add_argument('--at', metavar='HZ', type=float,
-                        help='for points that cover the plane: also draw the motion at this frequency, over the wavevectors '
-                             '(with contours of the bands) and over the points')
+                        help='for points that cover the plane: draw the motion at this frequency too, over the wavevectors '
+                             '(with contours of the bands) and at the points')
     add_output(parser)
     add_pictures(parser)
 
@@ -54,7 +55,7 @@ def run(options: Namespace) -> None:
             raise ValueError(f'two of the scans are called {stem}, so their results would have the same name; rename one of them')
     ridges, notes = [], []
     for table, stem in zip(options.tables, stems, strict=True):
-        options.table = table  # the one that an error is about
+        options.table = table  # errors name this table
         if _analysed(options, scene):
             ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
         notes += options.notes
@@ -64,7 +65,7 @@ def run(options: Namespace) -> None:
 
 
 def _analysed(options, scene):
-    """Write and print what the scan `options.table` shows; whether it has ridges."""
+    """Write and print what the scan `options.table` shows, and return whether it has ridges."""
     from ..waves.fields import is_field
     from ..waves.scan_tables import read_places, read_scan
 
@@ -88,7 +89,7 @@ def _analysed(options, scene):
 
 @dataclass(frozen=True)
 class Case:
-    """What a scan shows: lines on what was read, and on its ridges, those that answer first; the wavevectors of the ridges."""
+    """Results of a scan: notes on how it was read, the answer, all lines on its ridges, and the wavevectors of these."""
 
     scene: Scene
     name: str
@@ -109,20 +110,20 @@ def ridges(case: Case) -> list[str]:
 
 @REPORT.remark
 def scan(case: Case) -> list[str]:
-    """What was read, and how far every ridge is from every branch."""
+    """Notes on how the scan was read, and the distance of every ridge from every branch."""
     return ['', case.scene.title, *case.notes, '', case.text]
 
 
 @REPORT.check
 def others(case: Case) -> Finding:
-    """What neighbours that the scene omits would change of the ridges."""
+    """How the omitted neighbours would change the frequencies at the ridges."""
     from .neighbours import omitted
 
     return omitted(case.scene, case.asked)
 
 
 def _row(options, scene, cell, scan, folder, save):
-    """What a row of points shows."""
+    """Analyse a row of points: write its files and pictures, and return its `Case`."""
     from ..plotting.waves import plot_wave
     from ..waves.ridge_tables import write_ridges
     from ..waves.rows import row_of
@@ -148,7 +149,7 @@ def _row(options, scene, cell, scan, folder, save):
 
 
 def _field(options, scene, cell, scan, folder, save):
-    """What points of the plane show."""
+    """Analyse points that cover the plane: write their files and pictures, and return their `Case`."""
     from ..bands.bands import band_path
     from ..plotting.fields import plot_field, plot_field_at
     from ..waves.fields import field_at, field_map, field_of, field_ridges
@@ -174,7 +175,7 @@ def _field(options, scene, cell, scan, folder, save):
 
 
 def _particles(scene):
-    """Places of the particles of the row of a scene with [patch] and [burst], by their numbers."""
+    """Positions of the particles in the row of a scene with [patch] and [burst], by their numbers."""
     from ..waves.wave_source import burst_setup
 
     if scene.patch is None or scene.burst is None:

@@ -1,6 +1,7 @@
 """`magphonon sweep SCENE --over KEY=FROM:TO:COUNT --ask QUESTION`: maps of a quantity over keys of a scene.
 
-A sweep that was killed continues where it stopped when the same command is given again: DIR holds its journal until it is done.
+A sweep that was killed continues where it stopped when the same command is given again. Until the
+sweep is complete, its journal is in the directory of the results.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument('--over', metavar='KEY=VALUES', action='append', required=True,
                         help='an axis: a key of the scene with FROM:TO:COUNT, FROM:TO:COUNT:log or A,B,C, as in '
-                             'lattice.spacing_m=0.008:0.014:25; give it again for another axis. An exponent varies at constant '
-                             'force with law.a=3:6:50 and law.force_N=0.24')
+                             'lattice.spacing_m=0.008:0.014:25; give it again for another axis. To vary an exponent at constant '
+                             'force, give law.a=3:6:50 and law.force_N=0.24')
     parser.add_argument('--ask', metavar='QUESTION', action='append', required=True,
                         help='bands.POINT.BRANCH, bands.gap.BRANCH, stability.needed, .margin, .growth or .spacing, '
                              'linear.amplitude, timestep.limit, verdict.faults, frf.peak_Hz or frf.peak_m_per_N; give it again '
@@ -71,7 +72,7 @@ def run(options: Namespace) -> None:
 
 @contextmanager
 def _where(options: Namespace) -> Iterator[dict[str, Any] | None]:
-    """The arguments of `sweep` that say where the points are computed; None in a process that only worked for another one."""
+    """Context with the arguments of `sweep` that say where points are computed; None in an MPI rank that was only a worker."""
     if options.executor == 'processes':
         yield {'workers': options.workers or -1}
     elif options.executor == 'here':
@@ -126,7 +127,7 @@ def axis_of(text: str) -> tuple[str, NDArray[np.float64]]:
 
 @contextmanager
 def _new(path: Path) -> Iterator[RawIOBase | None]:
-    """A file that this process makes, open for writing; None if there is one already."""
+    """Context with a new file, open for writing; None if a file of this name exists already."""
     try:
         file = path.open('xb', buffering=0)
     except FileExistsError:
@@ -160,10 +161,10 @@ def _lead(options, workers):
             save(plot_sweep(answers, name).figure, f'sweep_{name}')
         told += _report(scene.title, answers, options.ask, options.verbose)
         told += [f'At the values of the scene itself: {line}' for line in omission(scene, options.verbose)]
-    if own:  # this process made it; another one that took it up may have seen the end of it
+    if own:  # this process made the journal; a later process that continued it may have finished it
         journal.unlink(missing_ok=True)
     else:
-        options.notes.append(f'{journal} of an earlier command is still there; it is complete, and may be removed')
+        options.notes.append(f'{journal} of an earlier command is still there; the sweep is complete, so you may remove it')
 
 
 def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> list[str]:
@@ -174,7 +175,7 @@ def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> li
         if np.isfinite(values).any():
             first.append(f'{name} is {np.nanmin(values):.6g} to {np.nanmax(values):.6g} {unit} at {np.isfinite(values).sum()} of '
                          f'{values.size} points'.replace(' 1 at', ' at'))
-        lines.append(f'\n{name} ({unit}): {np.isfinite(values).sum()} points answered')
+        lines.append(f'\n{name} ({unit}): {np.isfinite(values).sum()} points have an answer')
         for word, place in (('lowest', np.nanargmin), ('highest', np.nanargmax)) if np.isfinite(values).any() else ():
             at = np.unravel_index(place(values), values.shape)
             where = ', '.join(f'{key} = {float(answers[key][k]):.6g}' for key, k in zip(axes, at, strict=True))
@@ -183,7 +184,7 @@ def _report(title: str, answers: Dataset, asked: list[str], verbose: bool) -> li
 
 
 def _reasons(answers: Dataset) -> list[str]:
-    """Why points lack an answer: reasons that differ in their numbers only are one, with the range of each number."""
+    """Lines that say why points lack an answer; reasons that differ only in numbers are merged, with the range of each number."""
     alike: defaultdict[str, list[list[str]]] = defaultdict(list)
     for fault in filter(None, answers.fault.to_numpy().ravel().tolist()):
         alike[NUMBER.sub('{}', fault.replace('{', '{{').replace('}', '}}'))].append(NUMBER.findall(fault))

@@ -43,7 +43,7 @@ def run(options: Namespace) -> None:
     bands = scene.bands is not None or scene.frf is None
     if bands and (scene.single or scene.finite):
         raise ValueError(f'the scene {scene.title!r} has no [frf], so there is no response whose uncertainty could be computed; '
-                         f'add one')
+                         'add [frf]')
     with answering(options, scene) as (folder, save, told):
         if bands:
             told += _bands(folder, save, scene, tolerances, options.verbose) if tolerances.changes else []
@@ -122,7 +122,7 @@ def _monte_carlo(scene, path, tolerances, few, labels):
     agrees = apart <= SIGNIFICANT_DIFFERENCE and not unstable
     lines = [f'Monte Carlo check ({SAMPLES} samples): standard deviations '
              + (f'agree within {100 * apart:.2g} %; sampling noise is {100 / (2 * SAMPLES) ** 0.5:.1g} % each' if agrees else
-                f'differ by up to {100 * apart:.2g} %: the tolerances are too wide for the linear propagation of ribbons')]
+                f'differ by up to {100 * apart:.2g} %: the tolerances are too wide for a propagation to first order')]
     if unstable:
         lines.append(f'UNSTABLE: {100 * unstable:.2g} % of the samples buckle')
     return agrees, lines
@@ -146,15 +146,15 @@ def _response(folder, save, scene, tolerances):
     lines = [f'response: the standard deviation of the amplitude has a median of {100 * np.median(relative):.2g} % '
                  f'and a maximum of {100 * relative.max():.2g} %, at {f[relative.argmax()]:.5g} Hz']
     if lost:
-        lines.append(f'at {100 * lost:.2g} % of the frequencies it is above {100 * LINEAR_RANGE:.0f} %: there the peaks move by '
+        lines.append(f'it is above {100 * LINEAR_RANGE:.0f} % at {100 * lost:.2g} % of the frequencies: there the peaks move by '
                      f'more than their width, and the ribbon only says that the amplitude is unknown')
     return [*lines, *_peaks(f, spread)]
 
 
 def _peaks(f, spread):
-    """What the second order says of peaks, where the amplitude has no slope: it can only fall.
+    """Lines on the peaks of the response to second order: at a peak the amplitude has no slope, so it can only fall.
 
-    It holds for a peak of one resonance that moves by less than its width; between peaks it means nothing.
+    They are valid for a peak of a single resonance that moves by less than its width, and not between peaks.
     """
     v, std, second = spread.values, spread.std, spread.second_order
     peaks = 1 + np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] > v[2:]))
@@ -164,10 +164,10 @@ def _peaks(f, spread):
     if len(told):
         k = told[(second / v)[told].argmax()]
         share = second[k] / v[k]
-        lines.append(f'at {len(told)} of {len(peaks)} peaks the ribbon is too narrow, as the amplitude hardly changes to '
-                     f'first order there: to second order its standard deviation is up to {100 * share:.2g} %, at {f[k]:.5g} '
-                     f'Hz, and its mean about {100 * share / 2**0.5:.2g} % lower')
+        lines.append(f'at {len(told)} of {len(peaks)} peaks the ribbon is too narrow, because the amplitude of a peak hardly '
+                     f'changes to first order. To second order its standard deviation is up to {100 * share:.2g} %, at '
+                     f'{f[k]:.5g} Hz, and its mean is {100 * share / 2**0.5:.2g} % lower')
     if len(told) < len(narrow):
-        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so large a part of their width that the ribbon '
-                     f'at their top is meaningless')
+        lines.append(f'at the top of {len(narrow) - len(told)} of {len(peaks)} peaks the ribbon is meaningless, because these '
+                     f'peaks move by a large part of their width')
     return lines

@@ -2,11 +2,11 @@
 
 With the logarithms x of the parameters, the residual of a point (q, omega) of one branch is
 
-    r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (what sigma_q makes of the branch)^2
+    r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (change of the branch within sigma_q)^2
 
 and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  A shift that all ridges of a branch share,
-such as that of a point source, is invisible in the residuals. The covariance of the points of one branch and one kind of source
-is therefore
+such as the one due to a point source, is invisible in the residuals. The covariance of the points of one branch and one kind of
+source is therefore
 
     C = diag(sigma^2) + (tau d) (tau d)^T        d = d omega/d xi, tau = `RidgePoints.shift`
 
@@ -35,41 +35,42 @@ from .sensitivities import StiffnessDerivative, frequency_sensitivities
 
 Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, StiffnessDerivative]]]
 FOLLOWS = 1.5
-"""Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
-have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""
+"""Scatter up to which a model is taken to fit the points: their uncertainties are estimates, and the simulated ridges of the
+prototype have 1.4.  Simulated scans with ridges of other waves had 1.9 or more if they supported the wrong model."""
 PASSES, ROBUST = 5, 2
-"""Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first two mind outliers
-less where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
-LAST = range(PASSES - 1, PASSES)  # what a first look at other branches takes
+"""Repetitions with the uncertainties and branches of the previous fit; these settle with the second.  With a point source, the
+first two repetitions are robust against outliers: points of oblique waves are recognised only when the bands are nearly right."""
+LAST = range(PASSES - 1, PASSES)  # passes for a first look at other branches
 STEPS = 15  # of one repetition; a fit takes 10, and a model that is far from all points would creep along the bounds
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
-"""Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
-each parameter up to which these go, and how many of the assignments found are fitted."""
+"""For points that do not fit: logarithm to base 2 of the number of parameter sets at which other branches are sought, the largest
+factor on each parameter in these sets, and the number of assignments that are then fitted."""
 STRAYS = 3.0
-"""Where waves of a point source, which move the row both across and along, are taken for those of the next branch: so many of its
-uncertainties is a point from its own branch at least, and so many times nearer to the other."""
+"""Waves of a point source move the row both across and along its line. A point is assigned to the next branch if it is at least
+this many uncertainties from its own branch, and this many times nearer to the other."""
 DIGITS = 5  # of the directions of rows: tables have six of a wavevector
-STEP = 1e-4  # of xi in rad, over which the slope of a branch is taken
+STEP = 1e-4  # step of xi in rad for the slope of a branch
 ROUNDS, FARTHEST = 6, 3
-"""How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
+"""Number of rounds in which ridges are then moved to the next branches, and number of ridges, the farthest ones, that are
+moved."""
 
 
 @dataclass(frozen=True)
 class DispersionFit(ParameterFit):
-    """Parameters of a lattice in one model, fitted to points of its branches; the residuals are those of frequencies.
+    """Parameters of a lattice in one model, fitted to measured points of its branches.
 
     Attributes
     ----------
     branches : tuple of int
         The branch of each ridge, counted from 0 by frequency.
     strayed : int
-        Number of points of waves from a point source that follow a branch next to the branch of their ridge.
+        Number of points, in ridges of a point source, whose wave belongs to a neighbouring branch instead of that of the ridge.
     sigma_xi : ndarray, shape (points,)
-        Standard uncertainties of the phases that were used, in rad: where an oblique wave is near, its distance.
+        Standard uncertainties of the phases in rad that the fit used; if an oblique wave is near, they include its distance.
     missed : tuple of float
         Residuals of the ridges that were left out of the fit.
 
-    The residuals are those of the points, minus the shift that each branch shares, then those of the priors.
+    Residuals belong first to the frequencies of the points, without the common shift of each branch, and then to the priors.
     """
 
     branches: tuple[int, ...]
@@ -79,8 +80,8 @@ class DispersionFit(ParameterFit):
 
     @property
     def scatter(self) -> float:
-        """The scatter including the ridges that were left out of the fit, because leaving them out must not narrow the
-        intervals.
+        """Scatter of the points in units of their uncertainties. It includes ridges that were left out of the fit, because
+        leaving them out must not narrow the intervals.
         """
         own = super().scatter
         if not self.missed:
@@ -89,7 +90,7 @@ class DispersionFit(ParameterFit):
 
     @property
     def follows(self) -> bool:
-        """Whether the model follows the points, so that its parameters mean something."""
+        """Whether the model fits the points well enough for its parameters to be meaningful."""
         return super().scatter <= FOLLOWS
 
 
@@ -101,24 +102,24 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     Parameters
     ----------
     build : callable
-        Takes a dict from parameter name to factor; returns the cell with its PairCalculator, and what each parameter changes in
-        it (a dict of `StiffnessDerivative`).
+        Function that takes a dict from parameter name to factor. It returns the cell with its PairCalculator, and a dict of
+        `StiffnessDerivative` that says what each parameter changes.
     names : tuple of str
         The parameters to fit.
     points : RidgePoints
-        Without points that share noise, see `RidgePoints.independent`.
+        Points that do not share noise (see `RidgePoints.independent`).
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
     priors : dict or Before, optional
-        What is already known: factors of single parameters and their relative standard uncertainties, or a `Before` for all of
-        them together.
+        Prior knowledge: factors of single parameters and their relative standard uncertainties, or a `Before` for all of them
+        together.
     near : DispersionFit, optional
-        A fit of the same ridges to start from: branches far from those of this fit are then not tried, which saves most of the
-        time.
+        An earlier fit of the same ridges to start from. Branches far from those of this fit are then not tried, which saves most
+        of the time.
 
     Examples
     --------
-    The foundation alone, from the shear branch of springs that are 20 % stiffer than where the fit starts:
+    A fit of the foundation alone, to the shear branch of a lattice whose springs are 20 % stiffer than at the start of the fit:
 
     >>> import numpy as np
     >>> from magphonon import MagneticRepulsion, read_scene
@@ -165,10 +166,10 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
     count = bloch_modes(start, points.q[:1], model)[0].shape[1]
     told = _told(points, count)
-    if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
+    if fit.chance < FITS and not all(told):  # a ridge may be assigned to the wrong branch
         others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]
         fit = min(fit, *others, key=lambda other: other.chi2)
-    for _ in range(ROUNDS * (fit.chance < FITS)):  # one repetition of each try shows which is worth more
+    for _ in range(ROUNDS * (fit.chance < FITS)):  # one repetition of each attempt shows which deserve more
         tries = [with_branches(other, np.log(fit.factors), LAST) for other in _neighbouring(fit, points, count, told)]
         if not tries:
             break
@@ -181,7 +182,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
 
 
 def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple[float, ...]:
-    """Residuals of other points from the nearest branches of a fitted lattice."""
+    """Residuals of points that were not fitted, from the nearest branches of the fitted lattice."""
     atoms, _ = build(fit.by_name)
     points = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(atoms, points, fit.model)))
     modes = _off_branches(atoms, points, fit.model, points.sigma_omega).argmin(axis=1)[points.ridge]
@@ -191,7 +192,7 @@ def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple
 
 
 def _settled(cell, names, points, model, priors, branches_in, start, passes=range(PASSES)):
-    """The fit to the branches that `branches_in` finds for the atoms, repeated until these and the uncertainties settle."""
+    """The fit to the branches that `branches_in` finds for the atoms, repeated until branches and uncertainties converge."""
     n = np.arange(len(points))
     x, before = start, np.zeros(0, int)
     for k in passes:
@@ -226,9 +227,10 @@ def _settled(cell, names, points, model, priors, branches_in, start, passes=rang
 
 
 def _oblique(atoms, points, model):
-    """How far each point may lie from the wave along the row, where an oblique one of a point source is near, shape (points,).
+    """Possible distance of each point from the wave along the row, if an oblique wave of a point source is near, shape (points,).
 
-    The table has this of the bands of the scene with which it was made; where these are some percent off, it misses.
+    The table contains such distances, but from the bands of the scene with which it was made; they are wrong if these bands are
+    a few percent off.
     """
     far = np.zeros(len(points))
     directions, which = np.unique((points.q / points.xi[:, None]).round(DIGITS), axis=0, return_inverse=True)
@@ -239,13 +241,13 @@ def _oblique(atoms, points, model):
             xi, own, other = points.xi[here, None], along.phases(points.omega[here]), oblique.phases(points.omega[here])
             own = np.take_along_axis(own, np.where(np.isnan(own), np.inf, abs(own - xi)).argmin(axis=1)[:, None], axis=1)
             near = abs(other - xi) < LOBE_bins * points.bins[here, None]
-            apart = np.nan_to_num(abs(other - own), nan=np.pi)  # where no wave along the row has this frequency
+            apart = np.nan_to_num(abs(other - own), nan=np.pi)  # if no wave along the row has this frequency
             far[here] = np.where(near, apart, 0).max(axis=1, initial=0)
     return far
 
 
 def _followed(atoms, points, modes, model):
-    """The branch of each point: that of its ridge, but where waves of a point source are clearly those of the next one."""
+    """The branch of each point: that of its ridge, or the next one if waves of a point source clearly belong to it."""
     for side in (1, -1):
         other = np.clip(modes + side, 0, bloch_modes(atoms, points.q[:1], model)[0].shape[1] - 1)
         own, its = (abs(points.omega - _at(atoms, points, some, model)) / uncertainty(atoms, points, some, model)[0]
@@ -261,10 +263,11 @@ def _at(atoms, points, modes, model, xi=None):
 
 
 def _assignments(cell, parameters, points, model):
-    """Branches that are nearest to the ridges somewhere in a wide range of parameters, and logarithms of these, best first.
+    """Assignments of the nearest branches to the ridges, and logarithms of the parameters where they occur, best first.
 
-    A fit from afar stays in the first assignment that it meets.  Near the parameters of a good fit its branches are the nearest
-    ones, and keep the order of the frequencies; so a net over the range finds them, without trying all combinations.
+    A fit from distant parameters stays in the first assignment that it meets.  Near the parameters of a good fit, its branches
+    are the nearest ones, in order of frequency. So a net over a wide range of parameters finds them without trying all
+    combinations.
     """
     from scipy.stats.qmc import Sobol
 
@@ -290,7 +293,7 @@ def _told(points, count):
 
 
 def _off_branches(atoms, points, model, unit):
-    """Sum of the squared distances of each ridge from each branch, in this unit of each point; infinite for another motion's."""
+    """Sum of the squared distances, in `unit`, of each ridge from each branch; infinite for a branch of another motion."""
     off = ((bloch_modes(atoms, points.q, model)[0] - points.omega[:, None]) / unit[:, None]) ** 2
     found = np.array([off[points.ridge == k].sum(axis=0) for k in range(len(points.motions))])
     for k in np.flatnonzero(_told(points, off.shape[1])):
@@ -300,7 +303,7 @@ def _off_branches(atoms, points, model, unit):
 
 def uncertainty(atoms: Atoms, points: RidgePoints, modes: NDArray[np.int_],
                 model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Standard uncertainty of each frequency, with what the uncertainty of its wavevector adds, and the slope d omega/d xi."""
+    """Standard uncertainty of each frequency, including that due to its wavevector, and the slope d omega/d xi."""
     def at(step):
         return _at(atoms, points, modes, model, points.xi + step)
 
@@ -310,7 +313,7 @@ def uncertainty(atoms: Atoms, points: RidgePoints, modes: NDArray[np.int_],
 
 
 def whitening(points: RidgePoints, modes: NDArray[np.int_], shifted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """C^(-1/2) for residuals over sigma, where `shifted` is tau d/sigma."""
+    """The matrix C^(-1/2) for residuals divided by sigma; `shifted` is tau d/sigma."""
     _, group = np.unique([modes, points.from_points], axis=1, return_inverse=True)
     V = np.where(np.ravel(group) == np.arange(group.max() + 1)[:, None], shifted, 0.0)
     size = np.linalg.norm(V, axis=1)  # the rows have no point in common: C^(-1/2) is 1 beside them, and less along each

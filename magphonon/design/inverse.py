@@ -32,7 +32,7 @@ EQUAL_MASSES = 1e-12
 
 @dataclass(frozen=True)
 class Design:
-    """A spacing that gives the wanted value.
+    """A spacing at which a lattice has the wanted value, and the foundation that it needs there.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Design:
     value, slope : float
         The value at this spacing, and its derivative with respect to the logarithm of the spacing, rad/ms.
     needed : float
-        Foundation in N/mm that the static forces require there.
+        Foundation in N/mm that the static forces require at this spacing.
     """
 
     spacing: float
@@ -57,7 +57,7 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     Raises
     ------
     ValueError
-        If the cut-off is not positive, or the particles have different masses, because on a common foundation no mode is then
+        If the cut-off is not positive, or the particles have different masses, because then no mode on a common foundation is
         uniform.
 
     Examples
@@ -72,23 +72,23 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     masses = masses_of(atoms)
     if np.ptp(masses) > EQUAL_MASSES * masses.max():
         raise ValueError(f'the masses range from {masses.min():g} to {masses.max():g} g: on a common foundation they swing at '
-                         'different frequencies, and no motion is uniform; give all particles one mass, or look for the '
-                         'foundation at which analytic_bands begin at the cut-off')
+                         'different frequencies, and no motion is uniform; give all particles equal masses, or vary the '
+                         'foundation until analytic_bands begin at the cut-off')
     return float(atoms.get_masses()[0] * positive('cut-off', cut_off, 'rad/ms') ** 2)
 
 
 def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: float,
                   between: tuple[float, float]) -> list[Design]:
-    """All spacings in a range at which a lattice is stable and a target has the value wanted.
+    """All spacings in a range at which a lattice is stable and a target has the wanted value.
 
     Parameters
     ----------
     build : callable
         Function that takes the spacing in mm and returns the cell with its PairCalculator.
     target : Objective
-        In rad/ms, such as a `BandEdge` or `band_gap` with infinite sharpness.
+        A quantity in rad/ms, such as a `BandEdge` or `band_gap` with infinite sharpness.
     wanted : float
-        In rad/ms.
+        Wanted value in rad/ms.
     between : (float, float)
         Range of spacings in mm.
 
@@ -146,7 +146,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Objective, wanted: flo
 
 
 class NoDesign(PhysicsError):
-    """No spacing in the range gives the wanted value.
+    """No spacing in the range gives a lattice the wanted value.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class NoDesign(PhysicsError):
     """
 
     def __init__(self, stable: list[tuple[float, float]] | None, reach: tuple[float, float] | None) -> None:
-        super().__init__('no spacing in the range gives the wanted value' if stable else 'no spacing in the range is stable')
+        super().__init__('no spacing in the range gives the wanted value' if stable else 'the range holds no stable spacing')
         self.stable, self.reach = stable, reach
 
 

@@ -1,15 +1,15 @@
-"""One answer from several records: each leaves a gradient and an information matrix, and no more is needed.
+"""One answer from several records, each of which is reduced to a gradient and an information matrix.
 
-With the logarithms x of the parameters that all records share, half of chi2 of the record k is near the joint fit
+With the logarithms x of the parameters that all records share, half the chi2 of record k at a distance d from the joint fit is
 
     g_k.d + d.I_k.d/2            sum g_k = 0            C = (sum I_k)^-1
 
-where what the record alone needs, such as zeros and gains, is eliminated, and what is known beforehand is a record too.  If all
-agree, g_k scatters with the covariance M_k = I_k - I_k C I_k, from which follow, without another fit,
+Parameters that belong to one record, such as zeros and gains, are eliminated, and prior knowledge is a record too.  If all
+records agree, g_k scatters with the covariance M_k = I_k - I_k C I_k. From this follow, without another fit,
 
-    a fault that would move what the record k says along v      t = -v.g_k/(v.M_k.v), and its pull |v.g_k|/(v.M_k.v)^(1/2)
+    the size of a fault that moves the answer of record k by v  t = -v.g_k/(v.M_k.v), and its pull |v.g_k|/(v.M_k.v)^(1/2)
     whether the record contradicts the others                   g_k.M_k^+.g_k, a chi2
-    the next record                                             (sum I_k + I_new)^-1
+    the covariance after another record                         (sum I_k + I_new)^-1
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from numpy.typing import NDArray
 
 BEFORE, RIDGES, RESPONSES = 'known before', 'ridges', 'transfer functions'  # names of records
 SHARED = 0.01
-"""Least part of the variance along a direction that both a record and the others must tell, for them to contradict each other."""
+"""A record and the others can contradict each other along a direction only if each determines at least this share of the
+variance."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """What one record tells of the logarithms of the shared parameters.
+    """What one record says about the logarithms of the shared parameters.
 
     Attributes
     ----------
     name : str
     estimate : ndarray, shape (parameters,)
-        Where its gradient is known.
+        Parameters at which the gradient is known.
     gradient : ndarray, shape (parameters,)
-        Of half its chi2 there; zero where the estimate is its own best fit.
+        Gradient of half the chi2 of the record at the estimate; zero if the estimate is its own best fit.
     information : ndarray, shape (parameters, parameters)
     faults : dict of str to ndarray
-        What may be wrong with its instrument, in words, and how far that moves the estimate if it is as large as was stated.
+        Possible faults of the instrument, in words, and the change of the estimate by each if it has the stated size.
     there : float
-        Its chi2 at the estimate.
+        The chi2 of the record at the estimate.
     """
 
     name: str
@@ -52,24 +53,24 @@ class Record:
     there: float = 0.0
 
     def at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Its gradient at other parameters."""
+        """Gradient of half the chi2 of the record at other parameters."""
         return self.gradient + self.information @ (x - self.estimate)
 
     def chi2(self, x: NDArray[np.float64]) -> float:
-        """Its chi2 at other parameters."""
+        """The chi2 of the record at other parameters."""
         d = x - self.estimate
         return float(self.there + 2 * self.gradient @ d + d @ self.information @ d)
 
 
 def told(records: Sequence[Record]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Root R of the information of several records, and a centre c: half their chi2 is |R (x - c)|^2/2 and a constant."""
+    """Root R of the information of several records and a centre c, for which half their chi2 is |R (x - c)|^2/2 + const."""
     information = np.sum([one.information for one in records], axis=0)
     gradient = np.sum([one.at(np.zeros(len(information))) for one in records], axis=0)
     return np.asarray(np.linalg.cholesky(information).T, float), np.asarray(-np.linalg.solve(information, gradient), float)
 
 
 class Pull(NamedTuple):
-    """A fault of one record, how large it would have to be in its stated size, and this in standard deviations."""
+    """A possible fault of a record, and the size that would explain the data, in its stated size and in standard deviations."""
 
     record: str
     fault: str
@@ -79,16 +80,16 @@ class Pull(NamedTuple):
 
 @dataclass(frozen=True)
 class Joint:
-    """Records at their joint fit.
+    """Joint fit of several records: the shared parameters and what each record says about them.
 
     Attributes
     ----------
     names : tuple of str
         The shared parameters.
     x : ndarray, shape (parameters,)
-        Their logarithms, over those at the start.
+        Logarithms of the factors of these parameters from the start to the fit.
     records : tuple of Record
-        What is known beforehand is the last of them, and knows something of every parameter.
+        The last one is the prior knowledge, which must contain information about every parameter.
 
     Examples
     --------
@@ -115,7 +116,7 @@ class Joint:
         return np.sum([one.information for one in self.records], axis=0)
 
     def covariance(self, added: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
-        """Of the logarithms of the parameters, with more information `added`."""
+        """Covariance of the logarithms of the parameters, with the information `added` to that of the records."""
         information = self.information + added
         size = np.sqrt(np.diag(information))
         return np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
@@ -126,15 +127,15 @@ class Joint:
         return np.sqrt(np.diag(self.covariance()))
 
     def sigma_along(self, direction: NDArray[np.float64], added: NDArray[np.float64] | float = 0.0) -> float:
-        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
+        """Relative standard uncertainty of the product of the parameters to the powers `direction`."""
         return float(np.sqrt(direction @ self.covariance(added) @ direction))
 
     def alone(self, name: str) -> Joint:
-        """One record with what is known beforehand, at the parameters of all."""
+        """Joint fit of one record and the prior knowledge, linearised at the parameters of the fit of all records."""
         return Joint(self.names, self.x, tuple(one for one in self.records if one.name == name or one is self.records[-1]))
 
     def pulls(self) -> list[Pull]:
-        """Faults that records may have, each by itself, the one that would explain most first."""
+        """Possible faults of the records, each considered alone, sorted so that the fault that would explain most comes first."""
         found, C = [], self.covariance()
         for one in self.records:
             M, g = one.information - one.information @ C @ one.information, one.at(self.x)
@@ -144,7 +145,7 @@ class Joint:
         return sorted(found, key=lambda pull: -pull.sigmas)
 
     def contradiction(self, one: str, other: str | None = None) -> float:
-        """By how many standard deviations a record contradicts another, or all others; NaN if they know nothing in common."""
+        """Number of standard deviations by which a record contradicts another, or all others; NaN if they share nothing."""
         from scipy.stats import chi2, norm
 
         kept = [r for r in self.records if other is None or r.name in (one, other) or r is self.records[-1]]

@@ -1,8 +1,7 @@
-"""What a least-squares fit says of its parameters: covariance, chi2, and what the data do not determine.
+"""What a least-squares fit says about its parameters: covariance, chi2, and what the data do not determine.
 
-With the Jacobian J of the residuals by the logarithms of the parameters, J^T J is the inverse of their covariance.  What the data
-do not determine is seen in it: where an eigenvalue is nearly zero, its eigenvector is a change of parameters that leaves all data
-where they are.
+Let J be the Jacobian of the residuals in the logarithms of the parameters. The covariance of these logarithms is (J^T J)^-1.  An
+eigenvector of J^T J whose eigenvalue is nearly zero is a change of parameters that changes no data.
 """
 
 from __future__ import annotations
@@ -27,24 +26,24 @@ MOST_FACTOR = 10.0
 this limit is not determined. For example, data without static forces drive the complete model towards zero force and an infinite
 exponent."""
 FITS = 0.01
-"""Probability of so large a chi2 below which the data scatter about a model by more than their uncertainties say."""
+"""Probability of chi2 below which the data are taken to scatter about a model by more than their uncertainties."""
 KNOWN = 0.01
-"""Relative standard uncertainty to which a parameter may be measured by itself."""
+"""Relative standard uncertainty that a separate measurement of a single parameter is assumed to reach."""
 BLIND = 1e-10
-"""Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
+"""Fraction of the largest eigenvalue of J^T J below which an eigenvalue is zero within round-off."""
 FAINT = 1e-5
-"""Part of a direction in which such an eigenvector counts: the root of BLIND."""
+"""Component of a direction along such an eigenvector above which the direction is not determined: the root of BLIND."""
 
 
 class Before(NamedTuple):
-    """What is known of the logarithms x of all parameters together: half a chi2 of |root (x - centre)|^2/2."""
+    """Prior knowledge about the logarithms x of all parameters together: it adds |root (x - centre)|^2/2 to half of chi2."""
 
     centre: NDArray[np.float64]
     root: NDArray[np.float64]
 
     @classmethod
     def of(cls, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]] | Before | None) -> Before:
-        """From factors of parameters and their relative standard uncertainties."""
+        """The prior knowledge from factors of parameters and their relative standard uncertainties."""
         if isinstance(priors, Before):
             return priors
         known = [names.index(name) for name in priors or {}]
@@ -73,7 +72,7 @@ class ParameterFit:
     information : ndarray, shape (parameters, parameters)
         J^T J for the logarithms of the parameters, the inverse of their covariance.
     residuals : ndarray, shape (points,)
-        Measured less fitted values, over their uncertainties.
+        Measured minus fitted values, divided by their uncertainties.
     """
 
     model: Model
@@ -84,7 +83,7 @@ class ParameterFit:
 
     @property
     def by_name(self) -> dict[str, float]:
-        """The factors by the names of their parameters."""
+        """The factors of the parameters, by name."""
         return dict(zip(self.names, self.factors.tolist(), strict=True))
 
     @property
@@ -105,23 +104,23 @@ class ParameterFit:
 
     @property
     def chance(self) -> float:
-        """Probability of so large a chi2 if the model holds; 1 without degrees of freedom."""
+        """Probability of a chi2 at least as large if the model is true; 1 without degrees of freedom."""
         return float(chdtrc(self.freedom, self.chi2)) if self.freedom else 1.0
 
     @property
     def scatter(self) -> float:
-        """Scatter of the points in their uncertainties, by which intervals are enlarged; 1 where chance explains it."""
+        """Scatter of the points in units of their uncertainties, by which intervals are enlarged; 1 if chance explains it."""
         return float(np.sqrt(self.chi2 / self.freedom)) if self.chance < FITS else 1.0
 
     @property
     def sigma(self) -> NDArray[np.float64]:
-        """Relative standard uncertainty of each parameter, the others unknown too; infinite where nothing determines it."""
+        """Relative standard uncertainty of each parameter if the others are unknown too; infinite if it is not determined."""
         sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
         return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
 
     def sigma_along(self, direction: NDArray[np.float64], added: NDArray[np.float64] | float = 0.0) -> float:
-        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`, with more
-        information `added`, in the uncertainties stated.
+        """Relative standard uncertainty of the product of the parameters to the powers `direction`, with the information `added`
+        to that of the data.
         """
         values, vectors = np.linalg.eigh(self.information + added)
         parts = vectors.T @ direction
@@ -147,13 +146,13 @@ def best(sigma_along: Callable[..., float], scatter: float, along: Mapping[str, 
     Parameters
     ----------
     sigma_along : callable
-        That of the fit: relative standard uncertainty along a direction, with added information.
+        Relative standard uncertainty of the fit along a direction, given added information.
     scatter : float
-        By which the uncertainties of the fit are enlarged.
+        Factor by which the fit enlarges its uncertainties.
     along : dict
-        Quantities to know better, as powers of the parameters whose product they are.
+        Quantities to know better, each as the powers of the parameters whose product it is.
     plans : dict
-        For each plan in words, the information that its record would add.
+        The information that each plan would add, by its description in words.
     """
     known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': ((scatter / KNOWN) ** 2 * np.outer(v, v), name)
              for name, v in along.items()}

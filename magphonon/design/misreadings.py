@@ -1,8 +1,8 @@
 """What may be wrong with a file of transfer functions: its unit, the sign of its phase, what was measured.
 
 The peaks of the assumed lattice and the measured ones are never at quite the same frequencies, so the curves differ. Therefore
-the peaks of both are widened to a ninth of the range. What then remains is the size, the phase, and their trend with frequency. A
-wrong unit changes these by far more than an error of ten percent in the lattice.
+the peaks of both are widened to a ninth of the range. What then remains of a curve is its size, its phase, and their trend with
+frequency. A wrong unit changes these by far more than an error of ten percent in the lattice.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .. import units as u
 from ..response.transfer_functions import TransferFunction
 from .transfer_fits import WIDEST, ParametricLattice, responses, with_wide_peaks
 
-STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # of all frequencies, by a lattice that is stiffer or softer than known
+STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # factors of all frequencies that are tried, as the lattice is not known exactly
 CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0
 """A mistake is named only if the data are farther than CLOSE from the response of the lattice, as a fraction of it, and if
 undoing the mistake leaves less than the part BETTER of that distance, and less than NEAR."""
@@ -28,9 +28,9 @@ WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity th
 
 
 def misreading(built: ParametricLattice, functions: Sequence[TransferFunction]) -> str | None:
-    """What transfer functions look like if something else was measured than their file says; None where nothing does.
+    """What transfer functions seem to be, if this is not what their file says; None if no misreading fits better.
 
-    The lattice is `built` of what is known to some ten percent; the functions are in their places, all read in one way.
+    The lattice `built` is known to about ten percent. The functions have their Dofs, and were all read in the same way.
     """
     slow = [replace(one, omega=one.omega / (2 * np.pi)) for one in functions]
     undone = {'phases of the opposite sign, e^{-i omega t}': lambda w, h: h.conj(),

@@ -31,16 +31,16 @@ AXES = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0)}
 
 def after_ridges(fit: DispersionFit, points: RidgePoints, cell: Atoms, changes: Mapping[str, StiffnessDerivative],
                  along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """What to measure next: one more burst along the row with the most points, or one of the quantities `along` by other means.
+    """Proposals for the next measurement: a burst along the row with the most points, or one of the quantities `along`.
 
     Parameters
     ----------
     fit, points
-        The fit and its points.
+        The fit and the points to which it belongs.
     cell, changes
-        The fitted lattice, and what each parameter changes there.
+        The fitted lattice, and what each parameter changes in it.
     along : dict of ndarray, shape (parameters,)
-        Quantities to know better, as powers of the parameters whose product they are.
+        Quantities that other means can measure, each as the powers of the parameters whose product it is.
     """
     rows, which = np.unique((points.q / points.xi[:, None]).round(9), axis=0, return_inverse=True)
     row, modes = rows[np.bincount(np.ravel(which)).argmax()], np.array(fit.branches)[points.ridge]
@@ -70,9 +70,9 @@ def _information(fit: DispersionFit, cell: Atoms, changes: Mapping[str, Stiffnes
 
 def after_responses(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                     functions: Sequence[TransferFunction], along: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """One more receiver in the patch, longer averages, or one of the quantities `along` by other means.
+    """Proposals for the next measurement: one more receiver in the patch, longer averages, or one of the quantities `along`.
 
-    The `fit` is that of `build` and `functions`, with unknowns of its sites or without.
+    The `fit` is that of `build` to `functions`, with or without unknowns of its sites.
     """
     built = build(fit.by_name)
     first, n, system = functions[0], len(fit.names), built.system

@@ -1,13 +1,13 @@
 """Objectives of a design: numbers to be made large, each with its exact gradient.
 
-An objective says one thing only: how its value changes with the stiffness of each bond, the spring of each site and the mass of
-each site (`Slope`).  A wave with the displacements x and y, and e = C(q) x in the bonds, adds to it
+An objective only says how its value changes with the stiffness of each bond, the spring of each site and the mass of each site
+(`Slope`).  A wave with the displacements x and y, and e = C(q) x in the bonds, contributes
 
     dJ/dK_b = Re(e^x* (x) e^y)        dJ/dk_i = Re(x_i* y_i)        dJ/dm_i = Re(z x_i*.y_i)
 
-with the inertia z = -omega^2 + i omega gamma.  For a response, x belongs to a unit force where it is seen and y to the drive; for
-a Bloch mode both are the mode; for a burst x is the adjoint motion. How the stiffness changes when magnets are stronger, pillars
-stiffer or feet elsewhere is the same for all objectives, and is in `magphonon.design.site_designs`.
+with the inertia z = -omega^2 + i omega gamma.  For a response, x is due to a unit force where the response is seen, and y to
+the drive; for a Bloch mode both are the mode; for a burst x is the adjoint motion. The effect of strengths, pillars and feet on
+the stiffness is the same for all objectives, and is computed in `magphonon.design.site_designs`.
 
 Branches enter by sums over all of them, which stay smooth where branches cross. Objectives that need one single mode
 (`GroupVelocity`, `LocalMode`) refuse a mode that has nearly the same frequency as another one.
@@ -53,7 +53,7 @@ STEP = 1e-3  # of squared frequencies, relative, over which that derivative is t
 
 
 class Rest:
-    """A structure at rest, which keeps every solution that several objectives need, so that each is computed once."""
+    """A structure at rest that stores the solutions which several objectives need, so that each is computed only once."""
 
     def __init__(self, system: LinearSystem) -> None:
         self.system = system.moving()
@@ -67,7 +67,7 @@ class Rest:
 
     @cached_property
     def stiffness(self) -> Any:
-        """Hessian of the free directions: a full matrix where it is nearly full."""
+        """Hessian of the free directions, stored as a dense matrix if it has few zeros."""
         return full_or_sparse(self.system.stiffness)
 
     @cached_property
@@ -95,7 +95,7 @@ class Rest:
             force = system.free.T @ place.force(len(system))[:, : system.dim].ravel()
             if not force.any():
                 raise ValueError(f'particle {place.particle} is held, or held along the direction in which it is driven or seen; '
-                                 'choose one that can move')
+                                 'choose a particle that can move')
             return (system.free @ self.once((omega, damping), solver)(force + 0j)).reshape(-1, system.dim)
 
         return self.once((place.particle, *place.direction, omega, damping), displacements)
@@ -103,7 +103,7 @@ class Rest:
     def waves(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Squared frequencies of Bloch waves, shape (wavevectors, branches), and the modes x in columns, with x.M x = 1."""
         if not self.system.atoms.pbc.any():
-            raise ValueError('bands are those of a periodic cell, and this structure is finite; give atoms.pbc, or choose an '
+            raise ValueError('only a periodic cell has bands, but this structure is finite; set atoms.pbc, or choose an '
                              'objective of a finite structure, such as Level')
 
         def modes():
@@ -114,14 +114,14 @@ class Rest:
 
 
 class Objective:
-    """Base class of what a design maximises: `value_and_slope(rest)` returns the value and its `Slope`."""
+    """Base class of quantities that a design maximises: `value_and_slope(rest)` returns the value and its `Slope`."""
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
-        """The value, and its slope."""
+        """The value of the objective and its `Slope`, for a structure at rest."""
         raise NotImplementedError
 
     def value(self, rest: Rest | LinearSystem) -> float:
-        """The value alone, of a structure at rest."""
+        """The value of the objective for a structure at rest."""
         return float(self.value_and_slope(rest if isinstance(rest, Rest) else Rest(rest))[0])
 
     def tuned(self, factor: float) -> Objective:
@@ -157,7 +157,7 @@ class Objective:
 
 @dataclass(frozen=True)
 class Sum(Objective):
-    """Sum of objectives times numbers."""
+    """Sum of objectives, each multiplied by a number."""
 
     parts: tuple[tuple[float, Objective], ...]
 
@@ -175,7 +175,7 @@ class Sum(Objective):
 
 @dataclass(frozen=True)
 class Target(Objective):
-    """`-((value - wanted)/width)^2` of an objective."""
+    """Objective `-((value - wanted)/width)^2`, which is largest where another one has the wanted value."""
 
     of: Objective
     wanted: float
@@ -200,7 +200,7 @@ class Target(Objective):
 
 @dataclass(frozen=True)
 class Worst(Objective):
-    """Soft minimum of several objectives, `-w ln mean exp(-J/w)`: the worst counts most, and all that are within w of it.
+    """Soft minimum of several objectives, `-w ln mean exp(-J/w)`: the worst one, and all within w of it, count most.
 
     Attributes
     ----------
@@ -234,10 +234,10 @@ class Worst(Objective):
 
 
 def soft_minimum(values: NDArray[np.float64], width: float) -> tuple[float, NDArray[np.float64]]:
-    """The soft minimum of values, and its derivative by each; of infinite width their mean."""
+    """The soft minimum of values, and its derivative by each value; for an infinite width it is their mean."""
     if not len(values) or not width > 0:
         raise ValueError(f'a soft minimum takes one or more numbers and a positive width (infinite for their mean), not '
-                         f'{len(values)} with the width {width!r}')
+                         f'{len(values)} numbers with the width {width!r}')
     if np.isinf(width):
         return float(values.mean()), np.full(len(values), 1 / len(values))
     e = np.exp(-(values - values.min()) / width)
@@ -255,10 +255,10 @@ class Level(Objective):
     omega : float
         In rad/ms.
     damping : float
-        Force per momentum in 1/ms.
+        Damping rate in 1/ms, the force divided by the momentum.
     floor : float
-        Amplitude in mm/N below which a lower amplitude brings no further gain. It keeps a design from a zero so deep that no
-        real lattice would have it.
+        Amplitude in mm/N below which the response hardly changes the level. It keeps a design from relying on a zero so
+        deep that no real lattice has it.
     """
 
     source: Dof
@@ -304,7 +304,7 @@ class BandEdge(Objective):
     side : {'top', 'bottom'}
         Top of the branches below the gap, or bottom of those above it.
     sharp : float
-        In ms; infinite for the true edge among these wavevectors, which is smooth in parameters that all particles share.
+        Sharpness in ms. If it is infinite the edge is the true one, which is smooth in parameters that all particles share.
     """
 
     q: np.ndarray
@@ -324,8 +324,8 @@ class BandEdge(Objective):
         branches, sign = (np.s_[: self.below], 1) if self.side == 'top' else (np.s_[self.below :], -1)
         squares, x = squares[:, branches], x[..., branches]
         if not squares.size or (sign > 0 and squares.shape[1] < self.below):
-            raise ValueError(f'the cell has {rest.system.directions} branches, so one of the sides of a gap above {self.below} '
-                             'branches is empty; choose another number of branches below the gap')
+            raise ValueError(f'the cell has {rest.system.directions} branches, so a gap above {self.below} branches has branches '
+                             'on one side only; choose another number of branches below the gap')
         omega = np.sign(squares) * np.sqrt(abs(squares))
         soft, share = soft_minimum(-sign * omega.ravel(), max(1 / self.sharp, HARD * abs(omega).max()))
         c = share.reshape(omega.shape) / (2 * np.maximum(abs(omega), np.finfo(float).tiny ** 0.5))
@@ -356,7 +356,7 @@ def band_gap(q: ArrayLike, below: int, sharp: float = 100.0) -> Sum:
 
 
 def _slope_of_mode(rest, squares, x, at, own, pull, q=None):
-    """Slope of a number J of one mode and its square: own = dJ/d(omega^2), pull = dJ/dx*, by first-order perturbation.
+    """Slope of a number J that depends on one mode x and its omega^2: own = dJ/d(omega^2), pull = dJ/dx*, to first order.
 
     With y = sum_n x_n (x_n*.pull)/(lambda - lambda_n) it is `Re (own x + 2 y)*.(dK - lambda dM) x - Re(pull*.x) x*.dM x`.
     """
@@ -380,7 +380,7 @@ def _frequency(square):
 
 
 class Crossing(ValueError):
-    """Two modes meet, so that neither has a derivative by itself."""
+    """Two modes have nearly the same frequency, so that neither has a derivative of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,7 +411,7 @@ class GroupVelocity(Objective):
         calc, q = rest.system.calc, self.q
         squares, x = (part[0] for part in rest.waves(q[None]))
         if self.branch >= len(squares):
-            raise ValueError(f'branch is {self.branch}, but the {len(squares)} branches are counted from 0')
+            raise ValueError(f'branch must be 0 to {len(squares) - 1}, not {self.branch}')
         mode, omega, n = x[:, self.branch], _frequency(squares[self.branch]), len(rest.system)
         towards, cell = self.direction[: calc.dim], calc.reference.cell.array[:, : calc.dim]
         gradient = bloch_gradient(calc.bonds, calc.rest_stiffness(calc.model), q[None], cell)[:, 0]
@@ -427,13 +427,13 @@ class GroupVelocity(Objective):
 
 @dataclass(frozen=True, eq=False)
 class LocalMode(Objective):
-    """The natural mode of a structure that moves one site most: its frequency, or how far it extends.
+    """Frequency or extent of the natural mode that moves one site of a structure most.
 
     Attributes
     ----------
     site : int
     quantity : {'frequency', 'extent'}
-        The frequency in rad/ms, or the number of particles that take part, `1/sum_i (m_i |x_i|^2)^2`.
+        The frequency in rad/ms, or the number of particles that take part in the mode, `1/sum_i (m_i |x_i|^2)^2`.
     """
 
     site: int
@@ -448,7 +448,7 @@ class LocalMode(Objective):
         x, m = np.asarray(system.free @ v), system.masses
         share = m[:, None] * (x.reshape(len(m), system.dim, -1) ** 2).sum(1)  # of each particle in the energy of each mode
         if not 0 <= self.site < len(m) or not system.mobile[self.site]:
-            raise ValueError(f'particle {self.site} has no mode: choose one of the {len(m)}, counted from 0, that can move')
+            raise ValueError(f'particle {self.site} moves in no mode: choose a free one of the {len(m)}, counted from 0')
         at = int(share[self.site].argmax())
         if self.quantity == 'frequency':
             omega = _frequency(squares[at])
@@ -464,13 +464,13 @@ class LocalMode(Objective):
 class Margin(Objective):
     """Distance of a structure from buckling: soft minimum of the eigenvalues of its static stiffness over mass, in rad^2/ms^2.
 
-    It is computed in the complete model, whatever the model of the waves; for a periodic cell only motion that is equal in all
-    cells, q = 0, is judged. As a constraint of `optimise` it keeps designs away from buckling.
+    It is computed in the complete model, whatever the model of the waves; in a periodic cell it counts only motion that is equal
+    in all cells, q = 0. As a constraint of `optimise` it keeps designs away from buckling.
 
     Attributes
     ----------
     sharp : float
-        In ms^2.
+        Sharpness of the soft minimum, in ms^2.
     """
 
     sharp: float = 1000.0
@@ -504,7 +504,7 @@ class BurstEnergy(Objective):
         c u_(k+1) = 2 u_k - d u_(k-1) + dt^2 (f_k - F(u_k))/m
         c z_(k-1) = 2 z_k - d z_(k+1) - (dt^2 K(u_k) z_k + dJ/du_k)/m
 
-    The difference of two such energies, in a region and everywhere, gives in dB the share of the energy that goes there.
+    The difference of two such energies, in a region and in the whole structure, is the share of the energy in the region in dB.
 
     Attributes
     ----------
@@ -512,7 +512,7 @@ class BurstEnergy(Objective):
     region : tuple of int
         The particles whose energy counts.
     window : (float, float)
-        In ms.
+        Start and end in ms.
     omega : float
         In rad/ms.
     cycles : int
@@ -557,7 +557,7 @@ class BurstEnergy(Objective):
         system = rest.system
         push = system.free.T @ self.source.force(len(system))[:, : system.dim].ravel()
         if not push.any():
-            raise ValueError(f'the source drives particle {self.source.particle}, which is held; choose one that can move')
+            raise ValueError(f'the source drives particle {self.source.particle}, which is held; choose a particle that can move')
         counted = system.free.power(2).T @ np.repeat(np.isin(np.arange(len(system)), self.region) / 2, system.dim) * rest.masses
         if not counted.any() or not np.isin(self.region, np.arange(len(system))).all():
             raise ValueError(f'the region {shown(self.region)} must consist of some of the {len(system)} particles, counted '
@@ -570,7 +570,7 @@ class BurstEnergy(Objective):
         return 2 * np.pi * self.cycles / self.omega
 
     def _oscillators(self, squares, t):
-        """Velocities g of oscillators of unit mass, shape (times, oscillators), in closed form: poles p, three waves nu."""
+        """Velocities g of oscillators of unit mass, shape (times, oscillators), in closed form, with poles p and waves nu."""
         half, T = self.damping / 2, self._period
         root = np.sqrt(half**2 - squares + 0j)
         until, found = np.minimum(t, T)[:, None], 0.0

@@ -3,17 +3,17 @@
 With the displacements x and y, and e = C x in the bonds, the stiffness H changes with the strength s_i of one magnet by
 
     x.(dH/d ln s_i) y = sum_b e^x_b.K_b e^y_b - sum_b phi'_b n_b.(C w)_b      over the bonds b of the magnet, where
-    Phi w = C^T t       t_b = e^x_b.(dK_b/dR) e^y_b                           in the statics of the structure, Phi
+    Phi w = C^T t       t_b = e^x_b.(dK_b/dR) e^y_b                           with the static stiffness Phi of the structure
 
 The second sum comes from the new rest positions: a stronger magnet pushes its neighbours away until the forces balance again.
-One solution w serves all magnets.  The derivative by the logarithm of the stiffness k_i of a pillar is k_i x_i.y_i, plus a term
-of the force of the pillar if it is bent at rest; that by the logarithm of a mass is -omega^2 m_i x_i.y_i; that by the place of
-the foot of a pillar is k_i w_i, and that by the place of a held magnet (C^T t - Phi w)_i.
+One solution w serves all magnets.  The derivative with respect to ln k_i is k_i x_i.y_i for the stiffness k_i of a pillar, plus a
+term with the force of the pillar if it is bent at rest. It is -omega^2 m_i x_i.y_i with respect to ln m_i, for the mass m_i, and
+with respect to positions k_i w_i for the foot of a pillar and (C^T t - Phi w)_i for a held magnet.
 
-If positions were measured at rest, as in a photo, nothing moves: w = 0, and the derivative by a position is (C^T t)_i.
+If the rest positions were measured, as in a photo, they are known: w = 0, and the derivative is (C^T t)_i for a position.
 
-Any number J, at any frequency, wavevector or time, depends on the lattice through the stiffness of bonds, springs and masses
-(`Slope`). With G_b = dJ/dK_b in place of e^x (x) e^y one solution w gives its derivatives by all of these.
+Any number J, at any frequency, wavevector or time, depends on the lattice through masses and stiffness of bonds and springs
+(`Slope`). With G_b = dJ/dK_b in place of e^x (x) e^y, one solution w gives the derivatives of J by all of these quantities.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class SiteScatter:
     mass : float
         Standard deviation of the mass of each particle.
     strength : float
-        Standard deviation of the strength of each magnet; the force between two magnets is proportional to the product of theirs.
+        Standard deviation of the strength of each magnet; the force between two magnets is proportional to both strengths.
     stiffness : float
         Standard deviation of the stiffness of the foundation under each particle.
     position : float
@@ -93,7 +93,7 @@ class SiteScatter:
 
     @property
     def std(self) -> NDArray[np.float64]:
-        """Standard deviations of the three logarithms and of the three coordinates, shape (6,)."""
+        """Standard deviations of the logarithms of mass, strength and stiffness, and of the three coordinates, shape (6,)."""
         return np.array([self.mass, self.strength, self.stiffness, *3 * [self.position]])
 
     @property
@@ -107,7 +107,7 @@ NO_SCATTER = SiteScatter()
 
 @dataclass(frozen=True)
 class Slope:
-    """Derivatives of a number by what the structure is made of.
+    """Derivatives of a number by the properties of the bonds and sites of a structure.
 
     Attributes
     ----------
@@ -116,14 +116,15 @@ class Slope:
     springs : ndarray, shape (particles, dim)
         Derivatives by the springs of each site.
     masses : ndarray, shape (particles,)
+        Derivatives by the mass of each site.
     strengths : float or ndarray, shape (bonds,)
-        By the logarithm of the strength of each bond, beyond what its stiffness says: of large motion.
+        Derivatives by the logarithm of the strength of each bond, apart from its effect on stiffness; for large motion only.
     vectors : float or ndarray, shape (bonds, dim)
-        Derivatives by the vector of each bond at rest, likewise.
+        Derivatives by the vector of each bond at rest, apart from its effect on stiffness.
     lengths : float
-        By the logarithm of all lengths, likewise: a group velocity is a length per time.
+        Derivative by the logarithm of all lengths, apart from stiffness, such as for a group velocity, a length per time.
     statics : float or ndarray, shape (bonds, dim, dim)
-        By the stiffness of each bond in the complete model, whatever the model of the waves: statics are the same in all models.
+        Derivatives by the stiffness of each bond in the complete model, on which statics depend whatever the model of the waves.
     """
 
     bonds: Any = 0.0
@@ -142,14 +143,14 @@ class Slope:
 
     @property
     def real(self) -> Slope:
-        """Slope of the real part."""
+        """Slope of the real part of the number."""
         return Slope(*(np.real(getattr(self, f.name)) for f in fields(self)))
 
 
 def form(bonds: Bonds, x: NDArray[Any], y: NDArray[Any], inertia: Any, q: NDArray[np.float64] | None = None) -> Slope:
-    """Slope of `sum x.(K + inertia M) y` over waves; of displacements of the shape (particles, dim, waves).
+    """Slope of `sum x.(K + inertia M) y` over waves with the displacements x and y, shape (particles, dim, waves).
 
-    Of a Bloch wave at q, x is the complex conjugate of a mode.
+    For a Bloch wave at q, x is the complex conjugate of a mode.
     """
     ex, ey = elongations(bonds, x, None if q is None else -q), elongations(bonds, y, q)
     xy = x * y
@@ -157,14 +158,14 @@ def form(bonds: Bonds, x: NDArray[Any], y: NDArray[Any], inertia: Any, q: NDArra
 
 
 def elongations(bonds: Bonds, x: NDArray[Any], q: NDArray[np.float64] | None = None) -> NDArray[Any]:
-    """`C(q) x`, shape (bonds, dim, waves), of displacements x, shape (particles, dim, waves)."""
+    """Relative displacements `C(q) x` in the bonds, shape (bonds, dim, waves), from x of shape (particles, dim, waves)."""
     ends = x[bonds.j]
     return (ends if q is None else np.exp(2j * np.pi * (bonds.shift @ q))[:, None, None] * ends) - x[bonds.i]
 
 
 @dataclass(frozen=True, eq=False)
 class SiteSlopes:
-    """From what a number owes to bonds, springs and masses (`Slope`) to what it owes to each site and to the whole lattice."""
+    """Converts derivatives by bonds, springs and masses (`Slope`) into derivatives by each site and by the whole lattice."""
 
     system: LinearSystem
     at_rest: bool = False
@@ -193,9 +194,9 @@ class SiteSlopes:
     def of(self, slope: Slope, kept: float | None = None) -> dict[str, Any]:
         """Derivatives by the logarithms of the `mass`, `strength` and `spring` of each site, and by its `foot` in mm.
 
-        And of the whole lattice: by the logarithms of its `spacing` and of the `height` of all its pillars; with `kept`, a
-        length in mm, of the `exponent` of an InversePower whose force over that length stays.  Those by springs and feet have
-        the shape (particles, dim).
+        Further derivatives are by the logarithms of the `spacing` and of the `height` of all pillars. If `kept`, a length in mm,
+        is given, there is also one by the `exponent` of an InversePower whose force at that length stays constant.  Derivatives
+        by springs and feet have the shape (particles, dim).
         """
         calc, P = self.system.calc, self.system.free
         C, R, k = calc.bonds.incidence, calc.bond_vectors, np.broadcast_to(calc.foundation, (len(self.system), calc.dim))
@@ -235,7 +236,7 @@ class SiteSlopes:
         return sum(direct) - ((change.dphi(r) / r)[:, None] * R * e).sum()
 
     def __call__(self, x: NDArray[Any], y: NDArray[Any], inertia: Any) -> NDArray[np.complex128]:
-        """Derivatives of `x.(H + inertia M) y` by logarithms of masses, strengths and springs, and by places, of each site.
+        """Derivatives of `x.(H + inertia M) y` by logarithms of mass, strength and spring, and by the position, of each site.
 
         Their shape is (6, particles).  The displacements x and y respect the constraints; the inertia is
         `-omega^2 + i omega gamma`, in rad^2/ms^2.
@@ -244,7 +245,7 @@ class SiteSlopes:
 
     def each_and_alike(self, x: NDArray[Any], y: NDArray[Any],
                        inertia: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Slopes with respect to each site, and with respect to the logarithms of what all sites share (ALIKE), shape (4,)."""
+        """Derivatives by the quantities of each site, and by the logarithms of those that all sites share (ALIKE), shape (4,)."""
         found, places = self.of(form(self.system.calc.bonds, x[..., None], y[..., None], inertia)), np.zeros((3, len(x)), complex)
         places[: x.shape[1]] = found['foot'].T
         each = np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])
@@ -252,12 +253,12 @@ class SiteSlopes:
 
 
 def full_or_sparse(A: sparse.csr_array) -> Any:
-    """The matrix, as a full one where it has few zeros: LAPACK is then faster than sparse factors."""
+    """The matrix, converted to a dense one if it has few zeros, because LAPACK is then faster than sparse factors."""
     return A.toarray() if A.nnz > FULL * A.shape[0] ** 2 else A
 
 
 class ModeScatter(NamedTuple):
-    """How natural frequencies scatter, all in rad/ms.
+    """Natural frequencies of a structure and their standard deviations, in rad/ms.
 
     Attributes
     ----------
@@ -272,7 +273,7 @@ class ModeScatter(NamedTuple):
 
 @takes(*LIKE)
 def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int | Modes | None = None) -> ModeScatter:
-    """Natural frequencies of a structure, and their standard deviation from one sample to the next.
+    """Natural frequencies of a structure, and their standard deviations from one specimen to the next, to first order.
 
     For a periodic cell the modes are the waves whose displacements are equal in all cells. Band edges of a supercell of N
     particles scatter as 1/sqrt(N).
@@ -331,7 +332,7 @@ def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0)
 
 
 def _scaled(atoms, scatter, rng):
-    """The structure with random factors that all sites have in common."""
+    """The structure with random factors that are the same for all sites."""
     factors = dict(zip(ALIKE, np.exp(scatter.std_alike * rng.standard_normal(len(ALIKE))), strict=True))
     return varied_sites(atoms, **{name: np.full(len(atoms), factors[name]) for name in SITES},
                         moved=(factors['scale'] - 1) * atoms.positions * [1, 1, 0]) if any(scatter.alike.values()) else atoms
@@ -339,11 +340,11 @@ def _scaled(atoms, scatter, rng):
 
 def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64],
                      damping: ArrayLike, at_rest: bool = False) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Derivatives of a frequency response by the logarithms of masses, strengths and springs of each site, and by their places.
+    """Derivatives of a frequency response by the logarithms of mass, strength and spring, and by the position, of each site.
 
     The arguments are those of `magphonon.response.frf.harmonic_response`, the Dof where the response is seen, and `at_rest` as
-    in SiteScatter.  Shape (6, particles, frequencies), in mm, those by places in mm per mm; and by the logarithms of what all
-    sites have in common, shape (4, frequencies).
+    in SiteScatter.  The derivatives have the shape (6, particles, frequencies) and are in mm, or in mm per mm for positions.
+    Those by the logarithms of quantities that all sites share follow, shape (4, frequencies).
     """
     system = LinearSystem.of(atoms)
     n, slopes, rate = len(system), SiteSlopes(system, at_rest), np.asarray(damping)

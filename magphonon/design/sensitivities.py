@@ -1,7 +1,7 @@
-"""First derivatives of frequencies and responses by the parameters of a lattice, all analytic.
+"""First derivatives of frequencies and responses with respect to the parameters of a lattice, all analytic.
 
-The derivative of a pair law by a parameter is a pair law itself, and bond stiffness is linear in the law: so
-`bond_stiffness(vectors, change)` differentiates D0 and D* alike.  By the relative change dp/p of
+The derivative of a pair law with respect to a parameter is itself a pair law, and bond stiffness is linear in the law. So
+`bond_stiffness(vectors, change)` gives the derivatives of both D0 and D*.  For the relative change dp/p of
 
     the force           d phi' = phi'                      d phi'' = phi''
     the spacing         d phi' = r phi'' - phi'            d phi'' = r phi'''         (r grows, n stays)
@@ -69,7 +69,7 @@ class StiffnessDerivative:
 
 
 def force_change(law: PairLaw | LawDerivative, power: ArrayLike = 1) -> LawDerivative:
-    """Derivative of a law, or of the laws along the bonds, whose force is proportional to a `power` of the parameter.
+    """Derivative of a law, or of the laws of all bonds, with respect to ln p, if the force is proportional to p^power.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def force_change(law: PairLaw | LawDerivative, power: ArrayLike = 1) -> LawDeriv
 
 
 def spacing_change(law: PairLaw) -> LawDerivative:
-    """Derivative of the law along the bonds when all distances grow in proportion and directions stay.
+    """Derivative of the law of the bonds with respect to the logarithm of the spacing: all distances grow in proportion.
 
     Examples
     --------
@@ -109,9 +109,9 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
                             model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies with respect to the logarithms of parameters.
 
-    Where branches cross, degenerate perturbation theory is used: it takes those modes of equal frequency in which the changes are
-    diagonal, which are the modes of the crossing branches. Such modes exist because a parameter that all particles share keeps
-    the symmetry of the lattice. Branches that are degenerate by symmetry, as at Gamma and K, stay degenerate.
+    Where branches cross, degenerate perturbation theory is used: among modes of equal frequency it takes those for which the
+    changes are diagonal, which are the modes of the crossing branches. Such modes exist because a parameter that all particles
+    share keeps the symmetry of the lattice. Branches that are degenerate by symmetry, as at Gamma and K, stay degenerate.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.
+        In rad/ms; negative for unstable modes.
     slopes : ndarray, shape (changes, wavevectors, modes)
         `d omega/d ln p` in rad/ms.  Zero for translations without a foundation; NaN for another mode of zero
         frequency, on the verge of instability, where the derivative is infinite.
@@ -207,10 +207,10 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
 
 @takes(*STIFF)
 def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivative]) -> list[sparse.csr_array]:
-    """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, each with the motion of the rest that the parameter causes.
+    """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, including the change of the rest positions.
 
-    A parameter that pushes particles by g moves the rest by `H^-1 g`, of the complete model as all statics, and each bond there
-    has another stiffness.  What a dead load holds stays where it is, as its load is taken to follow.
+    A parameter that exerts the forces g moves the rest positions by `H^-1 g`, with H of the complete model as in all statics,
+    and this changes the stiffness of each bond.  Particles with a dead load do not move, because their load is assumed to follow.
     """
     calc, P, found = system.calc, system.free, []
     C, R = calc.bonds.incidence, calc.bond_vectors
@@ -225,7 +225,7 @@ def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivativ
 
 
 def _pushes(system, changes):
-    """Force on each particle by each change, shape (changes, particles, dim), and whether it moves the rest."""
+    """Force on each particle due to each change, shape (changes, particles, dim), and whether it moves the rest positions."""
     calc, P = system.calc, system.free
     C, R = calc.bonds.incidence, calc.bond_vectors
     r = np.linalg.norm(R, axis=1)

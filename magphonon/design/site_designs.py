@@ -1,10 +1,10 @@
 """A lattice for a wanted wave: every magnet, pillar, mass and foot is designed by exact gradients, which include the change of
 the rest positions.
 
-`optimise` makes an `Objective` as large as it can be within bounds.  The rest is found by Newton's method, always from the first
-positions, so that runs repeat to the last bit; a design whose rest is no minimum of the energy is never returned.  One static
-solution then turns the slopes of the objective into those by all parameters (`magphonon.design.scatter`), and SciPy's L-BFGS-B,
-or SLSQP where there are constraints, does the rest.
+`optimise` makes an `Objective` as large as possible within bounds.  Rest positions are found by Newton's method, always from the
+first positions, so that runs repeat to the last bit; a design whose rest positions are no minimum of the energy is never
+returned.  One static solution turns the slopes of the objective into derivatives with respect to all parameters
+(`magphonon.design.scatter`). SciPy's L-BFGS-B, or SLSQP if there are constraints, uses them to find the maximum.
 """
 
 from __future__ import annotations
@@ -43,30 +43,30 @@ SITES = {'strength': 'strength', 'spring': 'spring', 'spring_x': 'spring', 'spri
 """What may vary from site to site: factors, and displacements of the foot in mm; each with the slope that it takes."""
 LATTICE = 'spacing', 'exponent', 'height'  # factors of the whole lattice
 NEWTONS, LONGEST, SETTLED = 40, 0.05, 1e-12  # most steps to rest; the longest one and the last one, in shortest bonds
-IN_STEPS = 5  # from the first parameters to those that are far
+IN_STEPS = 5  # steps in which far parameters are reached from the first ones
 RESTARTS = 3  # of L-BFGS-B, after it met designs that buckle
 FIRST = 0.05  # standard deviation of the parameters at a start, of half the width of their bounds
 AT_BOUND = 1e-6  # of the width
-SAME = 1e-6  # relative difference of a factor from a part that it is
-FAR = 10.0  # how much worse than the best a design is said to be that buckles
-TOLERATED = 1e-6  # by which a constraint may be missed
+SAME = 1e-6  # relative difference below which a factor equals that of a part
+FAR = 10.0  # a design that buckles counts as worse than the best one by this much
+TOLERATED = 1e-6  # amount by which a constraint may be violated
 REGULAR = 1e-12  # stiffness added to every direction, as a fraction of the largest, because free translations have none
 ROUNDS = 0.3, 0.5, 0.7, 0.85, 0.95, 1.0  # shares of the parameters that are parts, in turn
 
 
 @dataclass(frozen=True)
 class Robust:
-    """Scatter that a design must tolerate: it is judged by a soft minimum over lattices that are drawn once.
+    """Scatter that a design must tolerate: its value is a soft minimum over lattices with scatter, which are drawn once.
 
     Attributes
     ----------
     scatter : magphonon.stiffness.Scatter
-        Relative scatter of strengths, springs and masses, and scatter of places in mm, at all sites including held ones.
+        Relative scatter of strengths, springs and masses, and scatter of positions in mm, at all sites including held ones.
     frequency : float
         Relative standard deviation of the frequencies of all sources.
     draws : int
     width : float
-        Width of the soft minimum in the unit of the objective: near zero only the worst draw counts, if infinite the mean.
+        Width of the soft minimum in the unit of the objective: near zero only the worst draw counts, at infinity it is the mean.
     seed : int
     """
 
@@ -81,7 +81,7 @@ class Robust:
         not_negative('frequency', self.frequency)
 
     def drawn(self, particles: int) -> list[Draw]:
-        """The drawn lattices."""
+        """The lattices drawn with this scatter, as `Draw` objects."""
         found = []
         for seed in range(self.seed, self.seed + self.draws):
             *xyz, strength, mass, stiffness = site_normals(seed, particles + 1).T  # the last site stands for the sources
@@ -93,7 +93,7 @@ class Robust:
 
 @dataclass(frozen=True)
 class Draw:
-    """Factors of strengths, springs and masses, displacements of feet in mm, and a factor of frequencies."""
+    """One random draw: factors of strengths, springs and masses, displacements of feet in mm, and a factor of frequencies."""
 
     strength: Any = 1.0
     spring: Any = 1.0
@@ -105,8 +105,8 @@ class Draw:
 class Variables:
     """The variable parameters of a lattice as one vector of numbers between -1 and 1, and the rest positions for each vector.
 
-    A factor within (low, high) is `exp(middle + x half)` of the logarithms; feet and their bounds are in mm, of a lattice whose
-    spacing does not vary.
+    A factor within (low, high) is `exp(middle + x half)`, with the middle and half the width of the range of logarithms. Feet and
+    their bounds are in mm at the given spacing; if the spacing varies, they scale with it.
     """
 
     @takes('constraints', 'attraction', 'oblique', 'out of plane', 'unlike')
@@ -117,7 +117,7 @@ class Variables:
         self.springs = np.broadcast_to(self.calc.foundation, (len(atoms), self.calc.dim))
         self.sites = np.flatnonzero(self.system.mobile) if sites is None else np.unique(indices('sites', sites, len(atoms)))
         if not over or not (len(self.sites) or set(over) & set(LATTICE)):
-            raise ValueError('nothing may vary: name a parameter in over=, and at least one free site')
+            raise ValueError('nothing can vary: name a parameter in over=, and at least one free site')
         self.groups, group = groups, self.sites if groups is None else finite('groups', groups, (len(atoms),))[self.sites]
         self._group = np.unique(group, return_inverse=True)[1]
         self.over, self._parts, low, high = dict(over), {}, [], []
@@ -139,9 +139,9 @@ class Variables:
             raise ValueError(f'the bounds of {name} must be two increasing {what}, not {low:g} and {high:g}; leave '
                              f'{name} out if it is not to vary')
         if name in ('spring', 'spring_x', 'spring_y', 'height') and not self.springs[self.sites].any():
-            raise ValueError(f'{name} varies the springs of a foundation, and there is none; give one, or leave {name} out')
+            raise ValueError(f'{name} varies the springs of a foundation, and there is none; give a foundation, or omit {name}')
         if name == 'exponent' and not isinstance(self.calc.laws, InversePower):
-            raise ValueError(f'exponent varies one inverse-power law for all particles, not {self.calc.laws!r}; leave it out')
+            raise ValueError(f"'exponent' needs one inverse-power law for all particles, not {self.calc.laws!r}; omit 'exponent'")
         return (low, high) if name == 'foot' else (np.log(low), np.log(high))
 
     def __len__(self) -> int:
@@ -149,7 +149,7 @@ class Variables:
 
     @property
     def present(self) -> NDArray[np.float64]:
-        """The parameters of the given structure, or the nearest ones within the bounds."""
+        """The parameters x of the given structure, or the nearest ones within the bounds."""
         return np.clip(-self.middle / self.half, -1, 1)
 
     def slice_of(self, name: str) -> slice:
@@ -157,7 +157,7 @@ class Variables:
         return self._parts[name]
 
     def values(self, x: NDArray[np.float64]) -> dict[str, Any]:
-        """Factors of each site, shape (particles,), displacement of each foot in mm, (particles, dim), factors of the lattice."""
+        """Factors of each site, shape (particles,), displacements of feet in mm, (particles, dim), and factors of the lattice."""
         p, n, found = self.middle + self.half * x, len(self.atoms), {}
         for name, part in self._parts.items():
             if name in LATTICE:
@@ -171,7 +171,7 @@ class Variables:
         return found
 
     def gradient(self, x: NDArray[np.float64], slopes: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Slopes with respect to the parameters x, from those of sites and lattice (`SiteSlopes.of`)."""
+        """Derivatives with respect to the parameters x, from those with respect to sites and lattice (`SiteSlopes.of`)."""
         found, size = np.empty(len(self)), self.values(x).get('spacing', 1.0)
         for name, part in self._parts.items():
             if name in LATTICE:
@@ -243,7 +243,7 @@ class Variables:
         return Rest(LinearSystem.about(own, atoms)), u
 
     def _waves_hold(self, acts, R, k):
-        """Whether waves of a periodic cell at q = 0 and 1/2 along each vector are stable."""
+        """Whether the waves of a periodic cell with q = 0 or 1/2 along each vector are stable."""
         pbc, P = self.atoms.pbc, self.system.free
         edges = [*product(*((0.0, 0.5) if along else (0.0,) for along in pbc))][1:]
         K = model_stiffness(R, acts)
@@ -251,7 +251,7 @@ class Variables:
 
 
 def _solved(H):
-    """The solution of the equations of a real matrix, and whether it is positive: by Cholesky, or the signs of pivots."""
+    """A solver for a real matrix, and whether the matrix is positive definite, by Cholesky or the signs of pivots."""
     H = sparse.csr_array(H + REGULAR * (abs(H).max() or 1.0) * sparse.eye_array(H.shape[0]))
     if H.nnz > FULL * H.shape[0] ** 2:
         H = H.toarray()
@@ -274,7 +274,7 @@ class SiteDesign:
         The structure at rest, with its calculator.
     objective : Objective
     variables : Variables
-        What varied.
+        The parameters that varied, and their bounds.
     x : ndarray, shape (parameters,)
         The parameters, -1 and 1 at their bounds.
     model : {'complete', 'conventional'}
@@ -282,11 +282,11 @@ class SiteDesign:
     value, before : float
         Value of the objective without scatter, for this structure and for the given one.
     robust : float
-        The soft minimum over the draws; the value itself without them.
+        The soft minimum over the draws; without draws, the value itself.
     history : tuple of float
-        The best value so far at each evaluation, of the best start.
+        The best value so far at each evaluation, for the best start.
     starts, given_by_starts : tuple of float
-        Value that each start promised, without scatter, and its value in the complete model. They show how far local optima
+        Promised value of each start, without scatter, and its value in the complete model. They show how much local optima
         differ.
     slopes : dict
         Derivatives of the value with respect to strength, spring, mass and foot of each site (`SiteSlopes.of`).
@@ -295,7 +295,7 @@ class SiteDesign:
     conventional : SiteDesign or None
         The design for the same objective made with D0 alone.
     given : float
-        The true value: that in the complete model, whatever the model of the design.
+        The true value, computed in the complete model whatever the model of the design.
     """
 
     atoms: Atoms
@@ -337,10 +337,10 @@ class SiteDesign:
         return np.array(found)
 
     def tolerances(self, robust: Robust, drop: float = 1.0) -> dict[str, NDArray[np.float64]]:
-        """How far each site alone may be off before the value falls by `drop`, shape (particles,): relative, or in mm for feet.
+        """Deviation of each site alone at which the value falls by `drop`, shape (particles,): relative, or in mm for feet.
 
-        They are computed to first order about lattices with scatter, as a root mean square over their draws. At the optimum
-        itself the slopes vanish, but no real lattice is exactly at the optimum.
+        The deviations are computed to first order about lattices with scatter, as a root mean square over their draws. At the
+        optimum itself the slopes vanish, but no real lattice is exactly at the optimum.
         """
         squares: dict[str, Any] = {}
         draws = robust.drawn(len(self.atoms))
@@ -359,14 +359,14 @@ class SiteDesign:
         """What limits the design, in words."""
         found = []
         if self.at_bounds:
-            found.append(f'{self.at_bounds} of {len(self.x)} parameters lie at a bound; wider bounds may give more.')
+            found.append(f'{self.at_bounds} of {len(self.x)} parameters lie at a bound; wider bounds may give a better design.')
         if len(self.starts) > 1:
             found.append(f'{len(self.starts)} starts reached {min(self.starts):.4g} to {max(self.starts):.4g}: these are local '
-                         'optima, and another start may reach more.')
+                         'optima, and another start may give a better design.')
         if self.buckled:
             found.append(f'{self.buckled} trial designs buckled and were discarded.')
         if self.conventional is not None:
-            found.append(f'Designed with D0 alone it would promise {self.conventional.value:.4g} and give '
+            found.append(f'A design with D0 alone would promise {self.conventional.value:.4g} and in fact give '
                          f'{self.conventional.given:.4g}.')
         return found + self.objective.doubts(Rest(LinearSystem.of(self.atoms)))
 
@@ -399,11 +399,11 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     seed : int
         Seed of the random changes of the starts.
     start : array_like, shape (parameters,), optional
-        The first start, as `SiteDesign.x`.
+        Parameters of the first start, such as `SiteDesign.x`.
     constraints : sequence of (Objective, float)
         Objectives whose value must not fall below a number, such as a `Margin` of stability.
     compare : bool
-        Design with D0 alone too, `SiteDesign.conventional`.
+        Whether to make a design with D0 alone too, `SiteDesign.conventional`.
     report : function, optional
         Called at each better design with its parameters and value, for example to save them.
 
@@ -425,7 +425,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
     >>> source, left, right = (Dof(k, np.array([1.0, 0, 0])) for k in (18, 16, 20))
     >>> contrast = Level(source, left, 3.0, 0.1) - Level(source, right, 3.0, 0.1)
     >>> design = optimise(patch, contrast, {'strength': (0.9, 1.1)}, steps=20)
-    >>> abs(round(design.before, 6)), design.value > 20  # in dB: by symmetry both hear the same at first
+    >>> abs(round(design.before, 6)), design.value > 20  # in dB: by symmetry both levels are equal at first
     (0.0, True)
     """
     variables = Variables(atoms, over, sites, groups)
@@ -449,7 +449,7 @@ def optimise(atoms: Atoms, objective: Objective, over: Mapping[str, tuple[float,
 
 @dataclass(eq=False)
 class _Task:
-    """The value of an objective and its gradient by the parameters, in one model, over draws."""
+    """Computes the value of an objective and its gradient by the parameters, in one model, over all draws."""
 
     variables: Variables
     objective: Objective
@@ -469,7 +469,7 @@ class _Task:
         return value, share @ np.array(slopes)
 
     def holds(self, x):
-        """Whether all waves of a periodic cell are stable; of a finite structure its rest says that."""
+        """Whether all waves of a periodic cell are stable; True for a finite structure, whose stability follows from its rest."""
         if not self.variables.atoms.pbc.any():
             return True
         system = self.variables.rest(x).system
@@ -483,7 +483,7 @@ class _Task:
 
 
 class _Ascent:
-    """The way up from some parameters, of which those that are `fixed` stay, with the best design so far."""
+    """An ascent from given parameters, of which those that are `fixed` stay, with the best design so far."""
 
     def __init__(self, task, x, fixed, constraints=(), report=None):
         self.task, self.x, self.free, self.constraints, self.report = task, x, ~fixed, constraints, report
@@ -519,7 +519,7 @@ class _Ascent:
         return x
 
     def down(self, y):
-        """What is made small, and its slope; far above all else, and flat, where the structure buckles."""
+        """The function that is minimised, and its slope; where the structure buckles, it is very large and flat."""
         x = self.whole(y)
         self.progress.update()
         try:
@@ -541,13 +541,13 @@ class _Ascent:
         return -value, -slope[self.free]
 
     def buckling(self, y):
-        """What a design counts that has no stable rest."""
+        """The value assigned to a design without a stable rest."""
         self.task.buckled += 1
         known = self.value if np.isfinite(self.value) else 0.0
         return FAR * (1 + abs(known)) - known, np.zeros(len(y))
 
     def kept(self, y):
-        """By how much the constraints are kept, and the slopes of that."""
+        """Margins by which the constraints are satisfied, and their slopes."""
         if self._at is None or not np.array_equal(self._at[0], y):
             found = [self.task.one(one, self.whole(y)) for one, _ in self.constraints]
             above = np.array([value - least for (value, _), (_, least) in zip(found, self.constraints, strict=True)])
@@ -556,7 +556,7 @@ class _Ascent:
 
 
 def _design(task, x, robust, history, all_starts):
-    """What is known of the parameters that were found."""
+    """The `SiteDesign` for the parameters that were found."""
     v, rest = task.variables, task.variables.rest(x, task.model)
     value, slope = task.objective.value_and_slope(rest)
 
@@ -574,8 +574,8 @@ def _design(task, x, robust, history, all_starts):
 
 def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust | None = None, steps: int = 20,
              exchanges: int = 60) -> SiteDesign:
-    """The design made of parts that can be bought. Parameters closest to an available part are rounded to it, the others are
-    optimised again, and so on.
+    """Convert a design to parts that can be bought. Parameters closest to an available part are rounded to it, the others are
+    optimised again, and this is repeated.
 
     At the end single parts are exchanged, as suggested by the gradient, as long as the value grows.
 
@@ -620,7 +620,7 @@ def of_parts(design: SiteDesign, parts: Mapping[str, ArrayLike], robust: Robust 
 
 
 def _exchanged(task, x, allowed, most):
-    """Parts exchanged one by one for the next ones, those first of which the slope expects most, while the value grows."""
+    """Exchange parts one by one for neighbouring ones, in order of the gain that the slope predicts, while the value grows."""
     value, slope = task(x)
     tried = set()
     for _ in range(most):
@@ -679,8 +679,8 @@ def orbits(atoms: Atoms, operations: Sequence[ArrayLike]) -> NDArray[np.int_]:
 
 def write_build_list(path: str | PathLike[str], design: SiteDesign, tolerances: Mapping[str, NDArray[np.float64]] | None = None,
                      parts: Mapping[str, ArrayLike] | None = None) -> None:
-    """Write the build list as CSV in SI: for each site the place of the foot, strength, stiffness, whether it is held, its part
-    and tolerance.
+    """Write the build list as CSV in SI: for each site the position of the foot, strength, stiffness, whether it is held, its
+    part and tolerance.
 
     Strengths are relative to those of the calculator's law, stiffnesses are along x.  Parts are numbered from 1 in the order of
     `parts`, as given to `of_parts`; 0 is none of them.  Tolerances are those of `SiteDesign.tolerances`, as fractions.

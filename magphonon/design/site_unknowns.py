@@ -1,16 +1,16 @@
 """Transfer functions of a patch whose sites differ: a strength, springs and an anchor of its own for each site, in one fit.
 
-The mean lattice cannot follow such data, because the sites shift peaks by more than their width. So every site has unknowns z
-with a normal prior, whose standard deviation is the scatter, and all are fitted together with the parameters x of the lattice,
+A lattice of equal sites cannot fit such data, because the sites shift peaks by more than their width. So every site has unknowns
+z with a normal prior, whose standard deviation is the scatter. They are fitted together with the parameters x of the lattice:
 
-    |h - h(x, z)|^2/noise^2 + |z|^2 + what is known of x        dh/dz = -x.(dK/dz) y by bonds, as `transfer_fits`
+    |h - h(x, z)|^2/noise^2 + |z|^2 + prior of x        dh/dz = -x.(dK/dz) y by bonds, as in `transfer_fits`
 
-The sites are eliminated: with residuals r, J of the parameters, A of the sites and C = 1 + A A^T,
+The sites are eliminated. With the residuals r, their derivatives J by the parameters and A by the sites, and C = 1 + A A^T,
 
     information of x = J^T C^-1 J        z = A^T C^-1 (r - J dx)
 
-which describes the lattice of which the patch is one sample. The mean of the sites of this patch, x + M z, is known better: with
-it in place of x, J stays and A becomes A - J M. The scatter is found by maximising the evidence, with z and x integrated out.
+This describes the lattice of which the patch is one sample. The mean of the sites of this patch, x + M z, is known better: if it
+replaces x, J stays and A becomes A - J M. The scatter is found by maximising the evidence, with z and x integrated out.
 """
 
 from __future__ import annotations
@@ -46,10 +46,11 @@ from .transfer_fits import (
 FIRST = np.array([0.02, 0.04, 0.012])
 """Prior scatter of strengths and springs, relative, and of anchors, in shortest bonds. Springs scatter most, because the
 stiffness of a pillar depends on the fourth power of its radius and the third of its height."""
-FAINT = 0.01  # stiffness of a bond, in the stiffest, below which it shows nothing of a held particle
-SURE = 0.7  # standard deviation of the logarithm of each of these
+FAINT = 0.01  # stiffness of a bond, relative to the stiffest, below which a held particle at its end has no unknowns
+SURE = 0.7  # standard deviation of the logarithm of each of these scatters
 START, LOWER = 1.5, 2.5
-"""At first the noise is taken so large that residuals are START times as large, so that peaks overlap; then it falls by LOWER."""
+"""At first the noise is assumed so large that residuals are START times as large, so that peaks overlap; then it falls by
+LOWER."""
 FEW, MOST = 4, 40  # steps of a stage, and of the last one
 ROUGH, FINE = 1e-3, 1e-4  # share of the sum of squares below which a gain ends a stage, and the last one
 SETTLED, ROUNDS = 0.05, 8  # relative change of the scatter that ends its search, and most rounds
@@ -62,20 +63,20 @@ BOUND = np.log(MOST_FACTOR)
 class Sites:
     """The unknowns of the sites of a structure, in standard deviations of their scatter.
 
-    They are the strengths of the particles that act on those that move, then the springs of those that move, then the anchors of
-    all that act.  Neighbours hold particles back: where they rest follows to first order, so that long waves of the
-    places are larger than short ones.
+    They are the strengths of all `acting` particles, then the springs of the movable ones, then the anchors of all `acting` ones.
+    The rest positions follow from them to first order. Because neighbours hold particles back, displacements of long wavelength
+    are larger than those of short wavelength.
 
     Attributes
     ----------
     acting : ndarray of bool, shape (particles,)
-        Which particles have unknowns: those that move, and those with a bond of FAINT of the stiffest to one of them.
+        Which particles have unknowns: those that can move, and those joined to one by a bond stiffer than FAINT of the stiffest.
     tied : ndarray of bool, shape (particles, dim)
         Which springs have an unknown.
     spacing : float
         Shortest bond in mm.
     rest : ndarray, shape (particles * dim, unknowns)
-        How the rest moves with strengths and springs, in mm, and with anchors.
+        Derivatives of the rest positions by strengths and springs, in mm, and by anchors.
     """
 
     acting: np.ndarray
@@ -98,35 +99,35 @@ class Sites:
 
     @property
     def ends(self) -> list[int]:
-        """Where the springs begin, the places, and the end."""
+        """Indices of the unknowns at which the springs and the anchors begin, and the total number."""
         n, dim = self.acting.sum(), self.tied.shape[1]
         return np.cumsum([n, self.tied.sum(), n * dim]).tolist()
 
     @property
     def kinds(self) -> NDArray[np.intp]:
-        """Of each unknown: 0 for a strength, 1 for a spring, 2 for an anchor."""
+        """Kind of each unknown: 0 for a strength, 1 for a spring, 2 for an anchor."""
         return np.repeat([0, 1, 2], np.diff([0, *self.ends]))
 
     @property
     def split(self) -> NDArray[np.float64]:
-        """Direction of the unknowns in which all springs grow along x, and shrink along y, by half of ln(kx/ky) each."""
+        """Direction of the unknowns in which all springs grow along x and shrink along y, each by half of ln(kx/ky)."""
         found = np.zeros(self.ends[2])
         found[self.ends[0] : self.ends[1]] = 0.5 - np.nonzero(self.tied)[1]
         return found if self.tied.any(axis=0).sum() == 2 else 0 * found
 
     def size(self, scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Standard deviation of each unknown: relative, of anchors in mm."""
+        """Standard deviation of each unknown: relative for strengths and springs, in mm for anchors."""
         return (scatter * [1.0, 1.0, self.spacing])[self.kinds]
 
     def parts(self, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Logarithms of strengths, shape (particles,), and of springs, and moves in mm, shape (particles, dim)."""
+        """Logarithms of strengths, shape (particles,), and of springs, and shifts of rest in mm, shape (particles, dim)."""
         strengths, springs, _ = np.split(self.size(scatter) * z, self.ends[:2])
         of_particles, each = np.zeros(len(self.tied)), np.zeros(self.tied.shape)
         of_particles[self.acting], each[self.tied] = strengths, springs
         return of_particles, each, (self.rest @ (self.size(scatter) * z)).reshape(self.tied.shape)
 
     def means(self, built: ParametricLattice, names: Sequence[str], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-        """By what the logarithm of each parameter of this patch is off, the mean of its sites: M, shape (names, unknowns)."""
+        """Matrix M, shape (names, unknowns): M z is the mean over the sites of this patch of the logarithm of each parameter."""
         M, moving = np.zeros((len(names), self.ends[2])), built.system.mobile
         for row, name in zip(M, names, strict=True):
             change = built.changes.get(name)
@@ -139,7 +140,7 @@ class Sites:
 
 
 def _rest(system, springs, tied):
-    """What `Sites.rest` says of particles at rest among their neighbours and springs."""
+    """The matrix `Sites.rest` for particles that are held at rest by their neighbours and springs."""
     calc, free = system.calc, np.repeat(system.mobile, system.dim)
     C, R, H = calc.bonds.incidence, calc.bond_vectors, calc.rest_hessian('complete').toarray()
     force = -(calc.law.dphi(calc.bonds.lengths) / calc.bonds.lengths)[:, None] * R
@@ -154,11 +155,11 @@ def _rest(system, springs, tied):
 
 
 def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], scatter: NDArray[np.float64]) -> ParametricLattice:
-    """The lattice with sites of their own, where they were found: what holds them there is not asked."""
+    """The lattice with individual sites at their positions; whether the forces balance there is not checked."""
     calc = built.system.calc
     strengths, springs, moves = sites.parts(z, scatter)
     if max(abs(strengths).max(initial=0.0), abs(springs).max(initial=0.0)) > BOUND:
-        raise ValueError(f'no site is {MOST_FACTOR:g} times as strong or as stiff as another')
+        raise ValueError(f'a site is more than {MOST_FACTOR:g} times as strong or stiff as the others, or as weak or soft')
     strengths, springs, moved = np.exp(strengths), np.exp(springs), np.zeros((len(moves), 3))
     moved[:, : moves.shape[1]] = moves
     reference = calc.reference.copy()
@@ -175,14 +176,14 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
 
 def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sites: Sites,
                 scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slopes of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
+    """Derivatives of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
     calc, (n, dim) = built.system.calc, sites.tied.shape
     R, C, ends = calc.bond_vectors, calc.bonds.incidence, np.stack([calc.bonds.i, calc.bonds.j])
     pairs, which = np.unique(np.sort(np.where(built.system.mobile[ends], ends, n), axis=0), axis=1, return_inverse=True)
-    alike = sparse.csr_array((np.ones(len(R)), (np.ravel(which), np.arange(len(R)))))  # held ends move alike: not at all
+    alike = sparse.csr_array((np.ones(len(R)), (np.ravel(which), np.arange(len(R)))))  # held ends share an index, as none moves
     changes = [_by_site(model_stiffness(R, calc.interaction, calc.model), abs(C))]
     changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
-    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # by strengths, moves along x, along y
+    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # columns: strengths, moves along x, along y
     order = np.arange(n * dim).reshape(dim, n).T.ravel()
     springs = np.broadcast_to(calc.tie.springs(), sites.tied.shape)[sites.tied]
     found = []
@@ -197,13 +198,13 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
 
 
 def _by_site(blocks, ends):
-    """Change of each entry of the blocks of bonds by each site that ends them, a sparse matrix (bonds * dim * dim, sites)."""
+    """Change of each entry of the blocks of bonds by each site at their ends, a sparse matrix (bonds * dim * dim, sites)."""
     spread = sparse.kron(ends, np.ones((blocks[0].size, 1)), format='csr')
     return sparse.diags_array(blocks.ravel()) @ spread
 
 
 class Linear(NamedTuple):
-    """Residuals over the noise at some parameters x and sites z, and their slopes, with the signs of the responses."""
+    """Residuals divided by the noise at given parameters x and sites z, their slopes, and the signs of the responses."""
 
     r: NDArray[np.float64]
     J: NDArray[np.float64]
@@ -211,7 +212,7 @@ class Linear(NamedTuple):
 
 
 class Eliminated:
-    """C^-1 = (damping + A A^T)^-1, by the smaller of its two forms."""
+    """The inverse C^-1 = (damping + A A^T)^-1, applied by the smaller of its two equivalent forms."""
 
     def __init__(self, A: NDArray[np.float64], damping: float = 1.0) -> None:
         self.A, self.damping, self.wide = A, damping, A.shape[1] > A.shape[0]
@@ -227,11 +228,11 @@ class Eliminated:
 
 def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp], off: NDArray[np.float64],
                     ) -> tuple[NDArray[np.float64], float, float]:
-    """Factors of the scatter of each kind of unknowns at which the evidence is largest, and two numbers.
+    """Factors of the scatter of each kind of unknowns that maximise the evidence, and two numbers.
 
-    They are how many unknowns the data then determine, and how much larger the logarithm of the evidence is than without scatter.
+    The numbers are how many unknowns the data then determine, and the gain of the logarithm of the evidence over no scatter.
 
-    What is known before, in `off`, is that the logarithm of the scatter is to be larger by that, with the uncertainty SURE.
+    The prior says that the logarithm of each factor is `off`, with the standard deviation SURE.
     """
     Q = np.linalg.qr(at.J)[0]
     A = at.A - Q @ (Q.T @ at.A)
@@ -253,7 +254,7 @@ def scatter_factors(at: Linear, z: NDArray[np.float64], kinds: NDArray[np.intp],
 
 
 class Place(NamedTuple):
-    """Logarithms of the parameters, the unknowns of the sites, their lattice, and the result of `solved` for it."""
+    """A point of the fit: logarithms of the parameters, unknowns of the sites, their lattice, and the result of `solved`."""
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
@@ -263,7 +264,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class _Problem:
-    """What is fitted: lattice, parameters, functions, and what is known before."""
+    """What is fitted: lattice, parameters, functions and prior knowledge."""
 
     build: Callable[[dict[str, float]], ParametricLattice]
     names: tuple[str, ...]
@@ -273,7 +274,7 @@ class _Problem:
     noise: float
 
     def place(self, x, z, scatter) -> Place:
-        """The lattice with these parameters and sites, and its fields."""
+        """The point of the fit with these parameters and sites: its lattice, and the fields in it."""
         built = at_sites(self.build(dict(zip(self.names, np.exp(x).tolist(), strict=True))), self.sites, z, scatter)
         return Place(x, z, built, solved(built, self.functions))
 
@@ -281,7 +282,7 @@ class _Problem:
         return np.exp(x[self.names.index('gain')]) if 'gain' in self.names else 1.0
 
     def off(self, h, x, noise):
-        """Residuals over the noise of responses without gain."""
+        """Residuals, divided by the noise, for responses h to which the gain is not yet applied."""
         measured = np.concatenate([one.response for one in self.functions])
         return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
 
@@ -297,7 +298,7 @@ class _Problem:
         return float(r @ r + z @ z + known @ known)
 
     def descended(self, place, scatter, noise, steps, tolerance):
-        """Steps of Levenberg and Marquardt from a place; returns the last place and the linearisation there."""
+        """Take steps of Levenberg and Marquardt from a point; return the last point and the linearisation there."""
         damping, known = DAMPED, self.before.information
         for _ in range(steps):
             x, z, at = place.x, place.z, self.linear(place, scatter, noise)
@@ -310,7 +311,7 @@ class _Problem:
                 dx = np.linalg.lstsq(F + damping * np.diag(np.diag(F)), CJ.T @ r + known @ (self.before.centre - x), BLIND)[0]
                 dz = at.A.T @ C(r - at.J @ dx) - z / (1 + damping)
                 dx = np.clip(x + dx, -BOUND, BOUND) - x
-                with suppress(ValueError):  # a step after which magnets touch, or nothing holds them, is too long
+                with suppress(ValueError):  # a step is too long if magnets then touch, or nothing holds them
                     there = self.place(x + dx, z + dz, scatter)
                     h = np.concatenate([one.h for one in there.fields[1]])
                     then = self.sum_of(self.off(h, there.x, noise), there.x, there.z)
@@ -329,7 +330,7 @@ def normal_matrices(fit: TransferFit, build: Callable[[dict[str, float]], Parame
                     functions: Sequence[TransferFunction]) -> list[NDArray[np.float64]]:
     """Normal matrix J^T J of each function, measured or proposed, at a fit; shape (parameters + unknowns,) * 2.
 
-    The parameters are the means over the sites of this patch, the unknowns belong to single sites.
+    The parameters are the means over the sites of this patch; the unknowns belong to single sites.
     """
     built = build(fit.by_name)
     sites = fit.where or Sites.of(built.system)
@@ -390,23 +391,24 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     else:
         place, at = one.descended(place, scatter, noise, MOST, FINE)
     x, z = place.x, place.z
+    batch = at.J.T @ Eliminated(at.A)(at.J) + one.before.information
+    unlike = _unlike(at, one.sites.split / scatter[1], z, batch)
     if scatter[0] > MOST_SCATTER:
-        return replace(fit, information=0 * fit.information, site_scatter=scatter)
+        return replace(fit, information=0 * fit.information, site_scatter=scatter, unlike=unlike)
     if at.r @ at.r * noise**2 > half:
         return fit.refused
     M, before = one.sites.means(built, fit.names, scatter), one.before
-    own, batch = (at.J.T @ Eliminated(A)(at.J) + before.information for A in (at.A - at.J @ M, at.A))
+    own = at.J.T @ Eliminated(at.A - at.J @ M)(at.J) + before.information
     return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z, where=one.sites,
-                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch),
-                   unlike=_unlike(at, one.sites.split / scatter[1], z, batch))
+                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch), unlike=unlike)
 
 
 def _unlike(at, split, z, batch):
-    """`TransferFit.unlike` of sites z: one step of a fit that has ln(kx/ky), along `split`, as one parameter more."""
-    if not split.any():
-        return 0.0, np.inf
+    """`TransferFit.unlike` of sites z, by one step of a fit with one more parameter: ln(kx/ky), along `split`."""
     a = at.A @ split
     solved = Eliminated(at.A)(a)
     with_others = at.J.T @ solved
-    information = a @ solved - with_others @ np.linalg.solve(batch, with_others)
+    information = a @ solved - with_others @ np.linalg.lstsq(batch, with_others, BLIND)[0]
+    if information <= BLIND * (a @ solved):  # there is one spring, or both are fitted
+        return 0.0, np.inf
     return float(split @ z / information), float(information**-0.5)

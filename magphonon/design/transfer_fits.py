@@ -6,7 +6,7 @@ With the displacements x = G e under a unit force where the response is seen, an
 
 so that one solution for each place serves all parameters.  A shaken bench is the drive F = w^2 M d (`magphonon.response.frf`).
 
-Real magnets and their places scatter, and the mean lattice cannot follow that: `site_unknowns` gives every site its own
+Real magnets and their positions scatter, and a lattice of equal sites cannot fit that: `site_unknowns` gives every site its own
 parameters.
 """
 
@@ -33,14 +33,14 @@ from .least_squares import MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
 
 WIDEST = 9.0
-"""Part of the measured range, one over this, by which a fit from afar first widens the peaks of data and lattice, since they must
-overlap to find each other; then half of it, and so on."""
+"""A fit from distant parameters first widens the peaks of data and lattice by 1/WIDEST of the measured range, because they must
+overlap to find each other; then by half of that, and so on."""
 FEWEST, FIRST_FEW = 16, 60  # frequencies of each function that are kept where peaks are widened, and those that are fitted first
 ROUGH, FINE = 1e-2, 1e-5
-"""Share of chi2 below which a gain ends a fit, at first and at last: of 1000 points that fit, the latter is 0.1 sigma
-before the last step."""
-HOPELESS = 0.1  # share of the data that is left, in squares, from which on a fit stays rough
-FAR = 2.0  # mean squared residual, in the noise, above which a fit from afar is tried
+"""A fit ends when a step lowers chi2 by less than this share, at first and at last; for 1000 points that fit, the latter means
+that the last step is 0.1 sigma."""
+HOPELESS = 0.1  # share of the squares of the data that is left over, above which a fit is not refined
+FAR = 2.0  # mean squared residual, in units of the noise, above which a fit with widened peaks is tried
 MOST_SCATTER = 0.1  # largest scatter of strengths: a lattice that needs more is not this model
 MOST_TRIES = 200  # steps of any fit
 DENSE = 1500  # free directions up to which all modes cost less than factors at each of some hundred frequencies
@@ -48,7 +48,7 @@ ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a th
 
 
 class ParametricLattice(NamedTuple):
-    """A lattice at rest, its damping in 1/ms, and the change of its stiffness by each parameter."""
+    """A lattice at rest, its damping in 1/ms, and the change of its stiffness due to each parameter."""
 
     system: LinearSystem
     damping: float
@@ -56,7 +56,7 @@ class ParametricLattice(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Logarithms of the factors of parameters, and their information."""
+    """Logarithms of the factors of the parameters, and their information matrix."""
 
     x: NDArray[np.float64]
     information: NDArray[np.float64]
@@ -66,29 +66,29 @@ class Batch(NamedTuple):
 class TransferFit(ParameterFit):
     """Parameters of a lattice in one model, fitted to transfer functions; its residuals are real parts, then imaginary ones.
 
-    Where the sites have unknowns of their own, the parameters are the means of the sites of this patch.
+    If the sites have unknowns of their own, the parameters are the means over the sites of this patch.
 
     Attributes
     ----------
     noise : float
-        Standard deviation of the noise in units of the stated uncertainties: 1; if none are stated, the residual as a fraction
-        of the peaks.
+        Standard deviation of the noise: 1 if uncertainties are stated, because they are then the unit; otherwise the residual as
+        a fraction of the peaks.
     misfit : float
-        Root mean square residual of a lattice without scatter over the noise.
+        Root mean square residual of a lattice without scatter, divided by the noise.
     square : float
-        Sum of the squared residuals of a lattice without scatter, in the stated uncertainties or in shares of the peaks.
+        Sum of the squared residuals of a lattice without scatter, in stated uncertainties or in fractions of the peaks.
     site_scatter : ndarray, shape (3,)
-        Scatter from site to site of strengths and of springs, both relative, and of anchors, in shortest bonds; zero where a
-        lattice without scatter follows the data to within the noise.
+        Scatter from site to site of strengths and of springs, both relative, and of anchors, in shortest bonds; zero if a
+        lattice without scatter fits the data to within the noise.
     sites : ndarray, shape (unknowns,)
         The unknowns of the sites, in standard deviations of the scatter.
     where : site_unknowns.Sites, optional
-        Which unknowns these are.
+        Describes which unknowns the entries of `sites` are.
     batch : Batch, optional
         The parameters of the lattice of which this patch is a sample; equal to those of the patch if its sites do not scatter.
     unlike : (float, float)
-        Logarithm of the ratio of the springs along x and y that the sites show on top of the fitted one, and its standard
-        deviation; the latter is infinite if they show nothing.
+        By how much ln(kx/ky) of the springs at the sites exceeds the fitted one, and its standard deviation: infinite
+        without unknowns of sites with springs along both x and y.
     """
 
     noise: float
@@ -102,14 +102,12 @@ class TransferFit(ParameterFit):
 
     @property
     def follows(self) -> bool:
-        """Whether the lattice, with strengths that scatter by up to 10 %, follows the data; otherwise its parameters mean
-        little.
-        """
+        """Whether the lattice, with strengths that scatter by up to 10 %, fits the data; otherwise its parameters mean little."""
         return bool(self.site_scatter[0] <= MOST_SCATTER)
 
     @property
     def refused(self) -> TransferFit:
-        """A copy of this fit, marked as not following the data whatever the scatter of the sites."""
+        """A copy of this fit, marked as unable to fit the data whatever the scatter of the sites."""
         return replace(self, site_scatter=np.full(3, np.inf))
 
     @property
@@ -127,7 +125,7 @@ def responses(built: ParametricLattice, functions: Sequence[TransferFunction], w
     """Responses of a lattice for all functions, one after the other, in mm/N or per displacement of the bench.
 
     Each function has the Dof where it is seen, and the Dof of its force or the direction in which the bench is shaken;
-    `widened` is a damping in 1/ms on top.
+    `widened` is an additional damping in 1/ms.
     """
     omega, where = _frequencies(functions)
     seen = np.unique([_place(one).particle for one in functions])
@@ -158,7 +156,7 @@ class Solved(NamedTuple):
 
 
 def solved(built: ParametricLattice, functions: Sequence[TransferFunction], widened: float = 0.0) -> tuple[Any, list[Solved]]:
-    """The basis, shape (particles * dim, basis), and each function in it; `widened` is as of `responses`."""
+    """A basis of displacements, shape (particles * dim, basis), and each function in it; `widened` as in `responses`."""
     system, dim = built.system, built.system.dim
     omega, where = _frequencies(functions)
     ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
@@ -178,8 +176,8 @@ def response_slopes(built: ParametricLattice, functions: Sequence[TransferFuncti
                     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Responses, shape (points,), and their derivatives with respect to the logarithms of parameters, shape (parameters, points).
 
-    The `names` are 'damping', 'mass', 'gain' (of all responses) or among the `built.changes`; `fields` are those of `solved`, if
-    they are known.
+    The `names` are 'damping', 'mass', 'gain' (of all responses) or names in `built.changes`; `fields` is the result of `solved`,
+    if it is known.
     """
     system = built.system
     damping, mass = built.damping + widened, sparse.diags_array(np.repeat(system.masses, system.dim))
@@ -201,7 +199,7 @@ def response_slopes(built: ParametricLattice, functions: Sequence[TransferFuncti
 
 
 def _frequencies(functions):
-    """All frequencies, and where among them those of each function are."""
+    """All different frequencies, and the indices of those of each function among them."""
     omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
     return omega, np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
 
@@ -211,7 +209,7 @@ def _place(function) -> Dof:
 
 
 def _push(system, drive):
-    """Force on each particle, by a unit force or by a bench shaken with a unit acceleration."""
+    """Force on each particle, due to a unit force or to a bench shaken with unit acceleration."""
     return drive.force(len(system)) if isinstance(drive, Dof) else base_force(system, drive)
 
 
@@ -222,7 +220,7 @@ def _relative_to_drive(function, seen):
 
 
 def _fields(system, forces, omega, damping):
-    """A basis of the displacements, shape (particles * dim, n), and those under each force in it, (forces, frequencies, n)."""
+    """A basis of displacements, shape (particles * dim, n), and the response to each force in it, (forces, frequencies, n)."""
     dim = system.dim
     if system.directions > DENSE:
         columns = np.stack([force.ravel() for force in forces], axis=1)
@@ -246,9 +244,9 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     Parameters
     ----------
     build : callable
-        Takes a dict from parameter name to factor; returns the lattice.
+        Function that takes a dict from parameter name to factor and returns the lattice.
     names : tuple of str
-        The parameters to fit, as for `transfer_model`.
+        The parameters to fit, as for `response_slopes`.
     functions : sequence of TransferFunction
     model : {'complete', 'conventional'}
         The model of the lattices that `build` returns.
@@ -259,7 +257,7 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
 
     Examples
     --------
-    A foundation that is 20 % stiffer than where the fit starts:
+    A fit to data of a foundation that is 20 % stiffer than at the start of the fit:
 
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
@@ -300,7 +298,7 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
 
 
 def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
-    """Least squares from the logarithms `start` on; rows of what is known `before` come after those of the data."""
+    """Least-squares solution, starting at the logarithms `start`; rows of the prior `before` come after those of the data."""
     weight, measured = weights(functions), np.concatenate([one.response for one in functions])
 
     @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
@@ -326,26 +324,26 @@ def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
 
 
 def split(z: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Real parts, then imaginary ones, along the last axis."""
+    """The real parts followed by the imaginary parts, along the last axis."""
     return np.concatenate([z.real, z.imag], axis=-1)
 
 
 def weights(functions: Sequence[TransferFunction]) -> NDArray[np.float64]:
-    """One over the uncertainty of each point; where that is not stated for all, over the peak of what was measured."""
+    """Weight of each point: 1/uncertainty, or if not all are stated, 1/peak of the measured quantity."""
     if all(one.sigma is not None for one in functions):
         return 1 / np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in functions])
     return np.concatenate([one.omega**one.order / abs(one.omega**one.order * one.response).max() for one in functions])
 
 
 def _every(step, one):
-    """A function at each of so many frequencies."""
+    """A transfer function at every `step`-th of its frequencies."""
     kept = np.s_[:: max(int(step), 1)]
     sigma = one.sigma if np.ndim(one.sigma) == 0 else one.sigma[kept]
     return replace(one, omega=one.omega[kept], response=one.response[kept], sigma=sigma)
 
 
 def _rates(functions, damping):
-    """Half widths in rad/ms by which peaks are widened in turn, down to their own."""
+    """Yield half widths in rad/ms by which peaks are widened, from large ones down to their natural width."""
     rate = max(np.ptp(one.omega) for one in functions) / WIDEST
     while rate > damping / 2:
         yield rate

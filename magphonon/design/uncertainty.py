@@ -51,14 +51,14 @@ class Tolerances:
         n = len(self.changes)
         C = finite('covariance', self.covariance, (n, n))
         if not (n or self.scatter):
-            raise ValueError('neither parameters nor sites have a tolerance; name one')
+            raise ValueError('neither parameters nor sites have a tolerance; give at least one tolerance')
         if not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C).min(initial=0) < -ROUND_OFF * np.trace(C):
             raise ValueError(f'covariance must be symmetric without negative eigenvalues, with a row for each of the {n} '
                              f'parameters, not {C.tolist()}; check the correlations')
         object.__setattr__(self, 'covariance', C)
 
     def samples(self, count: int, seed: int = 0) -> NDArray[np.float64]:
-        """Factors by which the parameters deviate, log-normal as they are positive, shape (count, parameters)."""
+        """Random factors of the parameters, log-normal because they are positive, shape (count, parameters)."""
         rng = np.random.default_rng(seed)
         return np.exp(rng.multivariate_normal(np.zeros(len(self.changes)), self.covariance, whole('count', count)))
 
@@ -69,12 +69,12 @@ class Spread(Saved, kind='uncertainties', units={
     'values': ('rad/ms for frequencies, mm for amplitudes', '...'),
     'slopes': ('that of the values, for each relative change', 'parameters', '...'),
 }, missing=('slopes',)):
-    """Values of one kind, and their uncertainty to first order in the tolerances.
+    """Frequencies or amplitudes, and their uncertainty to first order in the tolerances.
 
     Attributes
     ----------
     names : tuple of str
-        The parameters.
+        Names of the parameters.
     covariance : ndarray, shape (parameters, parameters)
         Covariance of the relative changes of the parameters.
     values : ndarray, shape (...)
@@ -97,7 +97,7 @@ class Spread(Saved, kind='uncertainties', units={
     def contributions(self) -> dict[str, NDArray[np.float64]]:
         """Standard deviations that each parameter alone causes, by its name; correlated parameters count as one, such as 'b, a'.
 
-        Their squares add up to that of `std`.
+        The sum of their squares is the square of `std`.
         """
         from scipy.sparse.csgraph import connected_components
 
@@ -128,8 +128,8 @@ class ResponseSpread(Spread, kind='uncertainties of a response', units={
         """Standard deviation that the second order adds to the amplitude, shape (frequencies,), in mm.
 
         Near a resonance u = u0/(1 + z) with a small complex z, linear in the parameters.  At the peak z is imaginary, and the
-        amplitude |u0| (1 - |z|^2/2) has no slope.  If z is normal and |z| has the variance s^2, the mean is lower by s^2/2 and
-        the standard deviation is s^2/sqrt(2), relative to |u0|.
+        amplitude |u0| (1 - |z|^2/2) has no slope.  If z is normal with the variance s^2, the mean is lower by s^2/2 and the
+        standard deviation is s^2/sqrt(2), relative to |u0|.
         """
         square = (self.std / self.values) ** 2 + _std(self.covariance, self.turns) ** 2
         return self.values * square / np.sqrt(2)
@@ -143,8 +143,8 @@ def _std(covariance, slopes):
 def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: Model | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
-    Where branches cross, each keeps its own spread; see
-    `magphonon.design.sensitivities.frequency_sensitivities`, which says where there is NaN.
+    Where branches cross, each keeps its own spread.
+    `magphonon.design.sensitivities.frequency_sensitivities` says where values are NaN.
 
     Parameters
     ----------
@@ -213,8 +213,8 @@ def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike
                         seed: int = 0) -> NDArray[np.float64]:
     """Frequencies of `count` lattices whose parameters are drawn at random, to check the linear propagation.
 
-    `build` takes a dict of parameter name to factor and returns the cell with its PairCalculator.  Shape (count, wavevectors,
-    modes), in rad/ms.
+    `build` takes a dict from parameter name to factor and returns the cell with its PairCalculator.  The result has the shape
+    (count, wavevectors, modes) and is in rad/ms.
     """
     draws = tqdm(tolerances.samples(count, seed), desc='samples', delay=2, disable=None)
     return np.array([bloch_modes(build(dict(zip(tolerances.changes, factors, strict=True))), q)[0] for factors in draws])

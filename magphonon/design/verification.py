@@ -1,4 +1,4 @@
-"""Does a design keep its promise? It is judged with all neighbours, by time steps, and with scatter, and compared with the
+"""Does a design keep its promise? It is tested with all neighbours, in time steps and with scatter, and compared with the
 promise of D0 alone.
 
 The time steps do not use linear theory: particles at rest are driven, in the complete model with its nonlinear forces, until the
@@ -40,13 +40,13 @@ class Verification:
     before : float
         Value of the structure as it was given.
     promised_by_D0, given_by_D0 : tuple of float
-        Value that each start of the design with D0 alone promised, and its value in the complete model; empty if the design was
+        Promised value of each start of the design with D0 alone, and its value in the complete model; empty if the design was
         made without `compare=True`.
     promised : tuple of float
-        Value that each start of this design promised.
+        Promised value of each start of this design.
     nearest, value, neighbours : float
-        Values of this design with nearest neighbours alone, with the neighbours for which it was designed, and with all within
-        eight bonds; NaN where it buckles.
+        Values of this design with nearest neighbours alone, with the neighbours for which it was designed, and with all
+        neighbours within eight bonds; NaN if it buckles.
     time_steps : float
         Value from time steps; NaN for objectives that are not a motion from rest: bands, modes, margins, and responses without
         damping.
@@ -65,7 +65,7 @@ class Verification:
     scattered: NDArray[np.float64]
 
     def table(self, unit: str = '', per: float = 1.0, goal: float | None = None) -> str:
-        """A table of these values divided by `per`; with a `goal`, it says how many lattices with scatter reach it.
+        """A table of these values divided by `per`; with a `goal`, it says how many lattices with scatter reach this goal.
 
         Examples
         --------
@@ -82,7 +82,7 @@ class Verification:
           with all neighbours                             57 dB
           by time steps                                   not of this objective
           with scatter, median and worst tenth            35 and 31 dB
-          of 2 copies reach 35 dB                         1
+          copies out of 2 that reach 35 dB                1
         """
         def told(*values):
             known = np.array(values, float) / per
@@ -103,18 +103,18 @@ class Verification:
             middle, low = np.quantile(drawn, [0.5, 0.1])
             rows.append(('  with scatter, median and worst tenth', f'{middle:.3g} and {low:.3g} {unit}'.strip()))
             if goal is not None:
-                rows.append((f'  of {len(drawn)} copies reach {goal:.4g} {unit}'.rstrip(), f'{(drawn >= goal).sum()}'))
+                rows.append((f'  copies out of {len(drawn)} that reach {goal:.4g} {unit}'.rstrip(), f'{(drawn >= goal).sum()}'))
         return '\n'.join(f'{name:49} {text}' for name, text in rows)
 
 
 def verify(design: SiteDesign, robust: Robust | None = None, seed: int = 1, steps: bool = True) -> Verification:
-    """Judge a design by methods and draws that were not used to make it.
+    """Test a design by methods and random draws that were not used to make it.
 
     Parameters
     ----------
     design : SiteDesign
     robust : Robust, optional
-        Scatter to judge by, drawn from `seed`, which must not be that of the design.
+        Scatter for the test, drawn from `seed`, which must not be that of the design.
     steps : bool
         Whether to take time steps, which cost most.
     """
@@ -188,7 +188,7 @@ def _runner(atoms, drives, damping, largest=None):
 
 
 def _steady(atoms, level, frequencies):
-    """Displacements per unit force at each frequency, all driven at once, read when the motion is steady."""
+    """Displacements per unit force at each frequency, from a run in which all frequencies are driven until motion is steady."""
     calc, source = atoms.calc, level.source
     push = SMALL * calc.bonds.lengths.min() * abs(calc.rest_hessian('complete').diagonal()).min()
     dyn = _runner(atoms, [Harmonic(source.particle, source.direction, push, omega) for omega in frequencies], level.damping,
@@ -205,7 +205,7 @@ def _steady(atoms, level, frequencies):
 
 
 def _burst(atoms, burst):
-    """Kinetic energy of each particle, summed over the window, for a unit force or the amplitude that is given."""
+    """Kinetic energy of each particle, summed over the window, for a unit force or the given amplitude."""
     unit = burst.amplitude or SMALL * atoms.calc.bonds.lengths.min() * abs(atoms.calc.rest_hessian('complete').diagonal()).min()
     size = np.linalg.norm(burst.source.direction)
     dyn = _runner(atoms, [ToneBurst(burst.source.particle, burst.source.direction, unit * size, burst.omega, burst.cycles)],

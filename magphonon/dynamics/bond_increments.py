@@ -13,12 +13,12 @@ and pulls its far end j (and pushes its near end i) with the force, counted from
 
 H has no constant term, so no large numbers are ever subtracted.  It is fitted through its slope, in which nothing cancels.
 
-One polynomial serves small motion.  From contact to several spacings the law is cut into pieces: with the measure of length w,
-which is `(r/r0)^2 = 1 + e` where the full length counts and `r/r0 = 1 + e/2` where its projection does, the quotient `H(e)/e`
-is a polynomial of degree 4 in each piece.  Each octave of w is cut into 2^BITS equal pieces, so that the leading bits of the
-floating number w are the number of its piece: no search is needed, and vector units look up several pieces at once.  Where a
-piece misses the tolerance, as at the edge of a contact, it is halved until it does not; in such a law the piece of each bond is
-searched for.
+For small motion one polynomial is enough.  For large motion, from contact to several spacings, the law is cut into pieces along
+the measure of length w, which is `(r/r0)^2 = 1 + e` in the complete model and `r/r0 = 1 + e/2` in the conventional one.  In each
+piece the quotient `H(e)/e` is a polynomial of degree 4.  Each octave of w is cut into 2^BITS equal pieces, so that the leading
+bits of the floating-point number w are the number of its piece: no search is needed, and vector units look up several pieces at
+once.  A piece that misses the tolerance, as at the edge of a contact, is halved until it meets it; the piece of a bond is then
+found by a search.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ RANGES = (1 / 1024, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
 """Largest increments |e| of the fitted polynomials; beyond the last one the law itself is evaluated."""
 NEAR = 1e-3  # largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits
 ROUND_OFF = 64 * np.finfo(float).eps
-"""Of a difference of forces, as a fraction of stiffness and static force.  An integral that is farther off has missed a jump of
-the slope, which a knot of a table makes."""
+"""Round-off of a difference of forces, as a fraction of stiffness and static force.  If an integral is off by more, it missed
+a jump of the slope, such as at a knot of a table."""
 MOST_COEFFICIENTS = 40
 ALIKE = 1e-14
 """Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""
@@ -57,9 +57,9 @@ PIECE_TOLERANCE = 5e-13
 NARROWEST = 1e-9  # relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved
 MOST = 20_000  # largest number of pieces for one kind of bond; a law that needs more is noise
 SMALL = 1 / 16
-"""Increments below which Q is the mean slope; above it the difference of forces keeps its digits.  Less by the factor
-`3 f/(r0 dH/de)` for bonds that are stiff for their force, as contacts: there the difference is better, and the mean might
-cross the edge of the contact."""
+"""Increments below which Q is the mean slope; above, the difference of forces keeps its digits.  The limit is lower by
+the factor `3 f/(r0 dH/de)` for bonds that are stiff relative to their force, such as contacts: there the difference is better,
+and the mean might cross the edge of the contact."""
 _PIECE_NODES = chebyshev.chebpts1(DEGREE + 5)
 _PIECE_FIT = np.linalg.pinv(np.vander(_PIECE_NODES, DEGREE + 1, increasing=True))
 _PIECE_CHECKS = np.linspace(-1, 1, 13)
@@ -99,12 +99,12 @@ class Increments:
         return Increments(taken(self.potential, kinds), self.model, self.r0[kinds])
 
     def _along(self, law, r):
-        """A law at distances whose last axis is that of the kinds: laws along bonds want it first."""
+        """Values of a law at distances whose last axis is that of the kinds; laws of bonds expect this axis first."""
         return law(r) if np.ndim(r) < 2 else np.transpose(law(np.transpose(r)))
 
     @property
     def shapes(self) -> tuple[Increments, NDArray[np.intp], NDArray[np.float64]]:
-        """Kinds that differ by more than strength, at the strength 1; which of them each kind is; and its strength."""
+        """The kinds that differ by more than strength, with strength 1; the index of each kind among them; and its strength."""
         if not isinstance(self.potential, BondLaws):
             return self, np.arange(len(self.r0)), np.ones(len(self.r0))
         laws, which, strength = self.potential.laws, self.potential.which, self.potential.strength
@@ -113,7 +113,7 @@ class Increments:
         return alone, shape.ravel(), strength
 
     def length(self, e: Any, r0: Any) -> Any:
-        """Bond length that enters the law, mm."""
+        """Bond length in mm at which the law is evaluated."""
         return r0 * (1 + e / 2) if self.model == 'conventional' else r0 * np.sqrt(1 + e)
 
     def increment(self, length: Any) -> Any:
@@ -128,7 +128,7 @@ class Increments:
         return -self._along(self.potential.d2phi, r) / 2
 
     def exact(self, e: NDArray[np.float64], r0: ArrayLike, near: float = NEAR) -> NDArray[np.float64]:
-        """H(e) from the law itself, N/mm: for increments less than `near` the integral of the slope, unless the slope jumps."""
+        """H(e) in N/mm from the law itself; below `near` it is the integral of the slope, unless the slope jumps."""
         r = self.length(e, r0)
         divisor = r if self.model == 'complete' else r0
         there, rest = (-self._along(self.potential.dphi, x) / y for x, y in ((r, divisor), (r0, r0)))
@@ -144,7 +144,7 @@ class Increments:
         return H
 
     def alike(self, e: NDArray[np.float64]) -> bool:
-        """Whether dH/de of all kinds differs by a factor only, at the increments `e`: so it does for a power of the distance."""
+        """Whether dH/de of all kinds differs only by a factor at the increments `e`, as it does for a power of the distance."""
         try:
             with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
                 at_rest = self.slope(0.0, self.r0)
@@ -156,8 +156,8 @@ class Increments:
     def polynomial(self, reach: float, tolerance: float = TOLERANCE) -> tuple[NDArray[np.float64], float] | None:
         """Coefficients of `H = e (c0 + c1 e + ...)` for |e| <= reach, shape (kinds, coefficients), and their error.
 
-        Their number is even, the least for which slopes are off by less than `tolerance` of the slope at rest.  Where kinds are
-        alike they are those of the first one times a factor, to the bit.
+        Their number is the smallest even one for which the errors of slopes are below `tolerance` times the slope at rest.  If
+        the kinds are `alike`, the coefficients of each are exactly those of the first kind times a factor.
 
         Returns
         -------
@@ -185,7 +185,7 @@ class Increments:
         return stiffness / stiffness[0]
 
     def _fitted(self, reach, tolerance):
-        """Coefficients and error of some kinds, one by one."""
+        """Coefficients and error of the polynomials, fitted for each kind on its own."""
         x = np.cos(np.linspace(0, np.pi, 301))[:, None]
         nodes = chebyshev.chebpts1(MOST_COEFFICIENTS)[:, None]
         try:
@@ -226,12 +226,12 @@ class Pieces:
 
 
 def octave_piece(w: ArrayLike) -> NDArray[np.int_]:
-    """The bits of w that number its piece of an octave."""
+    """Number of the piece of an octave in which w lies: the leading bits of w."""
     return np.asarray(w, float).view(np.int64) >> SHIFT
 
 
 def _next_piece(w: ArrayLike) -> Any:
-    """The first piece that does not begin below w."""
+    """Number of the first piece that begins at w or above."""
     return -(-np.asarray(w, float).view(np.int64) >> SHIFT)
 
 
@@ -242,8 +242,8 @@ def _start_of(piece: ArrayLike) -> Any:
 def pieces(increments: Increments, kind: int, shortest: float, longest: float) -> Pieces | None:
     """The law of one kind of bond from the length `shortest` to `longest`, in rest lengths.
 
-    None for a law that needs too many, or that ends in the piece next to rest.  Where the law ends before, so do the pieces that
-    lie in it as a whole.
+    None if the law needs too many pieces, or ends within the piece next to rest.  A law that ends before these lengths gets only
+    the pieces in which it is defined everywhere.
     """
     own, r0 = increments.at(kind), increments.r0[kind]
     per_increment, power = (0.5, 1) if increments.model == 'conventional' else (1.0, 2)
@@ -285,7 +285,7 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
 
 
 def _end_of(quotient, wanted):
-    """The w nearest to `wanted`, on its side of rest, at which the law is still defined."""
+    """The w nearest to `wanted` at which the law is still defined, on the same side of rest."""
     def defined(w):
         try:
             return np.isfinite(quotient(np.array([w]))).all()

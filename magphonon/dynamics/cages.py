@@ -31,8 +31,8 @@ HARMLESS = 0.05
 """Displacement, as a fraction of the shortest bond, up to which no pair can come together in any structure, so that nothing is
 checked."""
 ROOM = 1.4
-"""Distance, in shortest bonds, within which all pairs are counted first, which takes a third of the time of a survey: if they are
-as many as the bonds, others are farther apart."""
+"""Distance, in shortest bonds, within which all pairs are counted first, which takes a third of the time of a survey: if there
+are as many pairs as bonds, all other pairs are farther apart."""
 SURVEYED = 2.5
 """Distance, in shortest bonds, up to which pairs are listed; farther pairs must first approach each other by more than a bond
 length."""
@@ -51,7 +51,7 @@ class Diverged(PhysicsError):
     particle : int
         The particle concerned.
     time : float
-        When it was noticed, in ms.
+        When the fault was noticed, in ms.
     atoms : ase.Atoms
         The last good state, at `last_good` ms.
     last_good : float
@@ -78,7 +78,7 @@ class Diverged(PhysicsError):
 
 
 class Cages:
-    """Looks whether the bonds of a structure still hold; what it has seen makes the next look cheap."""
+    """Checks whether the list of bonds of a structure is still valid; what a check has found makes the next one cheap."""
 
     def __init__(self, atoms: Atoms) -> None:
         self.calc, bonds = atoms.calc, atoms.calc.bonds
@@ -90,31 +90,31 @@ class Cages:
 
     @cached_property
     def clearance(self) -> float:
-        """Displacement in mm up to which every bond holds and no other pair meets, however the particles are displaced."""
+        """Displacement in mm up to which no bond fails and no other pair meets, however the particles are displaced."""
         self._survey(np.zeros((len(self.mobile), self.calc.dim)))
         self._judged = (self._distance >= APART * self.nearest).all()
         return min((1 - CONTACT) / 2 * self.nearest, self._margin.min() if self._judged else np.inf)
 
     def still(self, largest: float) -> bool:
-        """Whether displacements of at most `largest` (mm) need no look; False for one that is no number."""
+        """Whether displacements of at most `largest` (mm) need no check; False if `largest` is NaN."""
         return largest <= HARMLESS * self.nearest or largest <= self._space(largest)
 
     def _space(self, largest):
-        """The clearance, or as much of it as is known without a survey if that is enough."""
+        """The clearance in mm, or a smaller value that needs no survey, if that is enough for displacements of `largest`."""
         room = (ROOM - 1) / 2 * self.nearest
         return room if 'clearance' not in vars(self) and largest <= room and self.roomy else self.clearance
 
     @cached_property
     def roomy(self) -> bool:
-        """Whether no pair without a bond is nearer than ROOM at rest."""
+        """Whether at rest no pair without a bond is nearer than ROOM times the shortest bond."""
         near = ROOM * self.nearest
         return len(pairs_within(self.calc.reference, near)[0]) == (self.calc.bonds.lengths < near).sum()
 
     def steps_between_looks(self, speed: float, largest: float, dt: float, most: int) -> int:
         """Number of time steps `dt` (ms) between two checks, if the fastest particle moves at `speed` (mm/ms).
 
-        It may go farther where nobody is displaced by more than `largest` (mm), as far as is clear: to be out and back again
-        unseen it would have to gain twice the speed.
+        If no particle is displaced by more than `largest` (mm), it may use up the rest of the clearance: to leave its cage and
+        return between two checks it would have to double its speed.
         """
         way = STRIDE * self.nearest
         if speed * dt * most <= way:
@@ -125,17 +125,17 @@ class Cages:
         return max(1, min(most, int(way / (speed * dt))))
 
     def clear(self, u: NDArray[np.float64]) -> bool:
-        """Whether no pair without a bond can meet at the displacements `u` in mm, shape (dim, particles); False for no number.
+        """Whether no pair without a bond can meet at the displacements `u` in mm, shape (dim, particles); False if one is NaN.
 
-        This is quickly seen where nobody has moved far since the last survey, as of most blocks of steps of a large motion.
+        The check is quick if no particle has moved far since the last survey, as in most blocks of steps of a large motion.
         """
         step = u - self._origin.T
         return bool((np.einsum('xi,xi->i', step, step) <= self._margin_squared).all())
 
     def look(self, u: NDArray[np.float64], time: float, bonded: bool = True) -> None:
-        """Raise Diverged if the displacements `u` in mm, shape (particles, dim), are not finite or no cages any more.
+        """Raise Diverged if the displacements `u` in mm, shape (particles, dim), are not finite or violate a cage.
 
-        Without `bonded` the lengths of the bonds are not looked at, as somebody else has done that.
+        Without `bonded` the lengths of the bonds are not checked, because the caller has done that.
         """
         if not np.isfinite(u).all():
             raise Diverged(np.flatnonzero(~np.isfinite(u).all(axis=1))[0], time, 'has no finite position')
@@ -157,7 +157,7 @@ class Cages:
             raise Diverged(bonds.i[b], time, f'is {r[b]:g} mm from its neighbour {bonds.j[b]} instead of {r0[b]:g} mm')
 
     def _look_at_others(self, u, time):
-        """A pair d apart at the survey can be nearer than `nearest` only if an end has moved by (d - nearest)/2 since."""
+        """Check the pairs without a bond: d apart at the survey, they can meet only if an end has moved by (d - nearest)/2."""
         step = u - self._origin
         moved = np.sqrt(np.einsum('ix,ix->i', step, step))
         if moved.max() >= (SURVEYED - 1) / 2 * self.nearest:
@@ -212,7 +212,7 @@ def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:
 
 
 def _keys(near, i, j, shift):
-    """A whole number for each pair and cell; only pairs in the cells of `near` can be equal to one of these."""
+    """An integer key for each pair and cell; outside the cells of `near` no pair gets the key of a pair in `near`."""
     most, i = abs(near.shift).max(initial=0), i.astype(int)  # products with particles want more than 32 bits
     if not (most or shift.any()):
         return i * near.particles + j

@@ -1,4 +1,4 @@
-"""Whether compiled code runs here."""
+"""Whether compiled kernels can run with the numba that is installed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @cache
 def can_compile() -> bool:
-    """Whether kernels can be compiled; with a warning, once, where the numba that is installed does not serve."""
+    """Whether kernels can be compiled; if the numba that is installed does not work, this warns once."""
     try:
         from numba import config
 
@@ -19,8 +19,8 @@ def can_compile() -> bool:
         from .kernels_numba import follow
 
         u, x = np.zeros((2, 1)), np.zeros((1, 3))
-        follow(None, u, u, u, np.ones(1), x, x.copy(), True)  # the smallest of them: where it cannot be compiled none can
-    except Exception as error:  # what a numba of another version raises
+        follow(None, u, u, u, np.ones(1), x, x.copy(), True)  # the smallest kernel: if it cannot be compiled, none can
+    except Exception as error:  # other versions of numba may raise anything
         warn(f'compiled steps cannot be loaded with the numba that is installed ({error!r}); long runs go on in NumPy, which '
              "takes several times as long: pip install -U 'magphonon[fast]'", stacklevel=4)
         return False

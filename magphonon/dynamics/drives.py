@@ -2,7 +2,7 @@
 particles that move as prescribed.
 
 A drive is called with the time t in ms and returns the force in N on each of its `particles`, shape
-(particles, 3).  The drives of this module take several times at once, shape (times,), and then return
+(particles, 3).  The drives of this module also accept an array of times, shape (times,), and then return
 (times, particles, 3).  A plain function of t acts on all particles.
 """
 
@@ -27,13 +27,13 @@ Prepared = Any  # array_like as it is given, an array once the drive is made: `_
 
 @dataclass(frozen=True)
 class Constant:
-    """Force that does not change.
+    """Force that does not change with time.
 
     Parameters
     ----------
     particles : int or array_like of int
     direction : array_like, shape (2,) or (3,)
-        Made a unit vector.
+        Direction of the force; any length is accepted.
     force : float or array_like, shape (particles,)
         In N.
 
@@ -67,7 +67,7 @@ class Harmonic:
     ----------
     particles : int or array_like of int
     direction : array_like, shape (2,) or (3,)
-        Made a unit vector.
+        Direction of the force; any length is accepted.
     amplitude : float or array_like, shape (particles,)
         In N.
     omega : float or array_like, shape (particles,)
@@ -106,7 +106,7 @@ class ToneBurst:
     ----------
     particles : int or array_like of int
     direction : array_like, shape (2,) or (3,)
-        Made a unit vector.
+        Direction of the force; any length is accepted.
     amplitude : float or array_like, shape (particles,)
         In N.
     omega : float
@@ -152,8 +152,7 @@ class ToneBurst:
 
 @dataclass(frozen=True)
 class PrescribedMotion:
-    """Held particles that move as prescribed, such as a row on a shaker; their displacement in mm is given by a drive, read in mm
-    instead of N.
+    """Held particles that move as prescribed, such as a row on a shaker; a drive gives their displacement, in mm instead of N.
 
     Parameters
     ----------
@@ -194,7 +193,7 @@ class PrescribedMotion:
 
 
 def _prepare(drive, *strengths):
-    """Check and normalise the fields that the drives share; those of `strengths` get a number for each particle."""
+    """Check and normalise the fields that the drives share; the fields named in `strengths` get a number for each particle."""
     try:
         particles = np.atleast_1d(np.asarray(drive.particles))
         whole = np.issubdtype(particles.dtype, np.integer) and particles.ndim == 1 and (particles >= 0).all()
@@ -220,16 +219,16 @@ def _along(direction, strength):
 
 
 def constant_push(drives: Sequence[Any], count: int) -> NDArray[np.float64]:
-    """Sum of the Constant ones among the drives on `count` particles, in N, shape (count, 3)."""
+    """Sum of the forces of all Constant drives on `count` particles, in N, shape (count, 3)."""
     push, constant = np.zeros((count, 3)), Drives([drive for drive in drives if isinstance(drive, Constant)], count)
     push[constant.particles] = constant.forces(np.zeros(1))[0]
     return push
 
 
 def check_drives(drives: Sequence[Any], atoms: Atoms) -> None:
-    """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push.
+    """Raise ValueError if a drive pushes only in blocked directions, or if a wall consists of free particles.
 
-    A wall of free particles is refused too, and frequencies that look like Hz cause a warning.
+    Plain functions are not checked, because their forces are not known. Frequencies that look like Hz cause a warning.
     """
     courses = [drive.course if isinstance(drive, PrescribedMotion) else drive for drive in drives]
     if isinstance(atoms.calc, Repulsion):
@@ -249,15 +248,15 @@ def check_drives(drives: Sequence[Any], atoms: Atoms) -> None:
 
 
 def forces_and_walls(drives: Sequence[Any], count: int) -> tuple[Drives, Drives]:
-    """The sum of the forces among the drives, and that of the displacements of walls."""
+    """Two sums: that of the drives that are forces, and that of the displacements of walls."""
     walls = [drive for drive in drives if isinstance(drive, PrescribedMotion)]
     return Drives([drive for drive in drives if not isinstance(drive, PrescribedMotion)], count), Drives(walls, count, walls=True)
 
 
 class Drives:
-    """Sum of several drives on a structure of `count` particles; of `walls` it is one of displacements in mm.
+    """Sum of several drives on a structure of `count` particles; for `walls` it is a sum of displacements in mm.
 
-    Its `particles` are all that are driven.
+    Its `particles` are all driven particles.
     """
 
     def __init__(self, drives: Sequence[Any], count: int, walls: bool = False) -> None:
@@ -281,7 +280,7 @@ class Drives:
         return len(self.particles) > 0
 
     def forces(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Forces in N at the `times` in ms, shape (times, particles, 3); refuses what is not one finite vector a particle."""
+        """Forces in N at the `times` in ms, shape (times, particles, 3); ValueError unless all are finite and of this shape."""
         total = np.zeros((len(times), len(self.particles), 3))
         for (drive, particles), rows in zip(self._parts, self._rows, strict=True):
             shape = (len(times), len(particles), 3)

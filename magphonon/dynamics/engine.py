@@ -1,4 +1,4 @@
-"""Blocks of steps between two reads of the atoms: a kernel advances displacements and velocities in full precision.
+"""Blocks of time steps: between two reads of the atoms, a kernel advances displacements and velocities in full precision.
 
 A step that is longer than 2/omega_max, the limit of velocity Verlet, is refused beforehand.
 """
@@ -40,7 +40,7 @@ SINGLE = 1e-7
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
-STEPS_TRIED = 24  # time steps by which motion that gyration alone holds is tried
+STEPS_TRIED = 24  # number of time steps at which motion held by gyration alone is tested
 MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
@@ -48,14 +48,14 @@ MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bo
 INERT = 1e-30
 """Mobility of a wall in 1/g: no force between particles moves a wall, and the force that leads it does not overflow."""
 ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
-FAST = 2.0  # speed in thermal ones at which a particle in a bath is expected at any time
+FAST = 2.0  # speed that a particle in a bath may always have, in units of the thermal speed
 PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
 
 
 def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> float:
-    """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; returns a bound of omega_max in rad/ms.
+    """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; otherwise return a bound of omega_max in rad/ms.
 
-    Of modulated springs at their stiffest.  Of other calculators nothing is known: they are not checked, and it is zero.
+    Modulated springs count as their stiffest value.  Calculators other than PairCalculator are not checked; the bound is then 0.
     """
     if not isinstance(atoms.calc, PairCalculator):
         return 0.0
@@ -67,11 +67,11 @@ def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> float:
 
 
 def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitting) -> None:
-    """Raise ValueError if losses within a step of `dt` (ms) are so large that overdamped motion would be wrong by percents."""
+    """Raise ValueError if the damping within a step of `dt` (ms) is so large that overdamped motion would be off by percents."""
     gamma = float(damping.max(initial=0.0))
     if gamma * dt > splitting.damped:
         raise ValueError(f'damping {gamma:.6g} 1/ms times the time step {dt:.6g} ms is {gamma * dt:.3g}; beyond '
-                         f'{splitting.damped:g} each step is too long by 2 % or more; take a time step of at most '
+                         f'{splitting.damped:g} overdamped motion is wrong by 2 % or more; take a time step of at most '
                          f'{splitting.damped / gamma:.6g} ms{", order=4 or 6" if splitting.stages == 1 else ""}, or '
                          'magphonon.propagate; allow_unstable=True runs anyway')
 
@@ -82,7 +82,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
 
     If the forces balance nowhere, the frequency is taken about the reference or the present positions, whichever is closer to
     balance. Gyration is ignored, because the limit of the time step does not depend on it; if only gyration holds the structure,
-    the result is 2 over the longest stable step.
+    the result is 2 divided by the longest stable step.
 
     Parameters
     ----------
@@ -109,15 +109,15 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
 
 
 def fastest(square: float, turning: float) -> float:
-    """Bound of |s| of all motion e^{st} whose squared frequencies are within +-square: `g/2 + sqrt(g^2/4 + square)`."""
+    """Upper bound of |s| for motion e^{st}, if squared frequencies are within +-`square`: `g/2 + sqrt(g^2/4 + square)`."""
     return float(turning / 2 + np.sqrt(turning**2 / 4 + square))
 
 
 def _longest_step(K, B, bound):
-    """The shortest time step, up to a bound in ms, by which motion grows that gyration alone holds; the bound if there is none.
+    """The time step in ms, at most `bound`, above which Verlet steps make a structure grow that only gyration holds.
 
-    Steps of dt act as exact motion would with the masses m - dt^2 K/4, gyrating at (2/dt) tan(g dt/2).  Where K is positive that
-    stays bounded as long as these masses are.  Elsewhere frequencies of either sign of energy may meet at any dt.
+    Steps of dt act like exact motion with the masses m - dt^2 K/4 and the gyration (2/dt) tan(g dt/2).  If K is positive, this
+    motion stays bounded as long as these masses are positive.  If not, frequencies of opposite energy may meet at any dt.
     """
     one, none = np.eye(len(K)), np.zeros(K.shape)
 
@@ -137,17 +137,17 @@ def _longest_step(K, B, bound):
 
 
 def _held_by_gyration(system):
-    """Whether particles gyrate and stiffness alone does not hold them: then what a step of Verlet keeps is not positive."""
+    """Whether particles gyrate and stiffness alone does not hold them, so that Verlet steps conserve no positive energy."""
     return system.turning and not system.stable
 
 
 @takes('modulation', *LINEAR)
 def frequency_bound(atoms: Atoms, dt: float) -> float:
-    """Upper bound of the highest frequency, at no higher cost than a verdict on the time step `dt` (ms) needs; in rad/ms.
+    """Upper bound of the highest frequency in rad/ms, as sharp as a decision on the time step `dt` (ms) requires.
 
-    Gyration is left out where stiffness alone holds the structure: rotations keep the positive form that a step of Verlet keeps,
-    and do not change the limit.  Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, it is the
-    highest frequency itself.
+    Gyration is ignored if stiffness alone holds the structure: rotations conserve the positive form that Verlet steps conserve,
+    and do not change the limit.  Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, the highest
+    frequency itself is returned.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
 
 
 def _stiffest(atoms: Any) -> Any:
-    """The atoms on the stiffest foundation that time makes of theirs."""
+    """The atoms on a constant foundation, as stiff as theirs becomes at any time."""
     if isinstance(atoms, LinearSystem):
         return atoms
     law = atoms.calc.tie
@@ -178,9 +178,10 @@ def _stiffest(atoms: Any) -> Any:
 
 
 def _particle_bound(system):
-    """Bound by particle, without the Hessian: `w^2 <= k/m + 2/m sum_b K_b`, of K without its negative eigenvalues.
+    """Upper bound of the frequencies, computed without the Hessian: `w^2 <= k/m + 2/m sum_b K_b`.
 
-    As `(u_i - u_j).K (u_i - u_j) <= 2 u_i.K u_i + 2 u_j.K u_j`; of a triangular lattice it is 4 % above the highest frequency.
+    Negative eigenvalues of K_b are set to zero. The bound follows from `(u_i - u_j).K (u_i - u_j) <= 2 u_i.K u_i + 2 u_j.K u_j`.
+    In a triangular lattice it is 4 % too high.
     """
     calc, masses = system.calc, system.masses
     bonds, k = calc.bonds, calc.site_stiffness
@@ -201,10 +202,10 @@ def _largest_eigenvalue(D, tolerance):
 
 def half_step(damping: NDArray[np.float64], rate: Any, guided: NDArray[np.int_], barred: NDArray[np.float64],
               dt: float) -> NDArray[Any]:
-    """What losses and forces by the velocity, of a `rate`, leave of velocities in half a step, shape (particles,).
+    """Factor E by which damping and gyration (in `rate`) change velocities in half a step, shape (particles,).
 
-    In the plane, of v_x + i v_y, it is `E = e^{-(c + i g) dt/2}`, real if g = 0; in space a matrix for each particle.
-    Particles that a line guides do not turn, others do so within their plane.
+    In the plane, `E = e^{-(c + i g) dt/2}` multiplies v_x + i v_y, and is real if g = 0; in space it is a matrix for each
+    particle.  Particles guided by a line do not gyrate; those guided by a plane gyrate within it.
     """
     if not np.any(rate):
         return np.exp(-damping * dt / 2)
@@ -218,7 +219,7 @@ def half_step(damping: NDArray[np.float64], rate: Any, guided: NDArray[np.int_],
 
 
 def refuse_order(atoms: Atoms, splitting: Splitting) -> None:
-    """Splittings of order 4 and 6 take forces by positions alone."""
+    """Raise ValueError for gyration with splittings of order 4 or 6, whose forces may depend on positions only."""
     if splitting.stages > 1:
         refuse(atoms, all_but('a step of order 4 or 6', 'gyration'))
 
@@ -251,7 +252,7 @@ def refusal(atoms: Atoms) -> str | None:
 
 
 def not_compiled(calc: Any) -> str | None:
-    """Why compiled steps cannot integrate what blocks in NumPy can, or None if they can."""
+    """Why compiled steps cannot integrate a structure that blocks in NumPy can, or None if they can."""
     if not calc.tie.known:  # constant springs
         return None
     if calc.tie.modulation(calc.anchors) is None:
@@ -260,7 +261,7 @@ def not_compiled(calc: Any) -> str | None:
 
 
 class Blocks:
-    """Displacements, velocities and accelerations of a planar structure, exact where positions would round them.
+    """Displacements, velocities and accelerations of a planar structure, with digits that absolute positions would lose.
 
     Parameters
     ----------
@@ -270,7 +271,7 @@ class Blocks:
         Time step in ms.
     drives : sequence of drives
     damping : ndarray, shape (particles,)
-        gamma in 1/ms; the gyration is that of the calculator.
+        gamma in 1/ms; the gyration comes from the calculator.
     splitting : Splitting
     threads : int
         Number of threads of compiled blocks; the bits of the results do not depend on it.
@@ -299,7 +300,7 @@ class Blocks:
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile, labels(calc.law, len(calc.bonds)))
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._splitting = splitting
-        rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
+        rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
         E: Any = np.array(half_step(damping - rate, calc.rate, guided, barred, dt))
         mobility = mobile / masses
         E[led], mobility[led] = 1.0, INERT
@@ -322,23 +323,23 @@ class Blocks:
 
     @property
     def displacements(self) -> NDArray[np.float64]:
-        """In mm, shape (particles, 2)."""
+        """Displacements from rest in mm, shape (particles, 2)."""
         return self.layout.gather(self._state[0]).T.astype(float)
 
     @property
     def velocities(self) -> NDArray[np.float64]:
-        """In mm/ms, shape (particles, 2)."""
+        """Velocities in mm/ms, shape (particles, 2)."""
         return self.layout.gather(self._state[1]).T.astype(float)
 
     def steps_to_next_look(self, most: int) -> int:
-        """How many steps the next block may have, `most` at most; fewer where particles are fast."""
+        """Number of steps of the next block, at most `most`; fewer if particles are fast."""
         largest, speed = self._extent
         return self.cages.steps_between_looks(speed, largest, self.dt, most)
 
     def use(self, engine: str, rough: float = 0.0) -> None:
-        """Choose the kernel: 'numpy' or 'compiled', with stiffness that is off by at most the fraction `rough`.
+        """Choose the kernel, 'numpy' or 'compiled'; its stiffness has a relative error of at most `rough`.
 
-        The law then has no more coefficients than that needs, and compiled steps may be in single precision.
+        The law gets only as many coefficients as this error requires, and compiled steps may be in single precision.
         """
         if engine == 'compiled':
             from .kernels_numba import CompiledKernel as kernel_class
@@ -349,7 +350,7 @@ class Blocks:
             self._fit(self._level)
 
     def _fit(self, level):
-        """Make the kernel for increments up to RANGES[level]; beyond with the law in pieces, or itself where that is left."""
+        """Make the kernel for increments up to RANGES[level]; higher levels use the law in pieces, or the law itself."""
         tolerance = max(TOLERANCE, LAW_SHARE * self._rough)
         fit = self._increments.polynomial(RANGES[level], tolerance) if level < PIECES else None
         self._level, reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
@@ -363,15 +364,15 @@ class Blocks:
         self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, reach, self.threads, self._dtype)
         if self._state.dtype != self._dtype:
             self._state, self._spare = (same(x, self._dtype) for x in (self._state, self._spare))
-            self.write()  # or they would seem to have been changed
+            self.write()  # otherwise the atoms would seem to have been changed
 
     def _in_pieces(self) -> list[Pieces] | None:
-        """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
+        """The pieces of the law for every kind of bond; None for NumPy, or if a law needs too many."""
         if self._kernel_class is Kernel:
             return None
         law, own = self._increments, self.layout.own_laws
         alone, shape, strength = law.shapes
-        if own and len(alone.r0) > MOST_LAWS:  # the first serves for all that are this one times a factor
+        if own and len(alone.r0) > MOST_LAWS:  # the first law is enough if all others are multiples of it
             alone = law.at(np.zeros(1, int)) if law.alike(law.increment(np.geomspace(CONTACT, BROKEN_BOND, 101))) else None
         if alone is None:
             return None
@@ -386,7 +387,7 @@ class Blocks:
         return self._level > PIECES
 
     def advance(self, first: int, steps: int) -> None:
-        """Move on by a block of `steps`, from the step number `first`; where that raises Diverged, nothing has moved."""
+        """Move on by a block of `steps`, from the step number `first`; if this raises Diverged, nothing has moved."""
         kicks = (np.arange(first, first + steps)[:, None] + self._splitting.times).ravel()
         times = self.dt * np.append(first, kicks)
         forces = self._external(times)
@@ -404,13 +405,13 @@ class Blocks:
         if not self.cages.still(extent[0]):
             u = self.layout.gather(self._spare[0])
             if self._exact or not self.cages.clear(u):
-                u = np.where(self._follows, u.T, self.displacements)  # a held one has any force
+                u = np.where(self._follows, u.T, self.displacements)  # forces on held particles have no meaning
                 self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare, self._extent = self._spare, self._state, extent
-        self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as of all that is held
+        self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as for all held particles
 
     def place_walls(self, time: float) -> None:
-        """Put the walls where they are at `time` in ms."""
+        """Move the walls to their positions at `time` in ms."""
         slots = self.layout.slot[self._walls.particles]
         u = components(self._walls.forces(np.array([time])), 2)[0].T
         self._stale |= bool((self._state[0][:, slots] != u).any())
@@ -418,10 +419,10 @@ class Blocks:
         self.write()
 
     def _lead(self, times, forces):
-        """Put walls where they are at the first of the times, and fill in the forces that take them along their course.
+        """Move walls to their positions at the first of the times, and fill in the forces that move them along their course.
 
-        A wall is a particle of next to no mobility, which only these forces move: the drift that follows each kick must lead to
-        where it is at the next.
+        A wall is a particle with almost no mobility, which only these forces move: the drift after each kick must lead to the
+        place of the wall at the next kick.
         """
         kernel, slots = self._kernel, self.layout.slot[self._walls.particles]
         u = components(self._walls.forces(times), 2)
@@ -434,7 +435,7 @@ class Blocks:
         self._state[0][:, slots], self._state[1][:, slots], self._state[2][:, slots] = u[0].T, v[0].T, 0.0
 
     def _try(self, forces, times, noise):
-        """Fill the spare state with the end of the block; returns what `Kernel.advance` does."""
+        """Fill the spare state with the state at the end of the block; returns the result of `Kernel.advance`."""
         beyond = self._stale and self._kernel.accelerate(self._state, forces[0], times[0])
         self._stale = False
         before, after = noise or (0.0, 0.0)
@@ -446,9 +447,9 @@ class Blocks:
         return beyond or found, far, fast
 
     def _heat(self, forces: NDArray[np.float64], first: int, bath: Bath) -> list[NDArray[np.float64]]:
-        """Add the noise between the steps of a block to its forces; returns that before and after it, as parts of states.
+        """Add the noise between the steps of a block to its forces; return the noise before and after it, as parts of states.
 
-        A kick pushes by (1 + E^2) dt/2m times the force; what ends a step decays as the next begins.
+        A kick changes the velocity by (1 + E^2) dt/2m times the force. Noise at the end of a step decays by E in the next.
         """
         E, last = bath.decay, first + len(forces) - 2
         push = (1 + E**2) * self.dt / (2 * self._masses)
@@ -477,16 +478,16 @@ class Blocks:
 
     @property
     def current(self) -> bool:
-        """Whether the atoms are as `write` left them; observers may change them."""
+        """Whether the atoms are still as `write` left them; observers may have changed them."""
         return self._kernel.written(*self._arrays())
 
     def follow(self) -> None:
-        """Take the state from the atoms if somebody has changed them."""
+        """Read the state from the atoms if they have been changed since `write`."""
         if not self.current:
             self._read()
 
     def write(self) -> None:
-        """Put the state into the atoms, rounded to positions."""
+        """Write the state into the atoms, rounded as absolute positions are."""
         self._kernel.write(*self._arrays())
 
     def _read(self):
@@ -500,7 +501,7 @@ class Blocks:
         self._state, self._spare = (aligned_zeros((3, 2, self.layout.length), self._dtype) for _ in range(2))
         self._state[0][:, self.layout.slot], self._state[1][:, self.layout.slot] = u.T, v.T
         self._anchors, self._stale = anchors, True
-        self._extent = [ANY_DIRECTION * largest(x) for x in self._state[:2]]  # or a little more than these
+        self._extent = [ANY_DIRECTION * largest(x) for x in self._state[:2]]  # upper bounds of the largest displacement and speed
         level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
         if level > self._level:
             self._level = level
@@ -519,8 +520,8 @@ class Blocks:
     def adopt(self, old: Blocks) -> None:
         """Take over the state of other blocks on the same particles, to more digits than the positions have.
 
-        Particles keep their momenta.  Blocks about another reference count other displacements: their state is not taken,
-        that of the atoms is.
+        Particles keep their momenta.  If the other blocks have another reference, their displacements do not apply, and the state
+        of the atoms is used.
         """
         mine, other = self.calc.reference, old.calc.reference
         if not (np.array_equal(mine.positions, other.positions) and np.array_equal(mine.cell.array, other.cell.array)

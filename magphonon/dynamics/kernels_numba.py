@@ -1,16 +1,15 @@
 """The steps of `magphonon.dynamics.kernels_numpy`, compiled by numba.
 
-Slots are taken in runs that fit the first cache.  Each bond is evaluated once in a step, with the run of its lower slot; then the
-slots of the run add up the forces of their bonds and move on, in place: bonds lead upwards, so no later bond needs their old
-displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
+Slots are processed in runs that fit into the first cache.  Each bond is evaluated once per step, in the run of its lower slot.
+Then each slot of the run sums the forces of its bonds and moves, in place: all later bonds lead to higher slots, so none needs
+the old displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
 together, while these are in the cache.
 
-Threads follow each other over the slots: each takes the next few steps as soon as the thread before it is far enough ahead.
-Every slot goes through the same operations in the same order, whoever computes it, so that the bits do not depend on their
-number.
+Threads follow each other over the slots: each takes the next few steps as soon as the thread before it is far enough ahead. Every
+slot goes through the same operations in the same order, so that results are the same bit by bit for any number of threads.
 
-A kernel computes in double precision, or in single precision where the error that was asked for allows it; no number in the loops
-may have a type of its own then (`Rx + Rx` for `2 * Rx`), as it would take the others to double precision.
+A kernel computes in double precision, or in single precision if the requested error allows it. The loops therefore contain no
+literal numbers (`Rx + Rx` instead of `2 * Rx`), whose type would convert all others to double precision.
 
 Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
 """
@@ -43,7 +42,7 @@ RUN = 2048
 AT_ONCE = 12288
 """Number of slots up to which single precision takes all of them in one run, which the second cache holds: a stage of 1e4 magnets
 takes a tenth less time than in runs, each of which has four calls."""
-SPINS = 2000  # looks whether the thread before is far enough ahead, before another thread gets the core
+SPINS = 2000  # number of checks of the thread before, after which the core is left to another thread
 GAP = 32
 """Largest number of holes in a run of slots that are cheaper to fill than to skip."""
 TOGETHER = 3
@@ -56,10 +55,10 @@ FEW = np.uint64(16)
 """Number of bonds that test a law before the others of their part use it: in a hot patch they show that its range is too short.
 """
 NEARER = 1 / 16, 1 / 2
-"""Largest increments |e| of a part whose bonds take a polynomial although others need the pieces: for bonds that repel as magnets
-do of 12 coefficients, or of 32, which take half as long as the five that are looked up in the pieces."""
+"""Largest increments |e| of a part whose bonds use a polynomial although other parts need the pieces.  For magnets these
+polynomials have 12 or 32 coefficients, and take half as long as the five that are looked up in the pieces."""
 COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
-"""No counts of references to arrays, which take longer than a short run of slots; an option of numba's own."""
+"""An internal option of numba that switches off reference counts of arrays, which take longer than a short run of slots."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
 FORGET, MOBILITY, DECAY, CARRY, PUSH = range(5)
 """Rows of coefficients for each slot: `v <- keep carry v + kick push F`, with two numbers for each stage of a step; for
@@ -68,14 +67,14 @@ MAGNITUDE, MAGNITUDE_SINGLE = 2**63 - 1, 2**31 - 1
 """Bits of a number without its sign.  As integers they sort like |x|, nan last, and vector units can compute their maximum."""
 
 WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'forceinline': False, **COUNTED}
-"""Who calls them may be inlined, they may not."""
+"""Options of functions that must not be inlined themselves, although their callers may be."""
 part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
 class Spare:
-    """The cache of numba on disk, without which one can do: what cannot be read or written there is compiled again."""
+    """The disk cache of numba, made optional: code that cannot be read or written there is compiled again."""
 
-    told = False  # whether the user knows
+    told = False  # whether the user has been warned
 
     def __init__(self, cache: Any) -> None:
         self._cache = cache
@@ -101,7 +100,7 @@ class Spare:
 
 
 def kept(function):
-    """Compile, and keep the result on disk where numba finds a folder that it may write."""
+    """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
     try:
         compiled = njit(cache=True, **OPTIONS)(function)
     except RuntimeError:
@@ -136,7 +135,7 @@ def unrolled(arguments, expression):
 
 
 def at(x, kind, i):
-    """X of a kind of bonds, shape (kinds,), or of bond i, shape (1, bonds); 1 where there is none."""
+    """The value of x for a kind of bonds if x has the shape (kinds,), or for bond i if (1, bonds); 1 if x is None."""
 
 
 @overload(at)
@@ -147,7 +146,7 @@ def _at(x, kind, i):
 
 
 def times_at(value, x, kind, i):
-    """`at(x, kind, i)` times a value, in the precision of the value where there is no x."""
+    """`at(x, kind, i)` times a value; in the precision of the value if x is None."""
 
 
 @overload(times_at)
@@ -169,7 +168,7 @@ def _bits(x):
 
 
 def of_bits(n):
-    """The number of these bits."""
+    """The floating-point number that has these bits."""
 
 
 @overload(of_bits)
@@ -183,9 +182,9 @@ def _of_bits(n):
 
 
 class Polynomial(NamedTuple):
-    """Coefficients of kinds, shape (kinds, count), or of bonds, shape (1, count, bonds), and how far they reach.
+    """Coefficients of kinds, shape (kinds, count), or of bonds, shape (1, count, bonds), and the limit of their range.
 
-    `count` is a tuple as long as there are coefficients: numba compiles for each length.
+    `count` is a tuple with one entry for each coefficient: numba compiles for each length.
     """
 
     count: tuple[float, ...]
@@ -195,7 +194,7 @@ class Polynomial(NamedTuple):
 
 
 class PiecesOfAll(NamedTuple):
-    """The `Pieces` of all kinds one after the other; `child` is None where no piece is halved."""
+    """The `Pieces` of all kinds one after the other; `child` is None if no piece is halved."""
 
     per_increment: np.ndarray
     low: np.ndarray
@@ -208,7 +207,7 @@ class PiecesOfAll(NamedTuple):
 
 
 def constants(law, kind):
-    """Coefficients of a kind.  Read before a loop they stay in registers; within it LLVM is sure of the first ones only."""
+    """Coefficients of a kind.  Read before a loop, they all stay in registers; read inside it, only the first ones do."""
 
 
 @overload(constants)
@@ -219,7 +218,7 @@ def _constants(law, kind):
 
 
 def quotient(law, c, kind, i, x):
-    """H/e of bond i at x."""
+    """The quotient H/e of bond i at the argument x of its law."""
 
 
 @overload(quotient)
@@ -235,7 +234,7 @@ def _quotient(law, c, kind, i, x):
 def _octave_piece(law, c, kind, i, x):
     a, low, high, n = at(law.per_increment, kind, i), at(law.low, kind, i), at(law.high, kind, i), at(law.start, kind, i)
     w = 1.0 + a * x
-    v = w if w > low else low  # also for no number, where `max` would let it through
+    v = w if w > low else low  # also catches NaN, which `max` would let through
     v = v if v < high else high
     piece = np.float64(v).view(np.int64) >> SHIFT
     k = np.uint64(n + piece)
@@ -257,7 +256,7 @@ def _halved_piece(law, c, kind, i, x):
 
 
 def beyond(law, kind, i, x):
-    """Whether x, or no number, is out of the reach of the law."""
+    """Whether x is beyond the range of the law, or NaN."""
 
 
 @overload(beyond)
@@ -276,9 +275,9 @@ def _beyond(law, kind, i, x):
 
 
 class Bonds(NamedTuple):
-    """Coefficients of the kinds of bonds, or of each bond, see `at`; on a grid bond i of group n is number `n x slots + i`.
+    """Coefficients of the kinds of bonds, or of each bond (see `at`); on a grid, bond i of group n has number `n x slots + i`.
 
-    `model` is (q, t); `unit` is 1/r0^2 where the argument of a law is e; `strength` is 0 where a grid has no bond.
+    `model` is (q, t); `unit` is 1/r0^2 if the argument of a law is e; `strength` is 0 where a grid has no bond.
     """
 
     model: tuple[float, float]
@@ -290,10 +289,10 @@ class Bonds(NamedTuple):
 
 
 def pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
-    """Forces of the bonds of a segment; whether one is beyond the law.
+    """Write the forces of the bonds of a segment into b; return whether a bond is beyond the range of the law.
 
-    On a grid, of the group that starts in the slots s to e, `pad` places later in b; of a table, of the bonds s to e on their far
-    ends, and as many places later as there are bonds on the near ends.
+    On a grid these are the bonds of a group that start in the slots s to e, stored `pad` places later.  In a table they are the
+    bonds s to e: forces on their far ends come first in b, forces on their near ends after those of all bonds.
     """
 
 
@@ -305,7 +304,7 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
         X, Y, g, unit, strength = bonds.Rx, bonds.Ry, bonds.g, bonds.unit, bonds.strength
         for i in range(s, e):
             k = first + i
-            Rx, Ry = at(X, kind, k), at(Y, kind, k)  # a bond that is not there is not strained and pulls at nothing
+            Rx, Ry = at(X, kind, k), at(Y, kind, k)  # a missing bond has no strain and exerts no force
             dx = times_at(state[0, 0, i + offset] - state[0, 0, i], strength, kind, k)
             dy = times_at(state[0, 1, i + offset] - state[0, 1, i], strength, kind, k)
             x = times_at((Rx + Rx + q * dx) * dx + (Ry + Ry + q * dy) * dy, unit, kind, k)
@@ -335,7 +334,7 @@ def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
 
 @njit(no_cpython_wrapper=True, forceinline=True, **OPTIONS)
 def pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, s, e):
-    """`pull` by the second or third law, which may be None, only where a bond is beyond the law before it."""
+    """Like `pull`, but a second and a third law, which may be None, are used if a bond is beyond the range of the law before."""
     few = e if wider is None else min(s + FEW, e)
     out = pull(work, b, bonds, law, near, far, places, pad, kind, s, few)
     if wider is not None:
@@ -350,7 +349,7 @@ def pull_by(law, wider, widest, work, b, bonds, near, far, places, pad, kind, s,
 
 
 def total(b, x, places, pad, i):
-    """Force of all bonds of slot i along x; `places` are the offsets of the groups, or columns of places in b."""
+    """Sum of the forces of all bonds on slot i along x; `places` are the offsets of the groups, or columns of places in b."""
 
 
 @overload(total)
@@ -364,9 +363,9 @@ def _total(b, x, places, pad, i):
 
 
 class Outer(NamedTuple):
-    """Forces that are no bonds: springs and static ones, see `at`, and those of each run on driven and guided slots.
+    """Forces other than bonds: springs and static forces (see `at`), and for each run the forces on driven and guided slots.
 
-    `waves`, shape (2, 2, slots), is what a modulation adds to the springs, times cos and sin of its phase; None without one.
+    `waves`, shape (2, 2, slots), are the amplitudes of a modulation of the springs, for cos and sin of its phase, or None.
     """
 
     springs: np.ndarray
@@ -381,7 +380,7 @@ class Outer(NamedTuple):
 
 
 def times(slots, turns, row, i, x, y):
-    """What is known of slot i times a vector, or by (slots + i turns) of it times x + i y where particles gyrate."""
+    """The vector (x, y) times the coefficient of slot i in `slots`; with `turns`, x + i y times (slots + i turns)."""
 
 
 @overload(times)
@@ -393,7 +392,7 @@ def _times(slots, turns, row, i, x, y):
 
 @part
 def modulate(now, k, waves, c, s, first, last):
-    """The springs of some slots at this moment."""
+    """Write the stiffness of modulated springs into `now`, for the slots from `first` to `last`."""
     vectorise()
     for x in range(2):
         row = np.uint64(x) * np.uint64(waves.shape[2])
@@ -402,7 +401,7 @@ def modulate(now, k, waves, c, s, first, last):
 
 
 def springs_of(outer, k, now, beat, s, e):
-    """The springs k of the slots s to e; if they change in time, they are written to memory of the thread."""
+    """The springs k of the slots s to e; if they change in time, their present values are written to memory of the thread."""
 
 
 @overload(springs_of)
@@ -418,7 +417,7 @@ def _springs_of(outer, k, now, beat, s, e):
 
 
 def move(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, kick, drift):
-    """Kick row v of the state by all forces but external ones, and drift."""
+    """Kick row v of the state by all forces except external ones, then let the slots drift."""
 
 
 @overload(move, jit_options=WITHIN)
@@ -449,7 +448,7 @@ def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, ki
 
 @part
 def correct(state, slots, turns, outer, force, v, row, r, kick, drift):
-    """Add external forces on the slots of run r, and take away what lines and planes bar."""
+    """Add external forces on the slots of run r, and remove the motion that lines and planes bar."""
     for n in range(outer.from_driven[r], outer.from_driven[r + 1]):
         i = outer.driven[n]
         kx, ky = times(slots, turns, row + 1, i, force[outer.row[n], 0], force[outer.row[n], 1])
@@ -473,7 +472,7 @@ def start(state, work, slots, turns, s, e, half, drift):
     vectorise()
     none = half - half
     for i in range(s, e):
-        work[2, 0, i] = work[2, 1, i] = none  # zero times what was there might be no number
+        work[2, 0, i] = work[2, 1, i] = none  # zero times the old value might be NaN
         vx, vy = times(slots, turns, DECAY, i, state[1, 0, i], state[1, 1, i])
         vx, vy = vx + half * state[2, 0, i], vy + half * state[2, 1, i]
         work[1, 0, i], work[1, 1, i] = vx, vy
@@ -482,7 +481,7 @@ def start(state, work, slots, turns, s, e, half, drift):
 
 @part
 def finish(work, slots, turns, s, e, half, before):
-    """Half a kick; the largest components of displacement and velocity then."""
+    """Apply half a kick; return the largest components of displacement and velocity after it."""
     vectorise()
     far = fast = bits(half - half)
     for i in range(s, e):
@@ -504,7 +503,7 @@ def _place(context, builder, array_type, array, index):
 
 @intrinsic
 def read(typing_context, array, index):
-    """What another thread has written there, and all that it wrote before."""
+    """Read an entry written by another thread, so that all that it wrote before is visible too."""
     def code(context, builder, signature, arguments):
         return builder.load_atomic(_place(context, builder, array, *arguments), 'acquire', 8)
 
@@ -513,7 +512,7 @@ def read(typing_context, array, index):
 
 @intrinsic
 def tell(typing_context, array, index, value):
-    """Write for another thread, after all that was written before."""
+    """Write an entry for another thread, which also sees all that was written before."""
     def code(context, builder, signature, arguments):
         builder.store_atomic(arguments[2], _place(context, builder, array, *arguments[:2]), 'release', 8)
         return context.get_dummy_value()
@@ -534,7 +533,7 @@ def leave_core(typing_context):
 
 @njit(no_cpython_wrapper=True, **OPTIONS)
 def wait(done, place, runs):
-    """Wait until so many runs are done."""
+    """Wait until the counter at `place` says that `runs` runs are done."""
     tries = 0
     while read(done, place) < runs:
         tries += 1
@@ -548,10 +547,10 @@ def wait(done, place, runs):
 @kept
 def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider, widest, near, far, places, pad, slots, turns,
             outer, forces, beats, half, before, drifts, keeps, kicks, kicked, together, done, me, threads):
-    """The kicks of a block of steps; the last makes accelerations.  Every `threads`-th sweep, of some kicks `together`, is mine.
+    """Do the kicks of a block of steps, of which the last computes accelerations.
 
-    The stages of a step take their turns, with the drift that follows each.  `done` counts the runs that have gone through each
-    sweep, a cache line for each.
+    A sweep does several kicks, as many as `together`; this thread, number `me`, does every `threads`-th sweep.  Kicks cycle
+    through the stages of a step, each followed by its drift.  `done` counts the finished runs of each sweep, a cache line each.
 
     Returns
     -------
@@ -598,7 +597,7 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
 
 @kept
 def follow(slot, u, v, anchors, masses, positions, momenta, moved):
-    """Set positions and momenta, shape (particles, 3), to anchors + u and m v if `moved`, else tell whether they are these."""
+    """Set positions and momenta, shape (particles, 3), to anchors + u and m v if `moved`; else return whether they are equal."""
     same = True
     for i in range(np.uint64(len(masses))):
         n = i if slot is None else slot[i]
@@ -619,11 +618,12 @@ class Order(NamedTuple):
     runs : ndarray of int, shape (runs, 2)
         First and last + 1 slot of each run.
     segments, within : ndarray of int, shapes (segments, 3) and (runs + 1,)
-        First and last + 1 slot, and group, or bond and kind, of what is evaluated together, and the first of each run.
+        Segments of bonds evaluated together: first and last + 1 slot, and group; in a table, first and last + 1 bond, and kind.
+        `within` holds the first segment of each run.
     reach : ndarray of int, shape (runs,)
         The highest slot at which a bond of the run ends, + 1.
     near, far : ndarray of int, or None
-        Of a table, lower and upper slot of each bond.
+        In a table, lower and upper slot of each bond.
     places, pad : tuple, int
         See `total` and `grid_pull`.
     room : tuple of int
@@ -648,9 +648,9 @@ class Order(NamedTuple):
 
 
 class CompiledKernel(Kernel):
-    """The same as `Kernel`, compiled; its law is given by coefficients of polynomials, or in `Pieces` for each kind.
+    """Compiled version of `Kernel`; its law is given by coefficients of polynomials, or by `Pieces` for each kind.
 
-    Blocks of steps are shared out to `threads`.
+    The work of a block of steps is divided among `threads`.
     """
 
     engine = 'compiled'
@@ -700,7 +700,7 @@ class CompiledKernel(Kernel):
         return (self.motion.site.beats(times) if self.motion.site else np.zeros((len(times), 2))).astype(self.dtype, copy=False)
 
     def _law(self, fitted, reach, order):
-        """A law as it is compiled: polynomials, or pieces; of kinds, or of each bond where these have their own."""
+        """The law in compiled form, polynomials or pieces: one for each kind, or for each bond if bonds have their own laws."""
         layout, own, kinds = self.layout, self.layout.own_laws, range(len(order.places) if self.layout.offset is not None else 1)
         if isinstance(fitted, np.ndarray):
             count = (0.0,) * fitted.shape[1]
@@ -767,12 +767,12 @@ class CompiledKernel(Kernel):
 
 
 def _as_ase_makes_them(u, v, anchors, masses, positions, momenta):
-    """Whether the atoms hold such arrays: a user may have put others in their place."""
+    """Whether positions and momenta are arrays as ASE makes them; a user may have put others in their place."""
     return all(x.flags.carray and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
 
 
 def _flat(x):
-    """Values of each bond or slot as `at` takes them."""
+    """Values of each bond or slot in the shape that `at` expects."""
     flat = aligned_zeros((1, x.size))
     flat[0] = x.ravel()
     return flat
@@ -798,7 +798,7 @@ def _grid(layout, run, part):
 
 
 def _table(layout, longest, part):
-    """Bonds in order of the part of a run in which their lower slot is, then of kind if laws are shared."""
+    """The `Order` of a table: bonds sorted by the part of a run that holds their lower slot, then by kind if laws are shared."""
     upwards = layout.i < layout.j
     i, j = np.where(upwards, layout.i, layout.j), np.where(upwards, layout.j, layout.i)
     R = np.where(upwards[:, None], layout.R, -layout.R)

@@ -1,16 +1,16 @@
 """Blocks of driven, damped velocity Verlet steps on displacements from rest, in NumPy.
 
-One step of DrivenVerlet is: half decay, half kick, velocity Verlet, half kick, half decay.  Between two steps the
-neighbouring halves merge, so that inside a block a step is, with the decay d = exp(-(gamma + i g) dt/2) of v_x + i v_y, a number
-where nothing gyrates,
+One step of DrivenVerlet is: half decay, half kick, velocity Verlet, half kick, half decay.  The halves on either side of the
+border between two steps merge.  The decay d = exp(-(gamma + i g) dt/2) multiplies v_x + i v_y, and is real if nothing gyrates.
+Inside a block a step is
 
     v <- d^2 v + (1 + d^2) dt/2 F/m          u <- u + dt v
 
-for v half a step behind u; a block starts with `v <- d v + dt/2 a` and ends with `v <- d (v + dt/2 a)`.  In a step of higher
-order (`splittings`) there are several such turns, each with a push and a drift of its own, whose damping is `rate`; d = 1.
+with v half a step behind u; a block starts with `v <- d v + dt/2 a` and ends with `v <- d (v + dt/2 a)`.  A step of higher
+order (`splittings`) consists of several such stages, each with its own kick and drift. There d = 1, and `rate` damps the drifts.
 
 A state holds displacements u, velocities v and accelerations a of the slots of a `Layout`, shape (3, 2, slots).  The mobility
-1/m is zero for particles that are held, so that F may be anything there.
+1/m is zero for held particles, so that forces on them have no effect.
 """
 
 from __future__ import annotations
@@ -52,17 +52,17 @@ class Motion:
     mobility : ndarray, shape (slots,)
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float or ndarray, shape (2, slots)
-        k in N/mm, of all particles or along each displacement.
+        k in N/mm: one number for all particles, or one for each displacement.
     site : SiteForces or None
         Forces of the sites beyond these springs.
     static : ndarray, shape (2, slots), or None
-        Forces in N that do not change; None if they are counted among those on the driven slots, or zero.
+        Forces in N that do not change; None if they are zero, or included in the external forces on the driven slots.
     driven : ndarray of int
         Slots with external forces.
     guided : ndarray of int
         Slots that a line or plane guides.
     barred : ndarray, shape (guided, 2, 2)
-        Projector on the direction that is barred to each of them.
+        Projector on the direction that is barred to each guided slot.
     """
 
     dt: float
@@ -79,7 +79,7 @@ class Motion:
 
 
 class Kernel:
-    """Moves displacements on by blocks of steps.
+    """Advances displacements and velocities by blocks of time steps.
 
     Parameters
     ----------
@@ -88,11 +88,11 @@ class Kernel:
         Laws of the kinds of bonds.
     motion : Motion
     coefficients : ndarray, shape (kinds, coefficients), or list of Pieces, or None
-        Of the polynomials in the increment; pieces for `CompiledKernel` only; None to evaluate the law itself.
+        Coefficients of the polynomials in the increment; Pieces, for `CompiledKernel` only; or None to evaluate the law itself.
     reach : float
-        Largest increment |e| for which the polynomials stand.
+        Largest increment |e| for which the polynomials are valid.
     threads, dtype : int, type
-        For `CompiledKernel` only; it computes in single precision where this is np.float32.
+        For `CompiledKernel` only; it computes in single precision if `dtype` is np.float32.
     """
 
     engine = 'numpy'
@@ -116,20 +116,20 @@ class Kernel:
         self.f = np.zeros((2, layout.length))
         self.scratch = np.empty((2, max(RUN, layout.length if self.forces.whole else 0)))
 
-    @np.errstate(over='ignore', invalid='ignore')  # a run that goes wrong is noticed by its end
+    @np.errstate(over='ignore', invalid='ignore')  # a run that fails is noticed at its end
     def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], times: NDArray[np.float64],
                 out: NDArray[np.float64]) -> Found:
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
-        Returns whether any bond has been beyond the reach of the law on the way, and the largest components in the end.
+        Returns whether any bond left the range of the law on the way, and the largest components of displacement and velocity.
 
         Parameters
         ----------
         state, out : ndarray, shape (3, 2, slots)
         forces : ndarray, shape (steps * stages, driven, 2)
-            External forces at all kicks but the first.
+            External forces at all kicks except the first.
         times : ndarray, shape (steps * stages,)
-            When these are, in ms.
+            Times of these kicks in ms.
         """
         u, v, a = out
         (u0, v0, a0), d = state, self.motion.decay
@@ -145,9 +145,9 @@ class Kernel:
         return beyond, largest(u), largest(v)
 
     def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64], time: float = 0.0) -> bool:
-        """Fill in the accelerations: what a kick of one, after which nothing drifts, would leave as velocities.
+        """Fill in the accelerations: the velocities that a kick over unit time would give to particles at rest.
 
-        Returns whether any bond is beyond the reach of the law.
+        Returns whether any bond is beyond the range of the law.
         """
         u, _, a = state
         a[:] = 0
@@ -185,7 +185,7 @@ class Kernel:
 
     def write(self, u: NDArray[np.float64], v: NDArray[np.float64], anchors: NDArray[np.float64], masses: NDArray[np.float64],
               positions: NDArray[np.float64], momenta: NDArray[np.float64]) -> None:
-        """Set `positions` to anchors + u and `momenta` to m v; those end in x, y, the others start with it."""
+        """Set `positions` to anchors + u and `momenta` to m v; x, y is the last axis of the former, the first of the latter."""
         for x, (ux, vx) in enumerate(zip(self.layout.gather(u), self.layout.gather(v), strict=True)):
             np.add(anchors[x], ux, out=positions[:, x])
             np.multiply(masses, vx, out=momenta[:, x])
@@ -198,7 +198,7 @@ class Kernel:
 
 
 def turn(v: NDArray[np.float64], by: NDArray[Any]) -> None:
-    """Multiply vectors, shape (2, any), by numbers, or v_x + i v_y by complex ones, which turns them."""
+    """Vectors, shape (2, any), times real numbers, or v_x + i v_y times complex numbers, which also rotates them."""
     if np.isrealobj(by):
         v *= by
     else:
@@ -207,7 +207,7 @@ def turn(v: NDArray[np.float64], by: NDArray[Any]) -> None:
 
 
 def largest(x: NDArray[np.float64]) -> float:
-    """The largest component; no number if one is none."""
+    """The largest absolute value of all components; NaN if one is NaN."""
     return max(x.max(), -x.min())
 
 
@@ -229,7 +229,7 @@ class BondForces:
         self.rows = r0[:, 0] if r0.ndim == 2 else r0.min()  # rest length, or the least of it, of each row of bonds
 
     def pull(self, d: NDArray[np.float64], s: NDArray[np.float64], e: NDArray[np.float64], H: NDArray[np.float64]) -> None:
-        """Replace the relative displacements `d` by the forces `H(e) R + (g + t H(e)) d`; the others are scratch."""
+        """Replace the relative displacements `d` by the forces `H(e) R + (g + t H(e)) d`; the other arrays are scratch space."""
         if self.increments.q:
             np.add(self.R2, d, out=s)
             s *= d
@@ -255,7 +255,7 @@ class BondForces:
 
 
 class GridForces(BondForces):
-    """Bonds in groups of constant offset: shifted slices."""
+    """Forces of bonds in groups of constant offset, computed on shifted slices."""
 
     def __init__(self, layout: Layout, increments: Increments, coefficients: NDArray[np.float64] | None) -> None:
         kinds = np.arange(len(layout.offset))[:, None]  # pyright: ignore[reportArgumentType]  a grid has offsets
@@ -266,7 +266,7 @@ class GridForces(BondForces):
         self.work = [np.empty((*shape, len(self.offsets) * RUN)) for shape in ((2,), (2,), (), ())]
 
     def fill(self, f: NDArray[np.float64], u: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
-        """Write the forces at `u` into `f`, run by run: each run that is yielded has received all of its forces."""
+        """Write the forces at `u` into `f`, run by run, and yield each run as soon as all of its forces are there."""
         f[:] = 0
         for s, e in self.runs:
             groups, n = len(self.offsets), e - s
@@ -274,7 +274,7 @@ class GridForces(BondForces):
             for g, o in enumerate(self.offsets):
                 np.subtract(u[:, s + o : e + o], u[:, s:e], out=d[:, g])
             if self.strength is not None:
-                d *= self.strength[:, s:e]  # a bond that is not strained pulls at nothing
+                d *= self.strength[:, s:e]  # a bond without strain exerts no force
             self.pull(d, *work)
             for g, o in enumerate(self.offsets):
                 f[:, s:e] -= d[:, g]
@@ -283,7 +283,7 @@ class GridForces(BondForces):
 
 
 class TableForces(BondForces):
-    """Bonds in any order: gathered, and summed through the incidence matrix."""
+    """Forces of bonds in any order: displacements are gathered, and forces summed by the incidence matrix."""
 
     def __init__(self, layout: Layout, increments: Increments, coefficients: NDArray[np.float64] | None) -> None:
         super().__init__(increments, coefficients, layout.R.T.copy(), layout.r0[layout.kind], layout.kind)
@@ -294,7 +294,7 @@ class TableForces(BondForces):
         self.work = [np.empty((*shape, bonds)) for shape in ((2,), (2,), (), ())]
 
     def fill(self, f: NDArray[np.float64], u: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
-        """Write the forces at `u` into `f`; one run of all slots."""
+        """Write the forces at `u` into `f`, and yield one run that holds all slots."""
         d = self.work[0]
         for x in range(2):
             np.subtract(u[x, self.j], u[x, self.i], out=d[x])

@@ -1,8 +1,8 @@
-"""LAMMPS, an independent code: input for it, runs by its program `lmp`, on any number of MPI ranks, and by its Python library.
+"""Runs in LAMMPS, an independent code: input files, and runs by the program `lmp` on several MPI ranks or by its Python library.
 
-LAMMPS is given the same list of bonds as the other engines, each with its pair law (a table that it interpolates, exact to
-round-off) and its strength; the springs, masses and constant forces of each site; tone bursts and damping.  It computes forces
-from absolute positions, not from displacements.
+LAMMPS gets the same list of bonds as the other engines. Each bond has its strength and its pair law, as a table whose
+interpolation is exact to round-off.  The input also has the springs, masses and constant forces of each site, tone bursts and
+damping.  LAMMPS computes forces from absolute positions, not from displacements.
 
 All files of a run are in one folder, which can be copied to a cluster: `submit.sh` runs it there, and continues from the newest
 restart file if it is submitted again.  `run_lammps` with the same arguments then reads the records.
@@ -115,7 +115,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
                        drives: Sequence[ToneBurst] = (), damping: float = 0.0, interval: int | None = None,
                        interpolation: str = 'spline', points: int = 20_000,
                        records: Sequence[tuple[Any, int]] = (), restart: int | None = None) -> None:
-    """Write in.lammps, particles.data and law.table, for the same motion of a patch from rest as by `DrivenVerlet`.
+    """Write in.lammps, particles.data and law.table, with which LAMMPS computes the same motion from rest as `DrivenVerlet`.
 
     LAMMPS damps by `-c v` with the velocity of the previous half step.  With `c = (1 - e^(-gamma dt)) m'/dt` and the mass
     `m' = 2 m/(1 + e^(-gamma dt))` the positions are those of the exact decay by e^(-gamma dt) in each step.
@@ -213,8 +213,8 @@ def _scene(atoms):
     if not isinstance(calc, PairCalculator):
         raise ValueError(f'atoms.calc must be a PairCalculator, not {calc!r}')
     if atoms.pbc.any():
-        raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
-                         'cut one, for instance with lattices.parallelogram')
+        raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; cut a '
+                         'patch, for instance with lattices.parallelogram')
     law = calc.law
     if not len(calc.bonds):
         raise ValueError('no two particles are bonded, so there is nothing for LAMMPS to compute')
@@ -229,7 +229,7 @@ def _scene(atoms):
 
 
 def _springs(calc, sites, axes):
-    """Fixes for the foundation, whose springs are slack where LAMMPS finds the particles; `_offset` adds what they pull there."""
+    """Fixes for the foundation: LAMMPS takes its springs as slack at rest, and `_offset` adds the force with which they pull."""
     if not isinstance(calc.foundation, np.ndarray):
         return [f'fix foundation free spring/self {calc.foundation:.17g}'] if calc.foundation else []
     lines = []
@@ -250,7 +250,7 @@ def _offset(calc, sites, axes):
 
 
 def _burst(n, drive, sites, count):
-    """A tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
+    """Commands for a tone burst: LAMMPS evaluates the force at the end of each step, where Verlet needs it."""
     if not isinstance(drive, ToneBurst) or drive.start < 0:
         raise ValueError(f'LAMMPS can be given only tone bursts that start at t >= 0, not {drive!r}')
     sites[f'd_drive{n}'] = np.zeros(count)
@@ -266,7 +266,7 @@ def _burst(n, drive, sites, count):
 
 
 def _damping(decay, timestep, masses, axes):
-    """Commands that damp by the factor `decay` in each step, and those that make up for it after a restart."""
+    """Commands that damp velocities by the factor `decay` in each step, and those that correct for it after a restart."""
     if decay == 1:
         return '', ''
     rate, half = (1 - decay) / timestep, (1 - decay) / 2
@@ -291,7 +291,7 @@ def _output(count, interval, records, axes):
 
 
 def _pairs(bonds, laws, types):
-    """Lines that give pairs of types their table; that of the first law to pairs that no bond joins, which nobody asks for."""
+    """Lines that assign a table to each pair of types; pairs that no bond joins get that of the first law, which is not used."""
     lines = ['pair_coeff * * law.table LAW0']
     for n, (_, own) in enumerate(laws[1:], 1):
         joined = np.unique(np.sort(np.column_stack([types[bonds.i[own]], types[bonds.j[own]]]), axis=1), axis=0)
@@ -374,7 +374,7 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     damping : float
         Decay rate of the velocities in 1/ms.
     ranks : int
-        MPI ranks.
+        Number of MPI ranks.
     directory : path-like, optional
         Folder for the files of the run.  If it holds files of the same run they are used: complete records are read, and a
         stopped run continues from its newest restart file.
@@ -387,8 +387,8 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     Raises
     ------
     ValueError
-        If LAMMPS cannot run this scene, or stops, or if the folder holds the files of another run, or records without all their
-        frames.  The contents of a frame are not checked: a digit that somebody changed in a record is read as it is.
+        If LAMMPS cannot run this scene, or stops; or if the folder holds files of another run, or records that lack frames.  The
+        contents of a frame are not checked: a digit that was changed in a record is read as it is.
     """
     ranks = whole('ranks', ranks)
     if directory is None:
@@ -404,7 +404,7 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
 
 
 def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
-    """Write the input where it is not yet; refuse a folder that holds another one, or files of somebody else under our names."""
+    """Write the input files that are missing; ValueError if the folder holds another input, or other files with these names."""
     with TemporaryDirectory() as made:
         stage = Path(made)
         write_lammps_input(stage, atoms, timestep, steps, drives=drives, damping=damping, records=records,
@@ -415,7 +415,7 @@ def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
         for file in (directory / name for name in names + outputs if os.path.lexists(directory / name)):
             ours = file.is_file() and not file.is_symlink() and bool(there)
             if not ours or (file.name in names and file.read_bytes() != (stage / file.name).read_bytes()):
-                raise ValueError(f'{file} belongs to another run; name another folder, or remove this one')
+                raise ValueError(f'{file} belongs to another run; name another folder, or remove this file')
         directory.mkdir(parents=True, exist_ok=True)
         for name in set(names) - set(there):
             shutil.copyfile(stage / name, directory / name)
@@ -454,7 +454,7 @@ def _program(name, package):
 
 
 def _record(file, atoms, particles, timestep, steps):
-    """The record of some particles at the `steps`, a range; a frame that is not there is refused."""
+    """The record of some particles at the `steps`, a range, as a Motion; ValueError if a frame is missing."""
     particles = np.arange(len(atoms)) if particles is None else np.atleast_1d(particles)
     ordered, back = np.unique(particles, return_inverse=True)  # LAMMPS sorts by number
     try:
@@ -462,7 +462,7 @@ def _record(file, atoms, particles, timestep, steps):
     except (OSError, ValueError) as error:
         raise ValueError(f'{file} cannot be read ({error}); remove its folder, and LAMMPS runs again') from error
     if lacking := sorted(set(steps) - set(frames)):
-        raise ValueError(f'{file} has no whole frame of step {lacking[0]} and lacks {len(lacking)} of {len(steps)}; remove its '
+        raise ValueError(f'{file} lacks {len(lacking)} of {len(steps)} frames, the first at step {lacking[0]}; remove its '
                          'folder, and LAMMPS runs again')
     places = np.array([frames[n] for n in steps])
     return Motion(timestep * np.array(steps), particles, (places - atoms.positions[ordered, :2])[:, back])
@@ -476,7 +476,7 @@ def read_lammps_displacements(directory: str | PathLike[str], atoms: Atoms) -> N
 
 
 def _frames(file, particles):
-    """Places of the particles in every whole frame of a dump, by its step; of one written twice, about a restart, the later."""
+    """Positions of the particles in every complete frame of a dump, by step; a frame written twice, at a restart, counts once."""
     frames = {}
     for frame in file.read_text(encoding='utf-8').split(FRAME)[1:]:
         lines = frame.split('\n')

@@ -3,7 +3,7 @@
 In a patch made by `repeat` the bonds fall into a few groups of equal j - i and equal rest vector.  Such a group is
 a pair of shifted slices, and no index needs to be looked up.  A patch that was cut from a parallelogram is put back onto it (by
 the array 'site', or by places found from the rest vectors), with empty slots where particles are missing. If rest vectors
-scatter, a group has equal j - i only, and each bond has its own rest vector.  Everything else goes into a table of bonds, with
+scatter, the bonds of a group share only j - i, and each has its own rest vector.  All other structures use a table of bonds, with
 the particles renumbered so that neighbours lie close in memory.
 """
 
@@ -22,8 +22,8 @@ from ..lattices.bonds import Bonds, lengths_of, stretches
 
 GRID_COST = 6  # ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there
 KINDS_OF_OFFSET = 1.5
-"""Kinds of bonds for each offset beyond which each bond carries a law of its own, which takes 1.4 times as long as a shared one,
-whereas every kind is evaluated everywhere."""
+"""Number of kinds of bonds per offset above which each bond carries its own law. This takes 1.4 times as long as a shared law,
+but otherwise every kind is evaluated for every slot."""
 GRID_COST_EACH = 3  # the same where each bond has its own rest vector and law, which must be read
 FEW_KINDS = 16  # number of kinds of bonds up to which a table is sorted by kind; with more, each bond carries a law of its own
 SPREAD = 4  # largest ratio of slots to particles of a grid
@@ -40,7 +40,7 @@ one law serves all of them (relaxed patches differ by any amount; a limit ten ti
 
 
 def aligned_zeros(shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
-    """Zeros that start on a cache line, as vector units like it; a third faster than where NumPy happens to put them."""
+    """An array of zeros that starts on a cache line; vector units are a third faster with it than with an array of NumPy."""
     size = int(np.prod(shape))
     memory = np.zeros(size + LINE, dtype)
     start = -memory.ctypes.data // memory.itemsize % LINE
@@ -48,7 +48,7 @@ def aligned_zeros(shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
 
 
 def same(x: NDArray[Any], dtype: Any) -> NDArray[Any]:
-    """The array on a cache line, in a precision."""
+    """A copy of the array that starts on a cache line, in the given precision."""
     copy = aligned_zeros(x.shape, dtype)
     copy[...] = x
     return copy
@@ -77,10 +77,10 @@ class Layout:
     offset : ndarray of int, shape (groups,), or None
         On a grid, j - i of each group; None for a table.
     strength : ndarray of bool, shape (groups, length), or None
-        On a grid, 1 where slot i starts a bond and 0 elsewhere; None if this never matters because both its ends
-        are held, as at a fixed rim.
+        On a grid, 1 where slot i starts a bond and 0 elsewhere; None if this does not matter because every missing bond would
+        join two held particles, as at a fixed rim.
     group : ndarray of int, shape (bonds,), or None
-        On a grid, the group of each bond; with `kind` the same unless each bond has its own rest vector.
+        On a grid, the group of each bond; it equals `kind` unless each bond has its own rest vector.
     """
 
     slot: np.ndarray
@@ -106,7 +106,7 @@ class Layout:
         return self.each if self.offset is not None else len(self.r0) > FEW_KINDS
 
     def on_grid(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values of the bonds, shape (..., bonds), at groups and lower slots, shape (..., groups, length); zero elsewhere."""
+        """Values of the bonds, shape (..., bonds), arranged by group and lower slot, shape (..., groups, length), else zero."""
         grid = aligned_zeros((*values.shape[:-1], len(self.offset), self.length))  # pyright: ignore[reportArgumentType]
         grid[..., self.group, self.i] = values
         return grid
@@ -116,10 +116,10 @@ class Layout:
         return self.R[some] if self.offset is None or self.each else self.R[self.kind[some]]
 
     def runs(self, gap: int, longest: int) -> NDArray[np.int_]:
-        """First and last + 1 slot of stretches of particles, shape (runs, 2); none overlaps another.
+        """First and last + 1 slot of runs, stretches of particles that do not overlap, shape (runs, 2).
 
-        Holes up to `gap` slots, at least a cache line, are included.  Stretches start on a cache line and are cut into
-        pieces of at most `longest` slots, a whole number of cache lines, so that every piece starts on one.
+        Holes of up to `gap` slots, at least a cache line, are included.  Runs start on a cache line. They have at most `longest`
+        slots, a whole number of cache lines, so that the next run starts on one too.
         """
         occupied = np.sort(self.slot)
         breaks = np.flatnonzero(np.diff(occupied) > gap)
@@ -154,12 +154,12 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     mobile : ndarray of bool, shape (particles,)
         Particles that are not held.
     labels : ndarray of int, shape (bonds,)
-        The same for bonds of the same law, `magphonon.interactions.bond_laws.labels`; by default all have the same.
+        Equal numbers for bonds of the same law (`magphonon.interactions.bond_laws.labels`); by default all have the same law.
     """
     other: Any = np.s_[:] if (bonds.i != bonds.j).all() else bonds.i != bonds.j  # a bond to one's own image never changes
     i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]
     layout, slot = None, atoms.arrays.get('site', np.arange(len(atoms)))
-    if len(i) and np.bincount(slot - slot.min()).max() == 1:  # it is not after joining two patches
+    if len(i) and np.bincount(slot - slot.min()).max() == 1:  # not true after two patches were joined
         layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
     if len(i) and layout is None and (slot := _sites_found(atoms, i, j, R)) is not None:
         layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
@@ -168,7 +168,7 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
 
 
 def _sites_found(atoms, i, j, R):
-    """Places on a parallelogram where each bond leads from a place to one a whole number of rows and columns farther, or None."""
+    """Places of the particles on a parallelogram, such that bonds span whole numbers of rows and columns; None if impossible."""
     X, r = atoms.positions[:, :2], lengths_of(R)
     first = R[r.argmin()]
     across = abs(first[0] * R[:, 1] - first[1] * R[:, 0]) > r * r.min() / 2
@@ -196,7 +196,7 @@ def _sites_found(atoms, i, j, R):
 
 
 def _numbered(places, steps):
-    """Places numbered along the shorter side, so that bonds lead from a row to one of the next."""
+    """Places numbered along the shorter side, with gaps so that bonds of equal steps have equal differences of numbers."""
     places = (places - places.min(axis=0)).astype(int)
     along = places.max(axis=0).argmin()
     width = places[:, along].max() + 1 + int(abs(steps[:, along]).max())
@@ -232,12 +232,12 @@ def _grid(slot, i, j, R, mobile, labels):
 
 
 def _kinds(r0, labels):
-    """A bond for each of the kinds that differ in length or law, and the kind of each bond."""
+    """One bond of each kind, and the kind of each bond; kinds differ in length or law."""
     return _alike(len(r0), [np.round(np.log(r0) / SAME_VECTOR), labels])
 
 
 def _alike(count, columns):
-    """The first row of each kind of rows, in their order, and the kind of each row: `np.unique(axis=0)` without its sorting."""
+    """First row of each kind of equal rows, sorted, and the kind of each row: like `np.unique(axis=0)`, without sorting rows."""
     kind, first = np.zeros(count, np.int32), np.zeros(1, int)
     for column in columns:
         if not count or (column == column[first][kind]).all():
@@ -253,7 +253,7 @@ def _alike(count, columns):
 
 
 def _distinct(values):
-    """`np.unique` of many values of which most are alike: a few are sorted first, then those that are none of them."""
+    """`np.unique` for many values that are mostly alike: a few are sorted first, then only those not among them."""
     found = np.unique(values[:: 1 + len(values) // MANY])
     others = (x[found[np.searchsorted(found[:-1], x)] != x] for x in (values[some] for some in stretches(len(values))))
     return np.unique(np.concatenate([found, *others]))

@@ -1,4 +1,4 @@
-"""Motion of some particles over time: the same record for a run, a linear solution, LAMMPS or a vibrometer."""
+"""Motion of some particles over time: a record from time steps, a linear solution, LAMMPS or a vibrometer."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOTION_UNITS = {'times': ('ms', 'times'), 'particles': ('', 'particles'), 'displ
 
 @dataclass(frozen=True)
 class Motion(Saved, kind='motions', units=MOTION_UNITS):
-    """Motion of some particles over time.
+    """Record of the displacements of some particles over time, and of their velocities if known.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Motion(Saved, kind='motions', units=MOTION_UNITS):
         return (self.times[-1] - self.times[0]) / (len(self.times) - 1)
 
     def along(self, direction: ArrayLike) -> NDArray[np.float64]:
-        """Displacements along a direction (need not be normalised), in mm, shape (times, particles)."""
+        """Displacements along a direction, which need not be normalised, in mm, shape (times, particles)."""
         direction = finite('direction', direction, self.displacements.shape[2:])
         if not direction.any():
             raise ValueError(f'the direction must not be zero, not {direction}')

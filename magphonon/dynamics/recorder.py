@@ -27,9 +27,9 @@ class Recorder:
     Parameters
     ----------
     dyn : DrivenVerlet
-        The recorder attaches itself.
+        The run to record; the recorder attaches itself to it.
     particles : array_like of int, optional
-        All of them if not given.
+        Indices of the recorded particles; by default all.
     interval : int
         Steps between two frames.
 
@@ -69,7 +69,7 @@ class Recorder:
 
     @property
     def displacements(self) -> NDArray[np.float64]:
-        """Displacements from rest in mm, shape (frames, particles, dim); a read-only map of the file if they are many."""
+        """Displacements from rest in mm, shape (frames, particles, dim); if they are many, a read-only memory map."""
         shape = len(self._frames), *self._shape
         if not np.prod(shape):
             return np.zeros(shape)
@@ -81,7 +81,7 @@ class Recorder:
 
     @property
     def motion(self) -> Motion:
-        """The record so far."""
+        """The record so far, as a Motion."""
         return Motion(self.times, self.particles, self.displacements)
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -91,7 +91,7 @@ class Recorder:
                      'particles': ('', 'particles')})
 
     def forget_after(self, time: float) -> None:
-        """Drop the frames later than `time` (ms), for example those after a run has diverged."""
+        """Drop the frames later than `time` (ms), for example after a run has diverged."""
         frames = int(np.searchsorted(self._frames, time, side='right'))
         size = 8 * int(np.prod(self._shape)) * frames
         self._file.flush()

@@ -1,9 +1,9 @@
 """Methods that split a time step h into kicks, `v <- v + b_k h F/m`, and drifts, `u <- u + a_k h v`, in turns.
 
-Velocity Verlet is the one of order 2.  Those of order 4 and 6 are the Runge-Kutta-Nystroem splittings SRKN_6^b and SRKN_11^b of
-Blanes and Moan (J. Comput. Appl. Math. 142, 313 (2002), Tables 2 and 3), which begin and end with a kick.  They require forces
-that depend on the displacements alone; a force that depends on the time is evaluated at the time of its kick, and damping belongs
-to the drift, whose flow is then exact: `u <- u + (1 - e^{-gamma a h})/gamma v`, `v <- e^{-gamma a h} v`.
+Velocity Verlet is the method of order 2.  The methods of order 4 and 6 are the Runge-Kutta-Nystroem splittings SRKN_6^b and
+SRKN_11^b of Blanes and Moan (J. Comput. Appl. Math. 142, 313 (2002), Tables 2 and 3), which begin and end with a kick.  They
+require forces that do not depend on velocities. A force that depends on time is evaluated at the time of its kick. Damping
+belongs to the drift, which is then exact: `u <- u + (1 - e^{-gamma a h})/gamma v`, `v <- e^{-gamma a h} v`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Splitting:
-    """One method.
+    """A method that splits a time step into kicks and drifts, and the limits within which it is valid.
 
     Attributes
     ----------
@@ -37,16 +37,16 @@ class Splitting:
 
     @property
     def stages(self) -> int:
-        """Evaluations of the forces in a step: the last kick of a step and the first of the next share theirs."""
+        """Number of evaluations of the forces in a step; the last kick of a step and the first of the next share one."""
         return len(self.drifts)
 
     @cached_property
     def times(self) -> np.ndarray:
-        """When the kicks after the first are, in steps, shape (stages,)."""
+        """Times of the kicks after the first, as fractions of a step, shape (stages,)."""
         return np.append(np.cumsum(self.drifts)[:-1], 1.0)
 
     def beside_verlet(self, x: np.ndarray) -> np.ndarray:
-        """Error of an oscillator with omega h = x, in frequency or in the shape of its orbit, over Verlet's, x^2/24 and x^2/8."""
+        """Error of an oscillator with omega h = x in units of Verlet's: x^2/24 in frequency, x^2/8 in the shape of the orbit."""
         state = np.array([[1 + 0 * x, 0 * x], [0 * x, 1 + 0 * x]])  # columns (u, h v)
         for kick, drift in zip(self.kicks, (*self.drifts, 0.0), strict=True):
             state[1] -= kick * x**2 * state[0]
@@ -56,20 +56,20 @@ class Splitting:
         return np.maximum(abs(frequency) * 24, abs(shape) * 8) / x**2
 
     def longest(self, phase: float, tolerance: float) -> float:
-        """The largest omega h of a wave that goes through so many radians with a relative error below a tolerance; 0 if none."""
+        """Largest omega h at which the error of a wave stays below `tolerance` over a phase of `phase` radians; 0 if none."""
         x = self.limit * np.geomspace(0.01, 1, 1000)[:-1]
         with np.errstate(invalid='ignore'):
             good = self.beside_verlet(x) * x**2 * (phase / 24 + 1 / 8) <= tolerance
         return float(x[good.cumprod().sum() - 1]) if good[0] else 0.0
 
     def flow(self, dt: float, gamma: float) -> tuple[np.ndarray, np.ndarray]:
-        """What each drift does to velocities: the distance for each, ms, and the factor that damping leaves; shape (stages,)."""
+        """Effect of each drift: distance per velocity in ms, and the factor by which damping reduces it; shape (stages,)."""
         h = dt * np.array(self.drifts)
         return (-np.expm1(-gamma * h) / gamma if gamma else h), np.exp(-gamma * h)
 
 
 def _both_ways(first, middle):
-    """The numbers of a palindrome that begins with `first`; its middle, one number or two alike, makes the sum one."""
+    """A palindrome of numbers that begins with `first`; its middle, one number or two equal ones, makes the sum one."""
     rest = 1 - 2 * sum(first)
     return (*first, *([rest] if middle == 1 else [rest / 2] * 2), *first[::-1])
 
@@ -83,14 +83,16 @@ SPLITTINGS = {
                  _both_ways((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 1),
                  3.1414, 6.0),
 }
-"""By their order."""
+"""The methods, by the order of their error."""
 STEPS_SHARE = 0.25
 """Share of a tolerance that the error of time steps may have, for the fastest wave at rest: large strains make waves faster."""
 
 
 def step_within(tolerance: float, omega: float, duration: float, frame: float,
                 orders: Sequence[int] = (2, 4, 6)) -> tuple[float, int]:
-    """The time step in ms, a whole fraction of a frame, and the order that meet a tolerance in the fewest evaluations of forces.
+    """The time step in ms and the order that meet a tolerance with the fewest evaluations of forces.
+
+    A whole number of these steps makes a frame.
 
     Parameters
     ----------
@@ -99,9 +101,9 @@ def step_within(tolerance: float, omega: float, duration: float, frame: float,
     omega : float
         Highest angular frequency, rad/ms.
     duration, frame : float
-        Of the motion, and between two of its records, ms.
+        Time in ms of the whole motion, and between two of its records.
     orders : sequence of int
-        Those to choose from.
+        Orders to choose from.
     """
     longest = {order: SPLITTINGS[order].longest(omega * duration, STEPS_SHARE * tolerance) for order in orders}
     counts = {order: int(np.ceil(omega * frame / x)) for order, x in longest.items() if x}

@@ -5,13 +5,13 @@ xi independent normal numbers. Half a step is
 
     v <- E v + sqrt((1 - |E|^2) kT/m) xi
 
-which keeps the Maxwell distribution whatever the time step.  Around a step of velocity Verlet it makes Langevin's equation,
+which keeps the Maxwell distribution for any time step.  Two half steps around a step of velocity Verlet solve Langevin's equation
 
     m u'' = F(u) - m gamma u' + sqrt(2 m gamma kT) xi(t)
 
 whose positions have the distribution exp(-V/kT); for harmonic forces the time step changes the variance kT/k to kT/(k (1 - (w
-dt)^2/4)). The random numbers depend only on the seed and the number of the step: a run cut in two, or by another engine, has the
-same noise.
+dt)^2/4)). The random numbers depend only on the seed and the number of the step, so the noise is the same if a run is interrupted
+and continued, and in every engine.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ DRAWN = 2**17  # about how many normal numbers are drawn at a time
 
 
 class Bath:
-    """What the half steps of a run add to velocities: kT in mJ, and the decay E of each particle, not real if it gyrates."""
+    """The noise that half steps add to velocities, for kT in mJ and the decay E of each particle, complex if it gyrates."""
 
     def __init__(self, temperature: float, masses: NDArray[np.float64], decay: NDArray[np.float64], seed: int, dim: int) -> None:
         self.decay, self.seed, self.thermal = decay, seed, float(np.sqrt(temperature / masses.min()))

@@ -1,9 +1,8 @@
 """Velocity Verlet with external forces and linear damping, built on ASE's own integrator; and splittings of higher order.
 
 With the damping gamma, the gyration g of the calculator and the external force f(t), the equation of motion
-`m u'' = F(u) - m gamma u' + m g J u' + f(t)` is split symmetrically around ASE's step, which makes it second order in dt and
-keeps the limit omega dt < 2 (rotations, too, conserve the quadratic form of positions and speeds that a step of Verlet
-conserves):
+`m u'' = F(u) - m gamma u' + m g J u' + f(t)` is split symmetrically around ASE's step. So it is of second order in dt, and the
+limit omega dt < 2 remains: rotations, too, conserve the quadratic form of positions and speeds that Verlet steps conserve.
 
     v <- E v                     half the decay and the rotation, exact: E = exp(-(gamma + i g) dt/2) on v_x + i v_y
     v <- v + dt/2 f(t)/m         half the kick
@@ -50,24 +49,24 @@ COMPILING_PAYS = 3e6
 """Number of evaluations of the force on a particle from which compiled steps save, in a patch of a thousand, the 0.4 s that they
 take to load; the three seconds that they take to be compiled, once on a machine, are saved in ten such runs."""
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
-SHOWN = 8 * BLOCK  # largest number of steps after which the atoms follow blocks, for who iterates
+SHOWN = 8 * BLOCK  # largest number of steps after which blocks update the atoms, for users who iterate
 
 
 class DrivenVerlet(VelocityVerlet):
-    """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs as in any ASE dynamics.
+    """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs work as in any ASE dynamics.
 
-    The engines give observers the same states up to round-off (in blocks, rounding depends on the times at which observers look,
-    so only runs with the same observers agree bit by bit).  'ase' is ASE's own loop, for any calculator; 'numpy' and 'compiled'
-    move planar structures with PairCalculator by blocks of steps between two observer calls, and carry displacements from rest
-    instead of positions: these keep their digits however small they are. With PairCalculator a run that diverges stops with
-    Diverged; with other calculators this is not noticed.
+    All engines give observers the same states up to round-off; bit by bit, only runs with the same observers agree, because their
+    calls divide the run into blocks.  'ase' is ASE's own loop, for any calculator.  'numpy' and 'compiled' move planar structures
+    with PairCalculator by blocks of steps between two observer calls. They carry displacements from rest instead of positions, so
+    that small displacements keep their digits. With PairCalculator a run that diverges stops with Diverged; with other
+    calculators this is not noticed.
 
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
     parameters, the damping and the drives may be changed: every engine continues with the new values.
 
     A run that was killed can be continued from its `trajectory`: make a new DrivenVerlet with `magphonon.restored` of the last
     frame, and set its `nsteps` to the step of that frame, so that drives continue at the right time.  Frames hold absolute
-    positions: displacements come back to 1e-16 of the size of the structure.
+    positions: displacements come back with an error of 1e-16 of the size of the structure.
 
     Parameters
     ----------
@@ -82,14 +81,14 @@ class DrivenVerlet(VelocityVerlet):
     engine : {'auto', 'ase', 'numpy', 'compiled'}
         'auto' uses blocks if possible, and compiled ones if the run is long enough to be worth the time of loading them.
     order : {2, 4, 6}, optional
-        Order of the error in the time step. A step of order 4 or 6 takes 6 or 11 evaluations of the forces, but fewer in total if
-        the error must be small (`magphonon.dynamics.splittings`); the damping must then be one number, and no particle may
-        gyrate. By default 2, or with a `tolerance` the lowest that meets it.
+        Order of the error in the time step. A step of order 4 or 6 evaluates the forces 6 or 11 times, but is so much longer that
+        a run with a small error needs fewer evaluations in total (`magphonon.dynamics.splittings`). The damping must then be one
+        number, and no particle may gyrate. By default 2, or with a `tolerance` the lowest order that meets it.
     tolerance : float, optional
-        Allowed error of the displacements at the end of a run, as a fraction of the largest one of the run. Blocks then compute
-        the bond forces with as few coefficients as this error allows, and compiled blocks use single precision where it is
-        sufficient, which takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is within
-        the tolerance too; otherwise a ValueError says how long steps may be. Close to buckling, modes slower than a hundredth of
+        Allowed error of the displacements at the end of a run, as a fraction of the largest displacement in the run. Blocks then
+        compute the bond forces with as few coefficients as this error allows, and compiled blocks use single precision if it is
+        sufficient; this takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is kept
+        within the tolerance too, or a ValueError says how long steps may be. Close to buckling, modes slower than a hundredth of
         the fastest may miss the tolerance by a factor of five.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
@@ -103,8 +102,8 @@ class DrivenVerlet(VelocityVerlet):
     seed : int
         Seed of the noise, which depends only on the seed and on the number of the step.
     threads : int, optional
-        Number of threads of compiled blocks; results do not depend on it. By default one for each 20 000 particles, at most
-        OMP_NUM_THREADS, or as many as there are idle cores.
+        Number of threads of compiled blocks; results do not depend on it. By default one for each 20 000 particles, limited by
+        OMP_NUM_THREADS if it is set, or else by the number of idle cores.
     **kwargs
         `trajectory` and other arguments of ASE's MolecularDynamics.
 
@@ -135,7 +134,7 @@ class DrivenVerlet(VelocityVerlet):
         self.splitting = SPLITTINGS[2 if order is None else one_of('order', order, tuple(SPLITTINGS))]
         self.asked_order, self.tolerance = order, 0.0 if tolerance is None else positive('tolerance', tolerance)
         if tolerance and not isinstance(atoms.calc, PairCalculator):
-            raise ValueError('a tolerance needs PairCalculator, whose highest frequency is known; leave it out')
+            raise ValueError('a tolerance needs PairCalculator, whose highest frequency is known; leave the tolerance out')
         self._drives = tuple(drives)
         self._sum_of_drives, self._walls = forces_and_walls(self._drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms), self.splitting)
@@ -162,7 +161,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def damping(self) -> NDArray[np.float64]:
-        """Force per momentum in 1/ms, shape (particles,); may be set at any time, to one number or one for each particle."""
+        """Damping rate in 1/ms, shape (particles,); may be set at any time, to one number or one for each particle."""
         return self._damping
 
     @damping.setter
@@ -171,7 +170,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def drives(self) -> tuple[Any, ...]:
-        """The drives; like the damping, they may be set at any time, to another sequence."""
+        """The drives, which may be replaced at any time by another sequence, as the damping may."""
         return self._drives
 
     @drives.setter
@@ -195,14 +194,14 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def velocities(self) -> NDArray[np.float64]:
-        """In mm/ms, shape (particles, dim); exact in the block engines."""
+        """Velocities in mm/ms, shape (particles, dim); exact in the block engines."""
         if self._exact:
             return self._blocks.velocities
         return self.atoms.get_velocities()[:, : getattr(self.atoms.calc, 'dim', 3)]
 
     @property
     def _exact(self):
-        """Whether blocks hold the state of the atoms, which an observer may have changed since they wrote it."""
+        """Whether the blocks hold the present state of the atoms, which an observer may have changed."""
         return self._blocks is not None and self._blocks.calc is self.atoms.calc and self._blocks.current
 
     def step(self, forces: Any = None) -> NDArray[np.float64]:
@@ -218,7 +217,7 @@ class DrivenVerlet(VelocityVerlet):
                 self._move_walls(t_next)
             forces = super().step(forces)
         except ValueError as error:
-            self._inspect(t_next)  # the calculator's words for particles that coincide or left for infinity
+            self._inspect(t_next)  # the calculator raises for particles that coincide or are infinitely far away
             raise error
         self._kick(t_next)
         self._decay(E, 1)
@@ -239,7 +238,7 @@ class DrivenVerlet(VelocityVerlet):
         return forces
 
     def _half_step(self):
-        """What losses and gyration leave of velocities in half a step; None if there are neither."""
+        """Factor by which damping and gyration change velocities in half a step; None if there are neither."""
         rate = getattr(self.atoms.calc, 'rate', 0.0)
         if not (self.damping.any() or np.any(rate)):
             return None
@@ -256,7 +255,7 @@ class DrivenVerlet(VelocityVerlet):
         return Bath(self.temperature_mJ, self.atoms.get_masses(), E, self.seed, getattr(self.atoms.calc, 'dim', 3))
 
     def _decay(self, E, half):
-        """The first (0) or the second half of what losses and gyration, which leave E of velocities, and noise do in a step."""
+        """Apply damping, gyration (the factor E of velocities) and noise in the first (0) or second (1) half of a step."""
         if E is None:
             return
         p = self.atoms.get_momenta()
@@ -284,7 +283,7 @@ class DrivenVerlet(VelocityVerlet):
             self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
-        """The iterator of ASE's `irun`: it yields at each call of an observer, and at least every few hundred steps.
+        """Run for `steps` more steps as an iterator, which yields at observer calls and at least every few hundred steps.
 
         ASE's own iterator yields at every step. If you need each step, attach an observer, use a `Recorder`, or engine='ase'.
         """
@@ -313,7 +312,7 @@ class DrivenVerlet(VelocityVerlet):
             yield self.nsteps == self.max_steps
 
     def _refuse_steps(self):
-        """Refuse an unstable step; what is known of the highest frequency then, rad/ms."""
+        """Raise ValueError for an unstable time step; else return a bound of the highest frequency, rad/ms, 0 if unknown."""
         limit = max(one.limit for one in SPLITTINGS.values()) if self._chooses else self.splitting.limit
         omega = 0.0
         if self.tolerance or not self.allow_unstable:
@@ -324,18 +323,18 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def _driven(self):
-        """The highest frequency of the drives and of the courses of walls, rad/ms; of plain functions nothing is known."""
+        """The highest frequency of the drives and of the courses of walls, rad/ms; plain functions count as zero."""
         courses = [getattr(drive, 'course', drive) for drive in self._drives]
         return max([0.0, *(float(np.max(getattr(one, 'omega', 0.0))) for one in courses)])
 
     @property
     def _chooses(self):
-        """Whether the tolerance decides on the order."""
+        """Whether the tolerance decides on the order of the steps."""
         only = np.ptp(self._damping) or self.temperature_mJ or np.any(getattr(self.atoms.calc, 'rate', 0.0))
         return bool(self.tolerance and self.asked_order is None and not only)
 
     def _order_for(self, phase):
-        """The lowest order whose steps meet the tolerance until the fastest wave has gone through a phase."""
+        """The lowest order whose steps meet the tolerance until the fastest wave has gone through `phase` radians."""
         share = STEPS_SHARE * self.tolerance
         for omega in (lambda: self._omega), (lambda: max(highest_frequency(self.atoms), self._driven)):  # a bound first
             orders = SPLITTINGS if self._chooses else (2,)
@@ -347,7 +346,7 @@ class DrivenVerlet(VelocityVerlet):
                          f'{self.max_steps * self.dt:.6g} ms; take steps of at most {max(longest.values()):.3g} ms')
 
     def _one_step(self):
-        """A step of ASE's loop; if the bonds do not hold after it, back to the last state in which they were seen to hold."""
+        """Do a step of ASE's loop; if the bonds are no longer valid, go back to the last state in which they were, and raise."""
         if self._good is None:
             self._good = self._state()
         try:
@@ -363,7 +362,7 @@ class DrivenVerlet(VelocityVerlet):
             raise
 
     def _advance_to(self, stop):
-        """Move on to the step `stop` by blocks, each of which ends with a look whether the bonds hold; then the atoms follow."""
+        """Move on to the step `stop` by blocks, after each of which the bonds are checked; then update the atoms."""
         self._blocks.follow()
         try:
             while self.nsteps < stop:
@@ -375,7 +374,7 @@ class DrivenVerlet(VelocityVerlet):
             self.engine = self._blocks.engine
 
     def _prepare(self, long):
-        """Choose the engine, for a run that repays compilation if `long`; refuse an unstable step.  Only if anything changed."""
+        """If any setting has changed, choose the engine and refuse an unstable step; a `long` run is worth compiling for."""
         now, (before, *was) = self._setting(), self._prepared
         phase = self._omega * self.max_steps * self.dt
         # a relative error e of stiffness is e/2 of a phase; a power of two, so that it seldom changes as a run gets longer
@@ -420,7 +419,7 @@ class DrivenVerlet(VelocityVerlet):
                 self._move_walls(self.get_time())
 
     def _setting(self):
-        """All that forces and motion depend on, but for the state itself."""
+        """All that forces and motion depend on, except the state itself."""
         atoms, calc = self.atoms, self.atoms.calc
         changeable = getattr(calc, 'model', None), getattr(calc, 'sites', None)  # frozen: `set` makes others
         damping = self.damping[:1] if self.damping.strides == (0,) else self.damping  # of all, where it is one number
@@ -429,7 +428,7 @@ class DrivenVerlet(VelocityVerlet):
                 *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, damping)))
 
     def _time_to_look(self):
-        """Whether the fastest particle may have gone far since the last look, or many steps have passed."""
+        """Whether a check of the bonds is due: the fastest particle may have moved far, or many steps have passed."""
         if self._cages is None:
             return self.nsteps % BLOCK == 0
         speed = np.linalg.norm(self.atoms.get_velocities(), axis=1).max(initial=0.0)
@@ -462,7 +461,7 @@ class DrivenVerlet(VelocityVerlet):
 
 
 def _engine_for(atoms, asked, long=False):
-    """The engine that integrates `atoms` where `asked` is one of ENGINES, refused where blocks cannot."""
+    """The engine for `atoms` if the user asked for `asked`; ValueError if that engine cannot integrate them."""
     reason = None if asked == 'ase' else refusal(atoms)
     slow = None if reason or asked == 'ase' else not_compiled(atoms.calc)
     if asked == 'auto':
@@ -475,9 +474,9 @@ def _engine_for(atoms, asked, long=False):
 
 
 def threads_for(particles: int) -> int:
-    """Threads that compiled blocks of steps take by themselves: one for each ENOUGH particles, on cores that nobody else uses.
+    """Default number of threads of compiled blocks: one for each ENOUGH particles, but no more than there are idle cores.
 
-    A thread that waits for its core holds up the others, so that beside other load more of them are slower than one.
+    A thread that waits for its core holds up the others, so beside other load several threads are slower than one.
     """
     allowed = os.environ.get('OMP_NUM_THREADS', '')  # also what a batch system or a pool of processes sets
     if not allowed.isdigit() and particles >= 2 * ENOUGH and hasattr(os, 'sched_getaffinity'):  # where there is a load to ask for
@@ -486,7 +485,7 @@ def threads_for(particles: int) -> int:
 
 
 def _damping_of(damping, count, splitting):
-    """The damping of each of `count` particles, as an array that nobody else can change."""
+    """The damping of each of `count` particles, as a read-only copy."""
     rates = site_damping(copy(damping), count)
     if splitting.stages > 1 and np.ptp(rates):
         raise ValueError('steps of order 4 and 6 need one damping for all particles, not one for each; use order=2')
@@ -494,9 +493,9 @@ def _damping_of(damping, count, splitting):
 
 
 class EnergyLog(MDLogger):
-    """Time and energies of a run, a line at a time: ASE's MDLogger, whose own columns are ps, eV and K.
+    """ASE's MDLogger with times in ms and energies in mJ instead of ps, eV and K.
 
-    The total is that of the particles, their bonds, springs and dead loads; drives and damping change it.
+    The total energy is that of the particles, bonds, springs and dead loads; drives and damping change it.
     """
 
     def __init__(self, dyn: MolecularDynamics, atoms: Atoms, logfile: str | Path | IO[str], comm: Any) -> None:

@@ -1,11 +1,11 @@
 """Which law each bond has, in structures whose particles are not all alike; and laws as dictionaries of numbers, for files.
 
-Particles of different kinds repel by different laws, particles of different strengths s by
+Particles of different kinds repel by different laws. Particles of different strengths s have the energy
 
     s_i s_j phi(r)
 
-as magnets of the moments s_i and s_j do.  `laws_along` finds the law and the strength of each bond.  `BondLaws` holds those of
-all bonds as one object, which is itself a pair law: at the lengths of all bonds it gives one number for each bond.  Code that
+like magnets with the moments s_i and s_j.  `laws_along` finds the law and the strength of each bond.  `BondLaws` holds those of
+all bonds as one object, which is itself a pair law: for the lengths of all bonds it returns one number for each.  Code that
 uses it need not know that the bonds differ.  If all bonds have the same law, `laid` returns that law.
 """
 
@@ -32,12 +32,12 @@ NEEDED = {'central': ('forces', 'stiffness', 'central'), 'phi': ('phi', 'dphi', 
 
 
 def laws_of(laws: Laws) -> tuple[Law, ...]:
-    """All laws that were given."""
+    """All laws in `laws`, which may be a single law or a mapping from pairs of kinds."""
     return tuple(laws.values()) if isinstance(laws, Mapping) else (laws,)
 
 
 def checked_laws(laws: Laws) -> Laws:
-    """The laws, each pair of kinds in ascending order."""
+    """The laws after a check, with each pair of kinds in ascending order."""
     for law in laws_of(laws):
         methods = NEEDED['central' if hasattr(law, 'central') else 'phi']
         for missing in [name for name in methods if not callable(getattr(law, name, None))][:1]:
@@ -52,13 +52,13 @@ def checked_laws(laws: Laws) -> Laws:
         low, high = sorted(map(int, pair))
         if ordered.setdefault((low, high), law) is not law:
             raise ValueError(f'the kinds {low} and {high} have two laws, {ordered[low, high]!r} and {law!r}: the order of a pair '
-                             'does not matter; give one of them')
+                             'does not matter; give only one of the laws')
     return ordered
 
 
 def laws_along(laws: Laws, i: NDArray[np.intp], j: NDArray[np.intp], kinds: NDArray[np.intp],
                strengths: NDArray[np.float64]) -> tuple[tuple[Law, ...], NDArray[np.intp], NDArray[np.float64]]:
-    """The `checked_laws` that occur, which of them each bond between the particles i and j has, and the strength of each bond."""
+    """The `checked_laws` that occur, the index of the law of each bond between particles i and j, and its strength."""
     strength = strengths[i] * strengths[j]
     if not isinstance(laws, Mapping):
         return (laws,), np.zeros(len(i), int), strength
@@ -143,7 +143,7 @@ def laws_from_dict(saved: dict[str, Any]) -> Laws:
 
 
 def saved_by_name(law: Law) -> bool:
-    """Whether a file can hold the law: a dataclass of numbers, arrays and laws that stands in a module by its own name."""
+    """Whether a file can hold the law: a dataclass of numbers, arrays and laws that can be imported from its module by name."""
     kind = type(law)
     try:
         found = _named(_name(kind)) is kind and is_dataclass(kind)
@@ -154,7 +154,7 @@ def saved_by_name(law: Law) -> bool:
 
 
 def law_to_dict(law: Law) -> dict[str, Any]:
-    """The name of a law and its parameters in mm, mJ; of a law that is no dataclass of numbers only its name and its `repr`.
+    """The name of a law and its parameters in mm, mJ; only the name and the `repr` of a law that is no dataclass of numbers.
 
     A law of a script is named with its module, as 'mylab.laws:Exponential'.
     """
@@ -173,7 +173,7 @@ def law_from_dict(saved: dict[str, Any]) -> Law:
         For a law whose formula is not in the file and not in a module that is imported already: reading a file runs no code.
     """
     if not isinstance(saved, dict) or 'law' not in saved:
-        raise ValueError(f'a saved law must have its name, law, and its parameters, not be {shown(saved)}')
+        raise ValueError(f"a saved law must be a dict with 'law', the name of the law, and its parameters, not {shown(saved)}")
     parameters = dict(saved)
     name = parameters.pop('law')
     if 'text' in parameters:
@@ -199,8 +199,8 @@ def _parameters(law):
 
 
 def _own():
-    """The names of the laws of this package: those in its room of interactions that have the methods of one."""
-    room = import_module(__name__.rpartition('.')[0])  # and with it the magnets, which this file does without
+    """The names of the laws of this package: the classes in `magphonon.interactions` that have the methods of a law."""
+    room = import_module(__name__.rpartition('.')[0])  # this also imports the magnets, which this file does not need
     return tuple(name for name in room.__all__ if _named(name))
 
 
@@ -210,7 +210,7 @@ def _name(kind):
 
 
 def _named(name):
-    """The class of this name in the room, or in a module that is imported already; None where it is no law."""
+    """The class of this name in `magphonon.interactions` or in a module that is already imported; None if it is no law."""
     module, _, name = name.rpartition(':')
     room = sys.modules.get(module) if module else import_module(__name__.rpartition('.')[0])
     found = getattr(room, name, None)

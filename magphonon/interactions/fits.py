@@ -4,18 +4,18 @@ Each row of a table is
 
     y = e^z f(r + d + s b/2) + F0 + s h + noise        s = -1 on the approach, +1 on the return, 0 where it is not known
 
-and the force is a free smooth curve or, beside it, the law g of a magnet whose shape the user names,
+and the force is a free smooth curve; if the user names the shape of the magnets, their law g is fitted too. Both have the form
 
     ln f = ln f0 + ln g(r)/g(r0) - delta x + tau sum_k c_k x^k/sqrt(k!)        x = ln(r/r0),  k = 2 .. 6
 
-The free curve has g = r^-4, delta within 3 and tau = 1; a named law may depart by 3 % in both.  ln f(r0) and the exponent a(r0)
+The free curve has g = r^-4, delta within 3 and tau = 1; for a named law both are 0.03.  ln f(r0) and the exponent a(r0)
 are parameters themselves, so their covariance is the answer: -f'(r0) = a f/r0, and the bands of neighbours at r0 follow linearly.
-Each pair of magnets has its own z: the scatter from pair to pair is learned from several pairs, or given. A load cell drifts:
-slow waves over the rows, in the order in which they were measured, are part of the noise. What a table cannot determine (F0 apart
-from the tail of the law, d apart from its exponent) is left to the priors of `SharedErrors`, and `Fit.shares` says how much each
-contributes to the variance.
+Each pair of magnets has its own z: the scatter from pair to pair is estimated from several pairs, or given. A load cell drifts:
+slow waves over the rows, in the order in which they were measured, are part of the noise. A table cannot determine everything: F0
+looks like the tail of the law, and d like a change of its exponent. There the priors of `SharedErrors` decide, and `Fit.shares`
+says how much each of them contributes to the variance.
 
-There is one least-squares problem for each law, each of three kinds of noise and three sizes of drift; the answers are averaged
+A least-squares problem is solved for each law, each of three kinds of noise and three sizes of drift; the answers are averaged
 by their evidence (Laplace's method).  There is no list of laws to choose from: over 8 to 16 mm a disc, a ring and
 an inverse power cannot be distinguished, and an average over such a list is both narrow and wrong.
 """
@@ -43,13 +43,13 @@ COVERED, NORMAL = 0.95, 1.959964
 BENDS = np.arange(2, 7)
 BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])  # powers of ln(r/r0) by which a law may bend, and how much
 ANY_SIZE, EXPONENT, EXPONENT_SPREAD = 3.0, 4.0, 3.0
-"""Priors of the free curve: ln f0 is known to 3 about what the table has, and the exponent is 4 +- 3."""
+"""Priors of the free curve: ln f0 is known to +- 3 from the table, and the exponent is 4 +- 3."""
 SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
 """How well a named magnet has its shape, and the prior weight of its law. A law that is nearly right, such as that of dipoles
 for a screened law, cannot be recognised over 8 to 16 mm; with a weight of one half it would shift the interval."""
 NOISES = None, 0.5, 0.0
 """Kinds of noise: the same everywhere, or proportional to the force above the middle one, or above the smallest one."""
-NEAREST = 0.3  # least distance at which a law is asked, in the nearest of the table, whatever the zero of the distances
+NEAREST = 0.3  # smallest distance at which a law is evaluated, relative to the nearest in the table, for any zero of distance
 ROUNDS = 4  # times that noise and force are computed from each other: they settle to parts in a thousand
 LEAST_ROWS, MOST_ROWS = 6, 2000
 """Least number of rows that also determine their noise, and largest number that is fitted, every n-th row of a longer table:
@@ -77,7 +77,7 @@ POINTS = 24  # of the table of a fitted law; a spline through them follows it to
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Standard deviations of the errors that all rows of a table share, known before it is read.
+    """Standard deviations of the errors that all rows of a table share, known before the table is read.
 
     Attributes
     ----------
@@ -87,14 +87,14 @@ class SharedErrors:
     zero : float, optional
         Error of the zero of the force in N; by default a tenth of the largest force.
     hysteresis : float, optional
-        Error of half the difference between return and approach in N; by default a hundredth of the largest force.
+        Half the difference between the forces on return and on approach, in N; by default a hundredth of the largest force.
     backlash : float
         Backlash of the drive in mm.
     gain : float
         Error of the gain of the load cell, as a fraction of every force; a table contains no information about it.
     pair : float, optional
-        Deviation of the force of one pair from the mean of the lattice, as a fraction: 1.4 times that of the strengths.  By
-        default it is estimated where several pairs were measured; for a single pair nothing is added.
+        Relative standard deviation of the force from pair to pair, 1.4 times that of single strengths.  By default it is
+        estimated if several pairs were measured; for a single pair nothing is added.
     """
 
     distance: float = 0.2
@@ -140,18 +140,18 @@ class Fit:
     proposals : list of Proposal
         What to measure next, and how much narrower an interval becomes.
     zeros : ndarray, shape (4,)
-        F0 in N, d in mm, h in N and b in mm as the table has them.
+        The fitted errors of the table: F0 in N, d in mm, h in N and b in mm.
     weight : float
-        Weight of the named shape against the free curve; 0 where none is named.
+        Weight of the named shape against the free curve; 0 if no shape is named.
     conflicts : ndarray, shape (4,)
         Distances of `zeros` from their priors, in the standard deviations expected in such tables; beyond CONFLICT the error is
         larger than was stated.
     pair : float
         Standard deviation of ln f from pair to pair, as given or learned; 0 for a single pair without information.
     drift : float
-        Probability that the load cell drifts, so that rows which follow each other err alike.
+        Probability that the load cell drifts, so that successive rows have similar errors.
     scatter : float
-        Factor by which a given uncertainty of the rows was widened, because they scatter more than it says; 1 if not.
+        Factor by which the given uncertainties of the rows were enlarged because the rows scatter more; 1 if they do not.
     residuals, noise : ndarray, shape (rows,)
         Measured minus fitted force and its standard deviation, N.
     """
@@ -175,7 +175,7 @@ class Fit:
 
     @property
     def slope(self) -> float:
-        """df/dr at the spacing in N/mm, negative."""
+        """Slope df/dr of the force at the spacing in N/mm; it is negative."""
         return -self.exponent * self.force / self.spacing
 
     @property
@@ -202,8 +202,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     Parameters
     ----------
     forces : Forces
-        In any order, with repeated measurements, and including negative forces at large distances, whose mean fixes the zero of
-        the force.
+        Rows in any order, also repeated ones.  Keep negative forces at large distances: their mean fixes the zero of the force.
     spacing : float
         r0 in mm.
     shared : SharedErrors, optional
@@ -235,7 +234,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     if not (max(zero, hysteresis) <= LARGEST and max(distance, backlash, shared.gain) <= 1):
         raise ValueError('a shared error is larger than what was measured: the zero of the distances and the backlash must be '
                          'below the nearest distance, the zero of the force and the hysteresis below a hundred times the largest '
-                         'force, the gain below 1; say how well they are known')
+                         'force, the gain below 1; give smaller standard uncertainties')
     shared = _with_pairs(forces, shared, spacing)
     laws = [_Model(forces, shared, LawFamily(spacing, one)) for one in ([None] if shape is None else [None, shape])]
     noises = NOISES if forces.sigma is None else (None,)
@@ -243,7 +242,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     found = [_solved(one.model, forces, noise, drift, one) if drift else one
              for one, noise in zip(steady, len(laws) * noises, strict=True) for drift in DRIFTS]
     before = [1.0] if shape is None else [1 - SHAPE_WEIGHT, SHAPE_WEIGHT]
-    own = len(found) // len(laws)  # the first of them are of the free curve
+    own = len(found) // len(laws)  # the first solutions belong to the free curve
     evidence = np.array([part.evidence for part in found]) + np.log(np.repeat(before, own))
     weights = np.exp(evidence - evidence.max())
     weights /= weights.sum()
@@ -272,7 +271,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
                          'check its unit, or remove the point')
     r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
     curve, falls = np.einsum('i,ikr->kr', weights, [part.model.curve(part.p, r)[::2] for part in found])
-    falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise far out is no law of neighbours
+    falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise at large distances is no law
     return Fit(
         Tabulated(r[falling], np.exp(curve[falling])), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
@@ -285,7 +284,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
 
 
 class LawFamily:
-    """All laws that are smooth, or near that of a magnet whose shape is named: ln f of p = (ln f0, delta, c_2 .. c_6).
+    """All smooth laws, or all laws near that of a magnet of known shape: ln f as a function of p = (ln f0, delta, c_2 .. c_6).
 
     Parameters
     ----------
@@ -314,7 +313,7 @@ class LawFamily:
         return ln_g + by_p @ p, by_p, falls + bent @ p
 
     def coordinates(self, other: LawFamily, r: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Exponent at the spacing and bends c_2 .. c_6 that fit the central law of another family best at distances r in mm."""
+        """The exponent at the spacing and the c_2 .. c_6 that best fit the central law of another family at distances r in mm."""
         a = -float(other.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
         own, by_p, _ = self.curve(np.zeros(CURVE.stop), r)
         a_own = -float(self.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
@@ -351,7 +350,7 @@ class FamilyLaw:
 
 
 class _Model:
-    """What a table holds as a function of p = (ln f0, delta, c_2 .. c_6, F0, d, h, b), and the prior deviations of these."""
+    """Model of a table as a function of p = (ln f0, delta, c_2 .. c_6, F0, d, h, b), with prior standard deviations of p."""
 
     def __init__(self, forces, shared, family):
         self.r, self.s, self.family = forces.r, forces.direction, family
@@ -363,7 +362,7 @@ class _Model:
                                      np.full(self.of_pair.shape[1], shared.pair)]).astype(float)
 
     def at(self, r):
-        """The model for rows at other distances, alternately on approach and on return, of no particular pair."""
+        """The model for rows at other distances, alternately on approach and on return, without the error of a pair."""
         other = copy(self)
         other.r, other.s, other.of_pair = r, np.resize([-1.0, 1.0], len(r)), np.zeros((len(r), self.of_pair.shape[1]))
         return other
@@ -405,16 +404,16 @@ class _Solution:
         return self.model.ln_size + self.p[0], -float(self.model.curve(self.p, np.array([self.model.family.r0]))[2][0])
 
     def causes(self, turn):
-        """Variances that the priors of the curve, of the shared errors (one by one) and the noise bring into turn . (ln f, a).
+        """Parts of the variance of turn . (ln f, a) due to the priors of the curve, each shared error, and the noise.
 
-        The estimate moves by C p_j/prior_j^2 with the value of a prior; the parts add up to the variance.
+        If the value of prior j changes, the estimate changes by C p_j/prior_j^2. The parts add up to the variance.
         """
         by_prior = (turn @ self.C[:2] / self.model.prior) ** 2
         return np.array([by_prior[CURVE].sum(), *by_prior[ZEROS], by_prior[ZEROS.stop:].sum(),
                          turn @ self.C[:2, :2] @ turn - by_prior.sum()])
 
     def knowing(self, place, sigma):
-        """Covariance of the parameters if the one at `place` were known to sigma beforehand."""
+        """Covariance of the parameters if the parameter number `place` had the prior standard deviation sigma."""
         precision = np.linalg.inv(self.C)
         precision[place, place] += max(sigma**-2 - self.model.prior[place] ** -2, 0.0)
         return np.linalg.inv(precision)
@@ -427,12 +426,12 @@ class _Solution:
 
     def repeated(self):
         """Covariance of the curve after the table is measured once more, with new shared errors."""
-        twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # known before but once
+        twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # the prior counts only once
         return np.linalg.inv(twice)
 
 
 def _plans(forces, best):
-    """Possible next measurements in words, each with a function that returns the covariance of a solution after it."""
+    """Possible next measurements in words, each with a function that returns the covariance of a solution after it is made."""
     zero, near, far = best.noise.min(), forces.r.min(), FARTHER * forces.r.max()
     return {f'measure the zero of the distances to {WITH_CARE / u.mm:g} mm': lambda one: one.knowing(DISTANCE_ZERO, WITH_CARE),
             f'measure the zero of the force to {zero / u.N:.1g} N': lambda one: one.knowing(FORCE_ZERO, zero),
@@ -442,7 +441,7 @@ def _plans(forces, best):
 
 
 def _with_pairs(forces, shared, spacing):
-    """The shared errors with the scatter from pair to pair, learned from several of them where it is not told."""
+    """The shared errors with the scatter from pair to pair, which is estimated from several pairs if it is not given."""
     from scipy.stats import t
 
     if shared.pair is not None or forces.pairs == 1:
@@ -456,7 +455,7 @@ def _with_pairs(forces, shared, spacing):
 
 
 def _slow(rows, sigma, size):
-    """Slow waves over the rows of a table, in the noise of each row, as C^(-1/2) takes them out: directions and their sizes."""
+    """Directions and sizes of slow waves over the rows, in units of the noise of each row, from which C^(-1/2) is made."""
     k = np.arange(1, min(WAVES, rows - 1) + 1)
     waves = np.cos(np.pi * k * (np.arange(rows)[:, None] + 0.5) / rows) * np.sqrt(2 / k)  # of equal power in each octave: 1/f
     U, S, _ = np.linalg.svd(size * waves / sigma[:, None], full_matrices=False)
@@ -464,10 +463,10 @@ def _slow(rows, sigma, size):
 
 
 def _solved(model, forces, noise, drift=0.0, near=None):
-    """Least squares with one kind of noise, whose size is learned from the residuals unless the table has it.
+    """Least-squares solution for one kind of noise, whose size is estimated from the residuals unless the table states it.
 
-    With a drift the noise has the covariance C of `_slow` too, and rows over their noise are multiplied by C^(-1/2).  A solution
-    that is near saves rounds.
+    With a drift the noise has the covariance C of `_slow`, and rows divided by their noise are multiplied by C^(-1/2).  A known
+    solution `near` this one saves iterations.
     """
     from scipy.optimize import least_squares
     from scipy.stats import chi2
@@ -486,7 +485,7 @@ def _solved(model, forces, noise, drift=0.0, near=None):
         U, S = _slow(len(y), sigma, drift * size * np.median(shape))
 
         def white(one, U=U, S=S, sigma=sigma) -> Any:
-            """Of forces, or their derivatives, in the noise."""
+            """Forces or their derivatives in units of the noise, which is then white."""
             one = (one.T / sigma).T
             return one - U @ (((1 - 1 / np.sqrt(1 + S**2)) * (U.T @ one).T).T) if drift else one
 
@@ -506,8 +505,8 @@ def _solved(model, forces, noise, drift=0.0, near=None):
 
 
 class CurveRecord(NamedTuple):
-    """What one table tells of the p of a `LawFamily`, near a p: its chi2, half the gradient of that and its information, without
-    the priors of p, and how the p that fits moves where the zero of the distances is larger by its standard deviation.
+    """What one table says about the parameters p of a `LawFamily`, near some p and without their priors: chi2, half its gradient,
+    the information matrix, and the change of the best p if the zero of the distances rises by its standard deviation.
     """
 
     p: NDArray[np.float64]
@@ -519,7 +518,7 @@ class CurveRecord(NamedTuple):
 
 def curve_record(forces: Forces, family: LawFamily, shared: SharedErrors,
                  near: NDArray[np.float64] | None = None) -> CurveRecord:
-    """What a table tells of the law for a fit of several records, near a p or its own best one; shared errors are eliminated."""
+    """The `CurveRecord` of a table for a joint fit, near given parameters or its own best ones; shared errors are eliminated."""
     from scipy.optimize import least_squares
     from scipy.stats import t
 
@@ -550,7 +549,7 @@ def curve_record(forces: Forces, family: LawFamily, shared: SharedErrors,
 
 
 def _log_law(law: PairLaw, r0: float) -> Callable:
-    """Logarithm of g(r)/g(r0) for a law, and its derivative by ln r; nearer than the law is known it goes on as a power."""
+    """Logarithm of g(r)/g(r0) for a law, and its derivative by ln r; below its range the law is continued as a power."""
     nearest = getattr(law, 'nearest', getattr(law, 'contact', 0.0))
     at_r0 = repulsion(law, max(r0, nearest))
 
@@ -579,8 +578,7 @@ def scene_entry(fit: Fit) -> str:
         '[law]', f'# a smooth curve through measured forces, for a spacing of {fit.spacing / u.m:g} m',
         'kind = "table"', *(f'{key} = [{", ".join(f"{value:.7g}" for value in column)}]'
                                   for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
-        f'shells = "auto"   # as many as the frequencies need, at most {shells_within(reach)}: the table reaches to {reach:.3g} '
-        'spacings', '',
+        f'shells = "auto"   # as many as the frequencies need, within the {reach:.3g} spacings that the table reaches', '',
         '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
         f'forces_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
         f'correlation_forces_exponent = {f_a / np.sqrt(f * a):.6g}', ''])

@@ -25,7 +25,7 @@ LARGEST_CLOSEST_PAIR = 1.0 * u.m
 """Largest distance of the closest pair in a column r_m; if it is larger, the column almost surely holds mm or um."""
 FORCES_N = 1e-30, 1e12  # allowed range; outside it a unit or an exponent is wrong, and squares and powers soon overflow
 DISTANCES_m = 1e-12, 1e6  # allowed range of distances in m, for the same reason
-MOST_STEPS = 10.0  # of a load cell of few digits, more than which two forces cannot be equal by chance
+MOST_STEPS = 10.0  # steps of a load cell of few digits, above which two forces cannot be equal by chance
 REACH = 1.5  # factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement
 
 
@@ -43,7 +43,7 @@ class Forces:
     direction : ndarray, shape (n,), optional
         -1 on the approach, +1 on the return, 0 (the default) where it is not known.
     pair : ndarray of str, shape (n,), optional
-        Which two magnets; one pair by default.
+        Name of the pair of magnets in each row; by default there is one pair.
     """
 
     r: np.ndarray
@@ -71,12 +71,12 @@ class Forces:
 
     @property
     def pairs(self) -> int:
-        """How many different pairs were measured."""
+        """Number of different pairs that were measured."""
         return len(np.unique(self.pair))
 
     @property
     def middle(self) -> float:
-        """The middle one of the distances in mm."""
+        """Median of the distances in mm."""
         return float(np.sort(self.r)[len(self.r) // 2])
 
     @property
@@ -94,17 +94,17 @@ class Forces:
         return top & (max(grows, differs) > MOST_STEPS * steps)
 
     def thinned(self, most: int) -> Forces:
-        """Every n-th row by distance, so that at most `most` are left; the forces unchanged if there are no more than that."""
+        """Every n-th row in order of distance, so that at most `most` rows are left; the forces themselves if they are fewer."""
         if len(self.r) <= most:
             return self
         return self[np.sort(np.argsort(self.r, kind='stable')[:: -(-len(self.r) // most)])]  # in the order of time
 
     def check_reach(self, spacing: float) -> None:
-        """Raise ValueError where the `spacing` (mm) lies more than a factor REACH beyond these distances."""
+        """Raise ValueError if the `spacing` (mm) is outside the range of distances by more than the factor REACH."""
         least, most = DISTANCES_m
         if not least <= spacing / u.m <= most:
             raise ValueError(f'the spacing {spacing / u.m:.3g} m must lie between {least:g} and {most:g} m; '
-                             'check its unit and exponent')
+                             'check its unit and its power of ten')
         first, last = self.r.min(), self.r.max()
         beyond = max(first / spacing, spacing / last)
         if beyond <= REACH:
@@ -161,7 +161,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
 
 
 def _with_distances(table, contact):
-    """A table of gaps as one of distances of the centres, which are those at contact more."""
+    """The table with distances of the centres: the gap of each row plus the distance at contact."""
     if not contact:
         raise ValueError(f'{table.path}: {table.header["gap"]} holds gaps, but a law needs distances of the centres; give the '
                          'size of a magnet along the line between them, by "magphonon fit --contact 6.35mm" or --magnet SCENE, '
@@ -174,7 +174,7 @@ def _with_distances(table, contact):
 
 
 def _fault(table, name, unit, spelled, least, most, mend):
-    """In words which lines of a column are out of their range, '' if none is."""
+    """A message that says which lines of a column are out of range; '' if none is."""
     if name not in table:
         return ''
     values = table[name] / unit
@@ -183,7 +183,7 @@ def _fault(table, name, unit, spelled, least, most, mend):
         return ''
     lines = ', '.join(f'{values[k]:.6g} {spelled} in line {table.lines[k]}' for k in wrong[:MOST_NAMED])
     more = f' and {len(wrong) - MOST_NAMED} more' if len(wrong) > MOST_NAMED else ''
-    return (f'{table.header[name]} must lie between {least:g} and {most:g} {spelled}, and is {lines}{more}: {mend}')
+    return (f'{table.header[name]} must lie between {least:g} and {most:g} {spelled}, but is {lines}{more}: {mend}')
 
 
 def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:

@@ -10,9 +10,9 @@
             'decay_length': Parameter('decay_length_m', u.m, 'the length over which it falls in m', quantity='length')},
             lambda energy, decay_length: Exponential(energy, decay_length)),))
 
-With this class listed in `magphonon/interactions/__init__.pyi`, `kind = "exponential"` is a law of scenes, whose strength may be
-fitted and have a tolerance; laws share the name of a parameter only with its key.  A law without a card, such as one defined in a
-script, is taken as a force along the line between two particles.
+If this class is listed in `magphonon/interactions/__init__.pyi`, scenes may use `kind = "exponential"`, and fit its strength or
+give it a tolerance.  Two laws may use the same parameter name only with the same key.  A law without a card, such as one defined
+in a script, is taken as a force along the line between two particles.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ class Parameter:
     key : str
         Its key in a scene, with the unit: 'screening_length_m'.
     unit : float
-        This unit in mm, g, ms.
+        The unit of the key in mm, g, ms.
     words : str
-        What the key is, for the list of keys.
+        Description of the key, for the list of keys.
     power : int
         Power of the parameter to which the force is proportional; 0 for every other parameter.
     change : callable, optional
-        Of the parameter that says how fast the force falls: the derivative of a law by its logarithm, `change(law, length)`,
-        where a strength keeps its number in a unit of force times a power of the length (mm).
+        Only for the parameter that says how fast the force falls: `change(law, length)` is the derivative of a law by the
+        logarithm of this parameter. The number of its strength, such as b in N m^a, stays constant; `length` is its m in mm.
     quantity : {'positive', 'length', 'force', 'pressure', 'ratio'}
-        Which values it may have.
+        Which values the parameter may have.
     examples : tuple
     """
 
@@ -67,10 +67,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Kind:
-    """A `law.kind` of scenes: its parameters by their names in fits and tolerances, and the law that `made` makes of them.
+    """A `law.kind` of scenes: its parameters by their names in fits and tolerances, and `made`, which makes a law of them.
 
-    Kinds without `made` have a table of their own in `magphonon.scenes.laws`.  `shells` is how many shells of neighbours have the
-    law if a scene does not say: as many as matter, or 1 of members, which join nearest neighbours.
+    Kinds without `made` have a table of their own in `magphonon.scenes.laws`.  `shells` is the default number of shells of
+    neighbours in a scene: as many as matter, or 1 for members, which join nearest neighbours.
     """
 
     name: str
@@ -81,26 +81,26 @@ class Kind:
 
     @property
     def strength(self) -> str:
-        """The first parameter to a power of which the force is proportional; '' if none is."""
+        """Name of the first parameter for which the force is proportional to one of its powers; '' if there is none."""
         return next((name for name, one in self.parameters.items() if one.power), '')
 
     @property
     def shape(self) -> str:
-        """The parameter that says how fast the force falls; '' if none does."""
+        """Name of the parameter that says how fast the force falls; '' if there is none."""
         return next((name for name, one in self.parameters.items() if one.change), '')
 
 
 @dataclass(frozen=True)
 class Card:
-    """What is known of a law.
+    """What scenes, fits and verdicts must know about a law besides its methods.
 
     Attributes
     ----------
     magnets : bool
-        Whether it may be the law of magnets whose axes are normal to the plane, which push each other out of it otherwise than
+        Whether it may be the law of magnets with axes normal to the plane. Out of the plane, the forces of such magnets are not
         along the line between them.
     kinds : tuple of Kind
-        What it is called in scenes.
+        The kinds under which scenes name the law.
     """
 
     magnets: bool = False
@@ -108,12 +108,12 @@ class Card:
 
 
 def card_of(law: Any) -> Card:
-    """The card of a law; that of a central force where it has none."""
+    """The card of a law; if it has none, the card of a central force."""
     return getattr(law, 'card', Card())
 
 
 def kinds_of_laws() -> dict[str, Kind]:
-    """All kinds of laws that scenes know, by name: those on the cards of the laws that this room exports."""
+    """All kinds of laws that scenes know, by name, from the cards of the laws that `magphonon.interactions` exports."""
     from importlib import import_module
 
     room = import_module(__name__.rpartition('.')[0])  # of which `bond_laws` and others need no magnets
@@ -122,7 +122,7 @@ def kinds_of_laws() -> dict[str, Kind]:
 
 
 def exponent_change(law: Any, length: float = units.m) -> LawDerivative:
-    """Derivative of an InversePower with respect to ln a, at constant b in N times `length` to the power a."""
+    """Derivative of an InversePower with respect to ln a, at a constant force at the distance `length`."""
     def x(r):
         return law.a * np.log(r / length)
 

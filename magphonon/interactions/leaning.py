@@ -1,17 +1,17 @@
 """Magnets on pillars that lean: a cantilever bent by u at its tip turns there by 3u/(2H), and the magnet with it.
 
-With the slopes t_i = s u_i, s = 3/(2H), of two dipoles whose energy is phi upright, to second order
+Two dipoles have the energy phi if they are upright.  With the slopes t_i = s u_i, s = 3/(2H), it becomes to second order
 
     U = phi [1 - (t_i^2 + t_j^2)/2 + t_i.(I - 3 nn) t_j]         c = s^2 phi = s^2 f L/3
       = phi + c u_i.(I - 3 nn) u_j - c (u_i^2 + u_j^2)/2
 
-per bond of the direction n: in-plane dipoles m s u are what charges m s leave behind as they move by u, so that the bonds are
-those of charges besides, b/r^2 with b = c L^3, and beyond them each end of a bond takes -3 c nn from its foundation:
+for a bond of the direction n.  The dipoles m s u in the plane are equivalent to charges m s that move by u. So each bond gets the
+additional force of charges, b/r^2 with b = c L^3, and each of its ends loses 3 c nn of the stiffness of its foundation:
 
     c u_i.(I - 3nn) u_j = (u_i - u_j).c (3nn - I) (u_i - u_j)/2 - [u_i.c (3nn - I) u_i + u_j.c (3nn - I) u_j]/2
 
-That the height of a leaning magnet falls does not matter: it is of second order in u, and the energy has no slope in it.  Magnets
-are taken for point dipoles that repel with the force of the law at the distance of nearest neighbours.
+A leaning magnet also sinks, but this does not matter: the sinking is of second order in u, and the energy does not depend on the
+height to first order.  Magnets are treated as point dipoles with the force of the law at the distance of nearest neighbours.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from .pair_laws import Composed, GaussianMixture, InversePower, PairLaw
 
 @dataclass(frozen=True)
 class LeaningMagnets(Composed):
-    """The law of upright magnets and that of the charges which leaning adds to it.
+    """The law of upright magnets plus the law of charges that leaning adds.
 
     Attributes
     ----------
     upright : PairLaw
     charges : InversePower
-        Of the force b r^-2.
+        The law with the force b r^-2.
     """
 
     upright: PairLaw
@@ -58,7 +58,7 @@ class LeaningMixture(LeaningMagnets):
 
     @property
     def screening(self) -> float:
-        """Zero."""
+        """Inverse screening length in 1/mm, which is zero."""
         return 0.0
 
 

@@ -57,11 +57,11 @@ def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n
     Parameters
     ----------
     first, second : Ring or Cuboid
-        Not touching.
+        Two magnets that do not touch.
     offset : sequence of 3 floats
         In mm; the third is along the magnetisation.
     n : int
-        Points on a circle, or on an edge; side by side the error falls as exp(-n asinh(2 gap/width)).
+        Number of points on a circle, or on an edge; for magnets side by side the error falls as exp(-n asinh(2 gap/width)).
 
     Returns
     -------
@@ -98,26 +98,26 @@ def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n
 
 
 def _charge_coupling(first, second):
-    """`mu0 M M'/(4 pi)` in N/mm^2."""
+    """The constant `mu0 M M'/(4 pi)` of two magnets in N/mm^2."""
     return first.remanence * second.remanence / (4 * np.pi * units.mu0)
 
 
 @dataclass(frozen=True)
 class MagnetLaw:
-    """Law of two equal prisms: a dipole's, times a series in the inverse square of the distance.
+    """Law of two equal prisms: that of point dipoles, times a series in the inverse square of the distance.
 
         phi = strength r^-3 P(t),   t = (nearest/r)^2
 
-    With the mirror planes of these magnets the energy has no other powers of r, so one polynomial P describes it from
+    Because of the mirror planes of these magnets the energy has no other powers of r, so one polynomial P describes it from
     `nearest` to infinity, where P = 1.  For the prototype 32 terms give ten digits of the force and of its slope (seven of
     the slope at `nearest`); a table of 400 points (`Tabulated`) gives nine digits of the force and six of the slope.
 
     Attributes
     ----------
     strength : float
-        `mu0 m^2/(4 pi)` of the moments m, mJ mm^3.
+        The value `mu0 m^2/(4 pi)` for the moments m, in mJ mm^3.
     nearest : float
-        Least distance in mm.
+        Smallest distance in mm at which the law is known.
     series : ndarray
         Coefficients of P in Chebyshev polynomials on 0 <= t <= 1.
 
@@ -136,7 +136,7 @@ class MagnetLaw:
 
     @cached_property
     def _factors(self):
-        """P, and the factors that replace it in the force and in its slope: r d/dr = -2 t d/dt."""
+        """The factor P of the energy, and the factors in its place in the force and its slope, from r d/dr = -2 t d/dt."""
         P, t = Chebyshev(self.series, [0, 1]), Chebyshev([0.5, 0.5], [0, 1])
         force = 3 * P + 2 * t * P.deriv()
         return P, force, 4 * force + 2 * t * force.deriv()
@@ -204,7 +204,7 @@ def _strength(magnet):
 
 @lru_cache(maxsize=64)
 def _series(magnet, nearest):
-    """Chebyshev coefficients of P, which does not depend on the remanence; they take most of the time."""
+    """Chebyshev coefficients of P, which do not depend on the remanence; most of the time of `magnet_law` is spent here."""
     def P(x):
         r = nearest / np.sqrt((x + 1) / 2)
         return np.array([pair_energy(magnet, d) for d in r]) * r**3 / _strength(magnet)

@@ -1,8 +1,7 @@
 """Repulsion of equal magnets side by side, from shape and remanence.
 
-A magnet of the uniform magnetisation M = Br/mu0 normal to the plane carries the magnetic charges +M and -M per area
-on its two end faces, and no other charges.  The energy of two such magnets is a sum over pairs of faces a distance z apart
-in height, each
+A magnet of the uniform magnetisation M = Br/mu0 normal to the plane carries the magnetic charges +M and -M per area on its two
+end faces, and no other charges.  The energy of two such magnets is a sum over pairs of faces. Two faces at heights z apart have
 
     U = +- mu0 M M'/(4 pi) integral dA dA' g        g = 1/s,  s = sqrt(d^2 + z^2)
 
@@ -16,7 +15,7 @@ For two magnets at one height the sum over faces is, with s = sqrt(d^2 + h^2) an
     G = 2 (h asinh(h/d) - h^2/(s + d))
 
 Integrals over rims use rules that converge exponentially with the number of points: equidistant points on a circle,
-Gauss's points on an edge.  Outside a sphere its field is exactly that of a point dipole.
+Gauss's points on an edge.  The field outside a sphere is exactly that of a point dipole.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38'
 
 
 def grade_remanence(grade: str) -> float:
-    """Middle of the range of remanence of an NdFeB grade such as 'N42', in units of the package.
+    """Remanence of an NdFeB grade such as 'N42', the middle of its range, in the units of the package, N/(A mm).
 
     Examples
     --------
@@ -107,7 +106,7 @@ class Ring:
 class Cuboid:
     """Cuboid magnetised along its height; `length` lies along the line that joins two of them.
 
-    The law of distance holds for two cuboids whose faces are parallel and opposite.  Their forces are not exactly central: for
+    The pair law holds for two cuboids whose faces are parallel and opposite.  Their forces are not exactly central: for
     two cubes of 5 mm at 10 mm the stiffness against sideways displacement is 4 % smaller than the -f/r of the law, for plates
     of 4 x 10 mm 40 % smaller.
 
@@ -206,7 +205,7 @@ def moment(magnet: Cuboid | Ring | Sphere) -> float:
 
 
 def _side_by_side(first, second, offset):
-    """Whether the faces of two prisms neither touch nor overlap where their centres are `offset` apart in the plane."""
+    """Whether the faces of two prisms, whose centres are `offset` apart in the plane, neither touch nor overlap."""
     if isinstance(first, Ring) and isinstance(second, Ring):
         nearest, farthest = np.linalg.norm(offset) - second.outer / 2, np.linalg.norm(offset) + second.outer / 2
         in_its_bore = np.linalg.norm(offset) + first.outer / 2 < second.inner / 2

@@ -39,7 +39,7 @@ class Spring:
     k: float
     L0: float
 
-    card: ClassVar[Card] = Card(kinds=(Kind('spring', 'Springs or bars between neighbours, of one length without load.', _KEYS,
+    card: ClassVar[Card] = Card(kinds=(Kind('spring', 'Springs or bars between neighbours, all equally long without load.', _KEYS,
                                             lambda spring, rest_length: Spring(spring, rest_length), shells=1),))
 
     def __post_init__(self) -> None:
@@ -59,7 +59,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class Cable(Composed, Spring):
-    """A cable: a spring while it is longer than `L0`; when shorter it is slack, with neither force nor stiffness.
+    """A cable: a spring if it is longer than `L0`; if it is shorter it is slack and has neither force nor stiffness.
 
     Examples
     --------

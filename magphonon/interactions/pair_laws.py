@@ -20,17 +20,18 @@ from ..errors import finite, positive
 from .law_cards import Card, Kind, Parameter, card_of, exponent_change, screening_change
 
 DEEPEST = 0.5
-"""Largest overlap of two spheres as a fraction of their diameter.  Hertz' law is for contacts small beside the sphere, and some
-percent off at a tenth; beyond a half spheres are no longer pressed but lie in one another."""
+"""Largest overlap of two spheres as a fraction of their diameter.  Hertz' law holds for contacts small compared with the sphere,
+and is a few percent off at a tenth; beyond a half, spheres are no longer pressed together but lie inside one another."""
 # Gauss-Legendre on [0, 1]: the energy between two knots to round-off
 _NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(16), (1, 0), strict=True))
 SMOOTH = 1e-13
-"""Relative difference of the energy between two knots, at once and in two halves, above which a knot is added.  Between readings
-twice per octave there is none, up to laws as steep as r^-12; where noise bends the spline in a gap one interval needs several."""
+"""A knot is added if the energy between two knots, computed in one piece and in two halves, differs by more than this fraction.
+With two readings per octave none is added up to laws as steep as r^-12; if noise bends the spline in a gap, several are."""
 APART = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
 ASTRAY = 1.5
-"""Factor by which a table may leave the inverse power through two neighbouring readings.  A law whose exponent changes from 1 to
-4 over an octave leaves it by 1.3; of 200 evenly spaced tables with 10 % of noise none did, with one far reading and 2 % most."""
+"""Factor by which a table may deviate from the inverse power through two neighbouring readings.  A law whose exponent changes
+from 1 to 4 over an octave deviates by 1.3. Of 200 evenly spaced tables with 10 % noise none exceeded the limit; with one distant
+reading and 2 % noise most did."""
 NARROW, STEEPER = 0.03, 1.0
 """An interval is narrow if it has less than the first share of a neighbour's width; its exponent counts as noise if it differs
 from those of both neighbours by more than the second number.  Where readings are dense and right, neighbours agree."""
@@ -118,7 +119,7 @@ class PairInteraction(Protocol):
         class AlongX:
             strength: float  # mu0 m^2/(4 pi), mJ mm^3
 
-            def forces(self, R): ...     # of (1 - 3 x^2/r^2)/r^3
+            def forces(self, R): ...     # from (1 - 3 x^2/r^2)/r^3
 
             def stiffness(self, R): ...
 
@@ -243,7 +244,7 @@ class InversePower:
         return cls(b=units.mu0 * units.c**2 * charge**2 / (4 * np.pi), a=2.0)
 
     def phi(self, r: Any) -> Any:
-        """Energy in mJ, zero at infinity, or at 1 mm where a = 1."""
+        """Energy in mJ, zero at infinity, or at 1 mm if a = 1."""
         if self.a == 1:
             return -self.b * np.log(r)
         return self.b * r ** (1 - self.a) / (self.a - 1)
@@ -272,7 +273,7 @@ class InversePower:
 
 @dataclass(frozen=True)
 class Yukawa:
-    """Screened Coulomb repulsion `phi(r) = c exp(-kappa r)/r`, of dust grains in a plasma.
+    """Screened Coulomb repulsion `phi(r) = c exp(-kappa r)/r`, such as between dust grains in a plasma.
 
     Parameters
     ----------
@@ -324,7 +325,7 @@ class Yukawa:
 
     @property
     def decay(self) -> float:
-        """Infinite: it falls faster than every power."""
+        """Exponent of the decay, which is infinite: the law falls faster than every power."""
         return np.inf
 
     @property
@@ -334,7 +335,7 @@ class Yukawa:
 
 @dataclass(frozen=True)
 class Hertz:
-    """Contact of elastic spheres, `f(r) = A (d - r)^(3/2)` where they overlap and no force beyond the diameter d.
+    """Contact of elastic spheres: `f(r) = A (d - r)^(3/2)` if they overlap, and no force beyond the diameter d.
 
     Parameters
     ----------
@@ -346,7 +347,7 @@ class Hertz:
     Raises
     ------
     ValueError
-        If either is not a positive number; when the law is asked for spheres that overlap by more than half of their diameter.
+        If a parameter is not positive; or when the law is evaluated for spheres that overlap by more than half their diameter.
 
     Examples
     --------
@@ -415,12 +416,12 @@ class Tabulated:
     Raises
     ------
     ValueError
-        If the table is malformed, or when the law is asked for a distance outside it.
+        If the table is malformed, or when the law is evaluated at a distance outside it.
 
     Warns
     -----
     UserWarning
-        If the spline deviates from the readings in a gap, or two readings are so close that their noise looks like an exponent.
+        If the spline strays between two readings, or if two readings are so close that their noise looks like an exponent.
 
     Examples
     --------
@@ -443,7 +444,7 @@ class Tabulated:
 
         r, f = finite('r', self.r).copy(), finite('f', self.f).copy()
         if r.ndim != 1 or r.shape != f.shape or len(r) < 4:
-            raise ValueError(f'a table needs two columns of at least 4 points, not r {r.shape} and f {f.shape}')
+            raise ValueError(f'a table needs two columns of at least 4 points each, not the shapes {r.shape} and {f.shape}')
         if not (r[0] > 0 and (np.diff(r) > 0).all()):
             raise ValueError(f'table distances must be positive and increasing, not {r}; sort them and drop repeats')
         for k in np.flatnonzero(np.diff(r) < APART * r[1:])[:1]:
@@ -454,7 +455,7 @@ class Tabulated:
         _warn_of_readings(r, f, spline)
         for name, value in (('r', r), ('f', f), ('_knots', r), ('_slopes', spline.c)):
             object.__setattr__(self, name, value)
-        while (rough := self._rough()).any():  # knots where one rule does not suffice; the spline stays what it is
+        while (rough := self._rough()).any():  # more knots where one quadrature rule is not enough; the spline does not change
             x = np.log(self._knots)
             x = np.sort(np.append(x, (x[:-1] + x[1:])[rough] / 2))
             object.__setattr__(self, '_knots', np.append(np.exp(x[:-1]), r[-1]))
@@ -464,7 +465,7 @@ class Tabulated:
         object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0))
 
     def _rough(self):
-        """Between which knots the energy is not that of the two halves."""
+        """Mask of the intervals whose integral of the force differs from that of their two halves."""
         k, low, high = np.arange(len(self._knots) - 1), self._knots[:-1], self._knots[1:]
         middle = np.sqrt(low * high)
         whole = self._force_integral(k, high)
@@ -482,7 +483,7 @@ class Tabulated:
         return np.clip(np.searchsorted(self._knots, real, side='right') - 1, 0, len(self._knots) - 2)
 
     def _force(self, k, r):
-        """Force, and d log f/d log r, on the spline piece k."""
+        """Force, and d log f/d log r, on piece k of the spline."""
         x = np.log(r) - np.log(self._knots[k])
         c3, c2, c1, c0 = self._slopes[:, k]
         return np.exp(c0 + x * (c1 + x * (c2 + x * c3))), c1 + x * (2 * c2 + x * 3 * c3)
@@ -507,7 +508,7 @@ class Tabulated:
 
 
 def _warn_of_readings(r, f, spline):
-    """Warn of two readings whose noise is taken for an exponent, or else of the gap in which a table leaves its readings most."""
+    """Warn of two readings so close that noise looks like an exponent, or of the gap in which the spline strays most."""
     x, y = np.log(r), np.log(f)
     h = np.diff(x)
     slopes = np.diff(y) / h
@@ -533,7 +534,7 @@ def _warn_of_readings(r, f, spline):
 
 @dataclass(frozen=True)
 class Attraction(Composed):
-    """The opposite of a law: particles that attract each other as strongly as others repel.
+    """A law with reversed sign: particles attract each other as strongly as they repel with the original law.
 
     Examples
     --------
@@ -547,7 +548,7 @@ class Attraction(Composed):
 
     @property
     def card(self) -> Card:
-        """The card of the law whose sign it reverses; scenes do not name it."""
+        """The card of the original law, but without kinds, so that scenes cannot name it."""
         return card_of(self.repulsion)
 
     def _part(self, name, r):
@@ -569,7 +570,7 @@ def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
 
 
 def continues(law: PairLaw, r: Any) -> bool:
-    """Whether a law takes complex distances near `r` (mm) as an analytic formula does, and does not drop their imaginary part."""
+    """Whether a law accepts complex distances near `r` (mm) as an analytic formula does, and keeps their imaginary part."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('error', np.exceptions.ComplexWarning)

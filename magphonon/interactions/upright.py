@@ -76,7 +76,7 @@ class UprightMagnets:
         return self.planar.d2phi(rho) * nn, turning + lifting
 
     def central(self, dim: int) -> PairLaw | None:
-        """The planar law, for motion in the plane."""
+        """The planar law for motion in the plane, otherwise None."""
         return self.planar if dim == 2 else None
 
     def _vertical_slopes(self, r):

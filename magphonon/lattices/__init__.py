@@ -1,8 +1,8 @@
 """Positions of the particles, and the pairs that repel each other.
 
 `crystals` are the unit cells (chain, triangular, honeycomb, ...) and the paper's oscillator (Sec. III), all as `ase.Atoms`;
-`patches` cuts finite patches with a held rim, and strips, out of them; `bonds` finds the interacting pairs, within a distance or
-within shells of neighbours.
+`patches` cuts finite patches with a held rim, and strips, from a lattice; `bonds` finds the interacting pairs, within a distance
+or within shells of neighbours.
 """
 
 import lazy_loader

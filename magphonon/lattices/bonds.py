@@ -1,13 +1,12 @@
 """Bonds: the pairs of particles that repel each other, each pair once, also across the border of a periodic cell.
 
-The calculator, the Hessian and the bands use the same list.  A bond runs from particle i to the image of
-particle j in the cell `shift`; with the incidence matrix C(q), whose row for a bond holds -1 at i and
-e^{2 pi i q.shift} at j,
+The calculator, the Hessian and the bands use the same list.  A bond runs from particle i to the image of particle j in the cell
+`shift`; with the incidence matrix C(q), whose row for a bond holds -1 at i and e^{2 pi i q.shift} at j,
 
     forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
 
-Pairs are found within a distance, or within some shells of neighbours: which distances belong to one shell despite rounded
-positions, and where the last wanted shell ends, is judged by the gaps between them.
+Pairs are found within a distance, or within a number of shells of neighbours. The gaps between successive distances
+show which distances belong to one shell in spite of rounded positions, and where the last shell ends.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ ON_SHELL = 1e-6  # least relative distance of a cutoff from a shell; finite diff
 
 
 def pairs_within(atoms: Atoms, cutoff: float) -> Pairs:
-    """All pairs i, j, shift, distance within `cutoff`, each once; the particles may be in any periodic cell.
+    """All pairs within `cutoff`, each once, as arrays i, j, shift and distance; particles may be in any periodic cell.
 
     They are found by a k-d tree over the images near the cell.  The neighbour list of ASE 3.29 is not used, because it puts all
     particles of a flat finite structure into one bin, which needs memory for the square of their number.
@@ -101,7 +100,7 @@ def _refuse_nowhere(atoms):
 
 
 def _refuse_many(atoms, periods, cutoff):
-    """Refuse pairs that would not fit in memory, from their number if the particles fill their space evenly."""
+    """Raise ValueError if the pairs would not fit in memory; their number is estimated from the mean density of particles."""
     n, across = len(atoms), np.linalg.svd(periods)[2][len(periods):] if len(periods) else np.eye(3)
     thick = np.ptp(atoms.positions @ across.T, axis=0)
     thick = thick[thick > 2 * cutoff]
@@ -113,7 +112,7 @@ def _refuse_many(atoms, periods, cutoff):
 
 
 def stretches(count: int) -> list[slice]:
-    """Slices of at most PIECE entries that follow each other."""
+    """Successive slices of at most PIECE entries that together cover `count` entries."""
     return [np.s_[k : k + PIECE] for k in range(0, count, PIECE)]
 
 
@@ -128,7 +127,7 @@ def distances_between(points: NDArray[np.float64], i: NDArray[np.int_], j: NDArr
 def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shift: NDArray[np.int_]) -> NDArray[np.float64]:
     """Vectors from the particles i to j in the cells `shift`, shape (pairs, 3), with the pairs last in memory.
 
-    Columns of zeros, as of z in a plane, are never written: so they take no memory.
+    Columns of zeros, such as z in a plane, are never written, so that they take no memory.
     """
     vectors, shifted = np.zeros((3, len(i))), shift.any()
     for x, (found, place) in enumerate(zip(vectors, np.ascontiguousarray(atoms.positions.T), strict=True)):
@@ -140,7 +139,7 @@ def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shif
 
 
 def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lengths of vectors in rows: column by column, which takes a sixth of the time of `numpy.linalg.norm` along short rows."""
+    """Lengths of the row vectors, computed column by column: six times as fast as `numpy.linalg.norm` for short rows."""
     return np.sqrt(sum(x * x for x in vectors.T))
 
 
@@ -163,7 +162,7 @@ def _in_shells(pairs, both, end):
 
 
 def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
-    """All pairs i, j, shift, distance within some shells of neighbours, and the distance midway to the next shell."""
+    """All pairs within a number of shells, as arrays i, j, shift and distance, and the distance midway to the next shell."""
     if len(atoms) < 2 and not atoms.pbc.any():
         raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
@@ -188,7 +187,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
                 raise ValueError(
                     f'the shells of neighbours are not clear: one ends at {distances[split]:.9g} mm, and the next distance is '
                     f'{distances[split + 1]:.9g} mm, {100 * gaps[split]:.2g} % longer; if rounded or measured positions split '
-                    'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
+                    'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or set the largest distance with cutoff= '
                     f'({_widest_gap(atoms, distances[split]):.4g} mm lies in the widest gap)')
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
             return _in_shells(pairs, both, end), end
@@ -207,7 +206,7 @@ def clear_shells(atoms: Atoms, distances: NDArray[np.float64], counts: Iterable[
 
 
 def _unclear(atoms, distances, gaps, last, shells):
-    """Where rounding may have split the last shell, or gaps are no wider than the rounding: an index of `distances`, or None.
+    """Index of a distance where rounding may have split the last shell, or where gaps are as small as rounding; or None.
 
     The `gaps` between the distances are divided by the longer one; `last` is the last distance of each shell but the outermost.
     """
@@ -228,7 +227,7 @@ def _last_decimal(atoms: Atoms) -> float:
     """The unit in mm of the last decimal of rounded positions; zero for positions with all digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
     for unit in 10.0 ** -np.array(DECIMALS):
-        parts = (numbers[some] for some in stretches(len(numbers)))  # of most lattices the first one tells
+        parts = (numbers[some] for some in stretches(len(numbers)))  # for most lattices the first part decides
         if all((abs(x - unit * np.rint(x / unit)) <= EXACT * np.maximum(abs(x), unit)).all() for x in parts):
             return float(unit)
     return 0.0
@@ -251,7 +250,7 @@ class Bonds:
         The particles that each bond joins; equal for a bond between a particle and its own periodic image.
         Convert them before multiplying, because products need more bits: `i.astype(int) * particles + j`.
     shift : ndarray of int, shape (bonds, 3)
-        The periodic cell that holds j; read-only, and of no size in memory, where it is zero throughout.
+        The periodic cell that holds j.  If it is zero for all bonds, the array is read-only and takes no memory.
     vectors : ndarray, shape (bonds, 3)
         Bond vectors from i to j at rest, in mm.
     particles : int
@@ -292,7 +291,7 @@ class Bonds:
 
     @cached_property
     def distinct_shifts(self) -> tuple[NDArray[np.int_], NDArray[np.intp]]:
-        """The shifts without repetition, shape (shifts, 3), and which of them belongs to each bond, shape (bonds,).
+        """The shifts without repetition, shape (shifts, 3), and the index of the shift of each bond, shape (bonds,).
 
         A large cell of a planar lattice has thousands of bonds, but only five different shifts.
         """
@@ -300,7 +299,7 @@ class Bonds:
 
     @cached_property
     def distinct_pairs(self) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.intp]]:
-        """The pairs i, j without repetition, shape (pairs,) each, and which of them belongs to each bond, shape (bonds,)."""
+        """The pairs i, j without repetition, shape (pairs,) each, and the index of the pair of each bond, shape (bonds,)."""
         pair, own = np.unique(self.i.astype(int) * self.particles + self.j, return_inverse=True)
         return *divmod(pair, self.particles), own
 
@@ -329,8 +328,8 @@ class Bonds:
         changed = lengths_of(found.vectors - self.vectors)
         for b in np.flatnonzero(changed > self.lengths / 2)[:1]:
             raise ValueError(f'the bond of the particles {self.i[b]} and {self.j[b]} has the length {self.lengths[b]:g} mm, but '
-                             f'they are {found.lengths[b]:g} mm apart in the reference: it belongs to another structure; find '
-                             'bonds in this one, or give the pairs as (i, j)')
+                             f'they are {found.lengths[b]:g} mm apart in the reference: the bond belongs to another structure; '
+                             'find the bonds of this structure, or give pairs as (i, j)')
         return found
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -382,9 +381,9 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     Raises
     ------
     ValueError
-        If particles coincide, or no two are within reach. If the cutoff equals the distance of a shell of neighbours: the
-        smallest displacement would then make and break bonds.  If the shells cannot be distinguished: two are so close that
-        rounding may have split one shell, or the positions are irregular.
+        If particles coincide, or no two are within reach. If the cutoff equals the distance of a shell of neighbours, because
+        the smallest displacement would then make and break bonds.  If shells cannot be distinguished, because two are so close
+        that they may be one shell split by rounding, or because the positions are irregular.
 
     Examples
     --------
@@ -417,7 +416,7 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
 
 
 def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
-    """Bonds between all particles closer than `cutoff` (mm); there may be none.  `find_bonds` checks more."""
+    """Bonds between all particles closer than `cutoff` (mm), possibly none; unlike `find_bonds` it does not check the cutoff."""
     return _bonds(atoms, *pairs_within(atoms, cutoff), cutoff)
 
 
@@ -469,7 +468,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
         if not (0 <= i < n and 0 <= j < n):
             raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}; particles are counted from 0')
         if i == j and shift == (0, 0, 0):
-            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another one, or the shift of its image')
+            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another particle, or the shift of its image')
         if any(shift[k] and not atoms.pbc[k] for k in range(3)):
             raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic; keep its shift 0 there')
         reverse = (j, i, tuple(-k for k in shift))
@@ -486,7 +485,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
 
 
 def bonds_of(atoms: Atoms, bonds: Bonds | Iterable[Any] | None, shells: int, cutoff: float | None) -> Bonds:
-    """The bonds of a structure: given, listed as in `explicit_bonds`, or else found as by `find_bonds`."""
+    """The bonds of a structure: `bonds` itself, or from a list as in `explicit_bonds`, or else from `find_bonds`."""
     if bonds is None:
         bonds = find_bonds(atoms, shells, cutoff)
     else:

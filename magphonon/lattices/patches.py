@@ -45,7 +45,7 @@ def parallelogram(cell: Atoms, n1: int, n2: int) -> Atoms:
 
 
 def rectangle(cell: Atoms, width: float, height: float) -> Atoms:
-    """Patch of the particles within a `width` x `height` (mm) rectangle; rim and errors as in `parallelogram`.
+    """Patch of the particles within a `width` x `height` (mm) rectangle; with a rim as in `parallelogram`.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def rectangle(cell: Atoms, width: float, height: float) -> Atoms:
 
 
 def hexagon(cell: Atoms, side: float) -> Atoms:
-    """Patch within a regular hexagon of `side` (mm), corners on the x axis; rim and errors as in `parallelogram`.
+    """Patch within a regular hexagon of `side` (mm), corners on the x axis; with a rim as in `parallelogram`.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def hexagon(cell: Atoms, side: float) -> Atoms:
 
 
 def half_hexagon(cell: Atoms, side: float) -> Atoms:
-    """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; rim and errors as in `parallelogram`.
+    """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; with a rim as in `parallelogram`.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def _patch(cell, n1, n2, beyond):
 
 
 def _neighbours(there, shell, shifts):
-    """How many bonds of each place lead to one that is `there`; shape of both (rows of cells, cells, particles of a cell)."""
+    """Number of bonds from each site to sites that are `there`; both of the shape (rows of cells, cells, particles of a cell)."""
     found = np.zeros(there.shape, np.int16)
     for i, j, (a, b, _) in zip(shell.i, shell.j, shifts, strict=True):
         (here1, to1), (here2, to2) = ((slice(max(0, -s), max(0, n - max(0, s))), slice(max(0, s), max(0, n + min(0, s))))
@@ -153,10 +153,10 @@ def _neighbours(there, shell, shifts):
 
 
 def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
-    """The patch together with the particles around it, all held, to which the bonds of its cell join its free particles.
+    """The patch and held particles around it: those to which its free particles are bonded in the infinite lattice.
 
     The rim of a patch is as thick as nearest neighbours require. With the added particles every free particle has all of its
-    neighbours and is in equilibrium, for bonds of any length. They come after those of the patch and have the tag `RIM`.
+    neighbours and is in equilibrium, for bonds of any length. The added ones come last and have the tag `RIM`.
 
     Examples
     --------
@@ -198,7 +198,7 @@ def _planar(cell):
 
 
 def _with_rim(patch, rim):
-    """The patch with its `rim` tagged and held, where a particle has fewer neighbours than in the lattice."""
+    """The patch with the particles of its `rim`, which have fewer neighbours than in the lattice, tagged and held."""
     if rim.all():
         raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
     patch.set_tags(np.where(rim, RIM, 0))

@@ -1,4 +1,4 @@
-"""The cheapest method that answers a question within a tolerance: each has a predicted cost and error.  Experimental.
+"""Plans: which is the simplest method that answers a question within a tolerance?  Experimental.
 
 `plan` makes the choice; `peak` and `waveform` have the methods for the highest peak of a frequency response and for a waveform;
 `scene` plans both for a scene file.  Bands need no plan: `shells = "auto"` counts as many neighbours as matter.

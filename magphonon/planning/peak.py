@@ -39,7 +39,7 @@ only the order of magnitude is known."""
 
 @dataclass(frozen=True)
 class Peak:
-    """The highest resonance of a response in its range."""
+    """The highest resonance of a response within a range of frequencies."""
 
     linear: Modes  # all modes of a small structure; for a large structure, only the displacement pattern at the peak
     mode: int  # the mode that resonates
@@ -47,7 +47,7 @@ class Peak:
 
     @property
     def omega(self) -> float:
-        """In rad/ms."""
+        """Angular frequency of the peak in rad/ms."""
         return float(self.linear.omega[self.mode])
 
 
@@ -72,7 +72,7 @@ def highest_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: N
 
 
 def _peak_of_field(system, source, answer, omega, damping):
-    """The peak of a large structure, from the response at all frequencies; its pattern is the response of all particles there."""
+    """The peak of a large structure, from its response at all frequencies; its mode is the motion of all particles there."""
     force = source.force(len(system))
     found = frequency_response(system, force, omega, damping, [answer.particle], tolerance=1e-4)
     response = found.response[:, 0] @ answer.direction
@@ -146,7 +146,7 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDAr
 
 
 def _without_dstar(system, w, source, answer, omega, damping):
-    """Relative shift of the peak without D*, at most in a large structure; infinite if the peak leaves the range."""
+    """Relative shift of the peak without D*, for large structures an upper bound; infinite if the peak leaves the range."""
     other = LinearSystem.about(system.calc.about(system.atoms, model='conventional'), system.atoms)
     try:
         shift = float(abs(highest_peak(other, source, answer, omega, damping).omega / w - 1))

@@ -4,9 +4,9 @@
     complete linear        D0 + D*: the static forces turn with the bonds
     nonlinear              the law itself, in time steps
 
-The error of a model is its difference from the most complete one in the wanted quantity: the peak of a response, a waveform.  The
-plan takes the simplest model whose error, including the uncertainty of this estimate, meets the tolerance.  What time steps of
-each order cost is in docs/measured.md.
+The error of a model is its difference from the most complete one in the wanted quantity: the peak of a response, or a waveform.
+The plan takes the simplest model whose error, including the uncertainty of this estimate, meets the tolerance.  docs/measured.md
+gives the cost of time steps of each order.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Method:
     ----------
     name : str
     algorithm : str
-        In words.
+        How the model is computed, in words.
     error : float
         Difference from the most complete method in the wanted quantity, relative to what `Plan.measure` names.
     doubt : float
@@ -64,9 +64,9 @@ class Plan:
     Attributes
     ----------
     quantity : str
-        What is wanted.
+        The wanted quantity, in words.
     measure : str
-        What its error is relative to.
+        What the errors are relative to, in words.
     tolerance : float
     methods : tuple of Method
         Methods, from the simplest to the most complete.
@@ -90,14 +90,14 @@ class Plan:
             if method.at_most <= self.tolerance:
                 return method
         best = min(self.methods, key=lambda method: method.error)
-        raise ValueError(f'no model here gives {self.quantity[0].lower()}{self.quantity[1:]} to {percent(self.tolerance)}: '
-                         f'the best, {best.name}, is off by {percent(best.error)}; allow more '
+        raise ValueError(f'{self.quantity}: no model here reaches an error of {percent(self.tolerance)}; the best, {best.name}, '
+                         f'has an error of {percent(best.error)}; allow a larger one '
                          '(--tolerance on the command line)' + ''.join(f'; {fact}' for fact in self.evidence))
 
     @property
     def first(self) -> str:
-        """The choice in a line."""
-        return (f'{self.quantity}: the {self.choice.name} model is enough ({self.choice.algorithm}), with an error of at most '
+        """The chosen method and its error, in one line."""
+        return (f'{self.quantity}: the {self.choice.name} model is enough ({self.choice.algorithm}); its error is at most '
                 f'{percent(self.choice.at_most)}.')
 
     def report(self) -> str:

@@ -1,6 +1,6 @@
-"""The plans for the tables of a scene, and their runs: [frf] for a peak, [burst] for waveforms.
+"""Makes and runs plans for two tables of a scene: [frf] asks for a peak, [burst] for waveforms.
 
-The table [plan] adds what these tables do not say: the force of a response.
+The table [plan] adds what these tables do not contain: the force of a response.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
     scene = scene.with_lean(False)  # which hardly changes what a method costs and how far it is off
     if scene.frf is None and scene.burst is None:
         raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [frf] or [burst] (bands need no plan: '
-                         'shells = "auto" counts as many neighbours as matter)')
+                         'shells = "auto" counts as many shells of neighbours as matter)')
     if scene.frf is not None:
         yield _peak(scene, tolerance)
     if scene.burst is not None:
@@ -56,8 +56,8 @@ def _peak(scene, tolerance):
     from .peak import plan_peak
 
     if scene.cell().has('relative_damping'):
-        raise ValueError('lattice.file has the column relative_damping, but a plan of [frf] has one damping for all particles; '
-                         'remove the column or [frf]')
+        raise ValueError('lattice.file has the column relative_damping, but a plan of [frf] supports only one damping for all '
+                         'particles; remove the column or [frf]')
     force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)

@@ -2,8 +2,8 @@
 
 The effect of D* is the difference of the exact linear solutions with and without it.  The effect of nonlinearity is bounded by
 the largest strain s of a bond: the first nonlinear term is (a + 1) s/2 of the linear one, for a force that falls as r^-a.  Where
-this bound does not decide, the burst is run in time steps: what differs from the exact linear solution is the effect of
-nonlinearity, and the error of the steps.  Step and order are those that `magphonon.dynamics.splittings` takes for the tolerance.
+this bound does not decide, the burst is run in time steps: the difference from the exact linear solution is the effect of
+nonlinearity plus the error of the steps.  `magphonon.dynamics.splittings` chooses their length and order for the tolerance.
 """
 
 from __future__ import annotations
@@ -84,13 +84,13 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
 
 
 def _run(atoms, drive, row, damping, times, dt, order):
-    """Displacements of the row at the `times`, with the law itself."""
+    """Displacements of the row at the `times`, from time steps with the nonlinear law."""
     dyn = DrivenVerlet(as_model(atoms, 'complete'), dt, [drive], damping, order=order)
     record = Recorder(dyn, row, round(times[0] / dt))
     try:
         dyn.run(round(times[-1] / dt))
     except Diverged as error:
-        raise ValueError(f'particles collide or leave their cages, so there is nothing to plan: {error}') from None
+        raise ValueError(f'particles collide or leave their sites, so there is nothing to plan: {error}') from None
     return record.displacements[1:]
 
 
@@ -101,7 +101,7 @@ def steepness(calc: Repulsion) -> float:
 
 
 def _strain(calc, u):
-    """Largest relative displacement of the ends of a bond over its length; `u` has the shape (times, particles, dim)."""
+    """Largest relative displacement of the ends of a bond, divided by its length; `u` has the shape (times, particles, dim)."""
     bonds, largest = calc.bonds, 0.0
     for some in np.array_split(u, max(1, len(u) // TIMES)):
         apart = (bonds.incidence @ some.transpose(1, 2, 0).reshape(u.shape[1], -1)).reshape(len(bonds), u.shape[2], -1)

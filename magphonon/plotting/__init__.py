@@ -1,4 +1,4 @@
-"""Results drawn on matplotlib axes; each function takes a result, and an axis if there is one.
+"""Results drawn on matplotlib axes; each function takes a result, and optionally the axes to draw on.
 
 A figure that a function makes itself has the style of this package, like the pictures of the commands. Axes that you pass, such
 as `ax=plt.figure().gca()`, keep your own style.

@@ -36,7 +36,7 @@ def mode_frames(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) 
     Parameters
     ----------
     shape : array_like, shape (particles, dim)
-        Such as a row of `Modes.shapes`, in any unit.
+        Shape of the mode in any unit, such as a row of `Modes.shapes`.
     amplitude : float
         Largest displacement of a particle in mm.
     frames : int
@@ -52,7 +52,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
             times: ArrayLike | None = None, *,
             magnification: float | None = None, title: str = '', fps: float = 12, site: BurstSetup | None = None,
             centre: ArrayLike | None = None, defects: ArrayLike = ()) -> float:
-    """Write a film of moving particles; every frame has the same scale, and the title states the magnification.
+    """Write a film of moving particles, with the same scale in every frame and the magnification in the title.
 
     Particles are coloured by their displacement along the axis with most of the motion. A wave needs at least 12 frames per
     period, or its crests seem to run backwards.
@@ -64,21 +64,21 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
     atoms : ase.Atoms
         A planar structure with its PairCalculator, at the positions from which displacements are measured.
     displacements : array_like, shape (frames, particles, dim), or mapping from titles to such arrays
-        In mm: of a mode from `mode_frames`, of a wave from `propagate` or a `Recorder`.  The films of a mapping, such as both
-        models, run side by side, 500 pixels each.
+        Displacements in mm: for a mode from `mode_frames`, for a wave from `propagate` or a `Recorder`.  The films of a mapping,
+        such as one for each model, run side by side, each 500 pixels wide.
     times : array_like, shape (frames,), optional
         In ms, shown in s.
     magnification : float, optional
-        Factor of the displacements; by default the largest displacement is drawn with a third of the length of the shortest bond.
+        Factor by which displacements are drawn larger; by default the largest is drawn as a third of the shortest bond.
     title : str
     fps : float
         Frames per second.
     site : BurstSetup, optional
-        Where a burst enters and where it is measured, to be marked.
+        If given, the particles where a burst enters and is measured are marked.
     centre : array_like, shape (2,), optional
-        Place in mm about which a periodic structure is drawn.
+        Position in mm about which a periodic structure is drawn.
     defects : array_like, shape (defects, 2), optional
-        Places in mm to be marked by a cross.
+        Positions in mm to be marked by a cross.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What all pictures share: style of print, colours, panels, legends, and axes in SI, labelled with the unit that suits them."""
+"""What all pictures share: print style, colours, panels, legends, and axes in SI, labelled with the unit that suits them."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ MARKERS = 40  # on each branch: few enough to see the line behind them
 HOUSE: WeakSet[Figure] = WeakSet()
 """Figures that the package made outside of a `print_style`; everything it draws on them has the style of the package."""
 Draw = TypeVar('Draw', bound='Callable[..., Any]')
-IN_FORCE: list[str] = []  # the styles within which we are
+IN_FORCE: list[str] = []  # the style contexts that are active now
 
 
 @contextmanager
 def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
-    """Draw and save pictures for a column of Physical Review B, 3.4 inches wide.
+    """Context in which pictures are drawn and saved for a column of Physical Review B, 3.4 inches wide.
 
     Make the figure, draw on it and save it within the `with` block, because matplotlib reads the settings at each of these steps.
 
@@ -76,7 +76,7 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
 
 
 def _load(sheet):
-    """Put the settings of a sheet in force; what matplotlib would only log as a warning is an error."""
+    """Apply the settings of a style sheet; faults that matplotlib would only log as warnings are errors here."""
     from matplotlib import rc_file
 
     logger, faults = logging.getLogger('matplotlib'), SimpleQueue()
@@ -94,7 +94,7 @@ def _load(sheet):
 
 
 def in_house_style(draw: Draw) -> Draw:
-    """Let a function draw in the style of the package, unless another is in force or its axes are the caller's own."""
+    """Decorator that lets a function draw in the style of the package, unless another style is active or axes are passed."""
     @wraps(draw)
     def drawn(*args, **options):
         given = [figure for value in (*args, *options.values()) for figure in _figures(value)]
@@ -112,7 +112,7 @@ def in_house_style(draw: Draw) -> Draw:
 
 
 def _figures(value: Any) -> list[Figure]:
-    """The figure that is an argument or holds it, in a list; an empty one of what is no picture."""
+    """List with the figure that an argument is or belongs to; an empty list if it belongs to none."""
     from matplotlib.artist import Artist
 
     first = value.flat[0] if isinstance(value, np.ndarray) and value.dtype == object and value.size else value
@@ -121,7 +121,7 @@ def _figures(value: Any) -> list[Figure]:
 
 
 def label(axis: Axis, quantity: str, unit: str, power: int) -> None:
-    """Label an axis with a quantity and its unit, whose numbers are printed in 10^power of the unit of its data."""
+    """Label an axis with a quantity and a unit, and print its numbers in units of 10^power times the unit of the data."""
     from matplotlib.ticker import FuncFormatter, ScalarFormatter
 
     def printed(value, _):
@@ -132,20 +132,20 @@ def label(axis: Axis, quantity: str, unit: str, power: int) -> None:
 
 
 def label_frequencies(axis: Axis) -> None:
-    """Label an axis whose data are in Hz, in kHz or MHz if numbers in Hz would be unreadable."""
+    """Label an axis of data in Hz; it is printed in kHz or MHz if numbers in Hz would be unreadable."""
     largest = max(map(abs, axis.get_view_interval()))
     label(axis, 'frequency', 'Hz', 0 if 0.1 <= largest < 2e4 else prefix_power(largest))
     axis.set_gid(FREQUENCIES)
 
 
 def label_places(ax: Axes, spacing_m: float) -> None:
-    """Label axes of x and y whose data are in m, in the unit in which the distance of two neighbours is printed as 1 to 999."""
+    """Label axes of x and y with data in m; the unit is chosen so that the distance of two neighbours is printed as 1 to 999."""
     for axis, name in ((ax.xaxis, '$x$'), (ax.yaxis, '$y$')):
         label(axis, name, 'm', prefix_power(spacing_m))
 
 
 def label_wavevectors(ax: Axes, spacing_m: float) -> None:
-    """Label axes of k_x and k_y whose data are in rad/m, in the inverse of a unit near the distance of two neighbours."""
+    """Label axes of k_x and k_y with data in rad/m; the printed unit is the inverse of one near the neighbour distance."""
     power = prefix_power(10 * spacing_m)  # so that the zone, some radians wide per spacing, does not end at 0.005
     for axis, name in ((ax.xaxis, '$k_x$'), (ax.yaxis, '$k_y$')):
         label(axis, name, 'm', -power)
@@ -193,8 +193,8 @@ def new_figure(width: float | None = None, height: float | None = None) -> Figur
 @in_house_style
 def panels(rows: int, columns: int, width: float | None = None,
            height: float | None = None) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure with `rows x columns` panels. By default it is as wide as a column of the journal for one column of panels,
-    otherwise as wide as its page.
+    """A figure with `rows x columns` panels. By default one column of panels is as wide as a column of Physical Review B,
+    and several are as wide as its page.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def panels(rows: int, columns: int, width: float | None = None,
     width : float, optional
         Width of the figure, in inches.
     height : float, optional
-        Of a row of panels, in inches; by default three quarters of the width of a panel.
+        Height of a row of panels, in inches; by default three quarters of the width of a panel.
 
     Returns
     -------
@@ -224,9 +224,7 @@ def panels(rows: int, columns: int, width: float | None = None,
 
 @in_house_style
 def letter_panels(axes: NDArray[np.object_] | Sequence[Axes], names: Sequence[str] = ()) -> None:
-    """Put (a), (b), ... above the left corner of each panel, row by row, before its name from `names`, or else its present
-    one.
-    """
+    """Put (a), (b), ... above the left corner of each panel, row by row, followed by its name in `names`, or its old title."""
     flat = np.ravel(np.asarray(axes))
     for letter, ax, name in zip(ascii_lowercase, flat, names or [ax.get_title(loc='left') for ax in flat], strict=False):
         ax.set_title(f'({letter}) {name}'.rstrip(), loc='left')
@@ -234,14 +232,14 @@ def letter_panels(axes: NDArray[np.object_] | Sequence[Axes], names: Sequence[st
 
 @in_house_style
 def legend_above(ax: Axes, **options: Any) -> Legend:
-    """Legend above the axes, where it covers no data, in as many columns as the figure is wide enough for."""
+    """Add a legend above the axes, where it covers no data, in as many columns as fit into the width of the figure."""
     options = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0), 'frameon': False} | options
     return _fitting(ax.legend, ax.figure.bbox.width, options)
 
 
 @in_house_style
 def legend_of_set(figure: Figure, **options: Any) -> Legend:
-    """One legend above all panels of a figure, which lists the name of each curve once."""
+    """Add one legend above all panels of a figure, which lists the name of each curve once."""
     named = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     options = {'loc': 'outside upper center', 'handles': list(named.values()), 'labels': list(named), 'frameon': False} | options
 
@@ -254,7 +252,7 @@ def legend_of_set(figure: Figure, **options: Any) -> Legend:
 
 
 def _fitting(make, width, options):
-    """A legend in three columns or, where that is wider than the figure, in fewer."""
+    """A legend in three columns, or in fewer if it would be wider than the figure."""
     for columns in range(options.pop('ncols', 3), 0, -1):
         legend = make(ncols=columns, **options)
         if legend.get_window_extent().width < width:
@@ -263,7 +261,7 @@ def _fitting(make, width, options):
 
 
 def entitle(figure: FigureBase, title: str) -> None:
-    """Write a title above all else in a figure; an empty one is none."""
+    """Write a title above everything else in a figure, unless it is empty."""
     if title and figure.legends:  # which stand where matplotlib would put the title
         figure.legends[0].set_title(title)
     elif title:
@@ -271,6 +269,6 @@ def entitle(figure: FigureBase, title: str) -> None:
 
 
 def point_name(name: str) -> str:
-    """Name of a special point as it is printed: Γ for G, an index lowered."""
+    """Name of a special point as it is printed: Γ for G, and indices as subscripts."""
     name = 'Γ' if name == 'G' else name
     return name if len(name) == 1 else f'{name[0]}$_{{{name[1:].lstrip("_")}}}$'

@@ -39,15 +39,15 @@ TRIED, DRAWN = 150, 600
 
 @in_house_style
 def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
-    """Frequencies along the path; unstable modes below zero, as -|f|, in a shaded region.
+    """Draw frequencies along the path of bands; unstable modes are below zero, as -|f|, in a shaded region.
 
     Parameters
     ----------
     bands : Bands
     ax : matplotlib.axes.Axes, optional
-        Axes with other bands along the same path, to draw over them.
+        Axes on which other bands along the same path may already be drawn.
     label : str, optional
-        One entry in the legend.
+        Name of these bands in the legend.
     **line
         Properties of `matplotlib.lines.Line2D`.  Markers are thinned unless `markevery` is given.
 
@@ -86,7 +86,7 @@ def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None
 
 
 def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | None = None) -> Axes:
-    """Bands of a strip, in which waves along the edges are marked by arrows, with one colour for each edge.
+    """Draw the bands of a strip; waves along the edges are marked by arrows, with one colour for each edge.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | No
 
 
 def plot_thermal(ax: Axes, hot: ThermalBands, path: BandPath) -> None:
-    """Frequencies in thermal motion, with two standard errors, where the path passes their wavevectors, or those of -q."""
+    """Draw frequencies in thermal motion with two standard errors, where the path passes their wavevectors q or -q."""
     x, marks, at = path.get_linear_kpoint_axis()[0], [], []
     for row, q in enumerate(hot.q):
         away = np.min([abs(p - np.rint(p)).max(axis=1) for p in (path.kpts - q, path.kpts + q)], axis=0)
@@ -134,7 +134,7 @@ def plot_thermal(ax: Axes, hot: ThermalBands, path: BandPath) -> None:
 
 
 def label_path(ax: Axes, path: BandPath) -> None:
-    """Let the axis of wavevectors run along the path, with the names of its special points."""
+    """Set the axis of wavevectors to the length of the path, and label its special points."""
     x, ticks, names = path.get_linear_kpoint_axis()
     ax.set_xticks(*_joined(ticks, [point_name(name) for name in names]))
     ax.grid(axis='x', color='0.7', linewidth=0.8)
@@ -143,13 +143,13 @@ def label_path(ax: Axes, path: BandPath) -> None:
 
 
 def _joined(ticks, names):
-    """Ticks and names with one tick, 'X,M', where the path jumps."""
+    """Ticks and their names; where the path jumps, the two ends share one tick, such as 'X,M'."""
     at = np.unique(ticks)
     return at, [','.join(dict.fromkeys(name for tick, name in zip(ticks, names, strict=True) if tick == here)) for here in at]
 
 
 def _from_zero(ax):
-    """Let the frequency axis start at zero, or below the lowest unstable mode, with the range under zero shaded."""
+    """Let the frequency axis start at zero, or below the lowest unstable mode with the range under zero shaded."""
     for artist in (*ax.patches, *ax.texts):
         if artist.get_gid() == 'unstable':
             artist.remove()
@@ -169,7 +169,7 @@ def mode_names(bands: Bands) -> NDArray[np.str_]:
     Parameters
     ----------
     bands : Bands
-        With modes (`vectors=True`).  Transverse modes of a chain and of a lattice in space keep the name 'transverse'.
+        Bands with modes (`vectors=True`).  Transverse modes of a chain and of a lattice in space keep the name 'transverse'.
     """
     names = bands.polarisations.astype(object)
     if np.linalg.matrix_rank(list(bands.path.special_points.values())) == 2:
@@ -181,12 +181,12 @@ def mode_names(bands: Bands) -> NDArray[np.str_]:
 
 @in_house_style
 def name_branches(ax: Axes, bands: Bands) -> None:
-    """Write each name beside one branch that has it, where it is farthest from all curves; nothing where there is no room.
+    """Write each name of modes once beside a branch that has it, where it is farthest from all curves, if there is room.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        On which `plot_bands` has drawn these bands, and all others.
+        Axes on which `plot_bands` has already drawn these and all other bands.
     bands : Bands
         Bands with modes (`vectors=True`).
     """
@@ -212,9 +212,9 @@ def name_branches(ax: Axes, bands: Bands) -> None:
 
 
 def _distance(curves, x, long, y):
-    """Distance of a stretch as `long` about x at the height y from the curves above and below it.
+    """Distance from the curves of a horizontal stretch of length `long` with the middle x and the height y.
 
-    It is zero for a curve that has points on both sides, however far apart: an unstable branch is steep where it crosses zero.
+    It is zero if a curve has points above and below, however far apart: an unstable branch is steep where it crosses zero.
     """
     near = (heights[abs(at - x) < long / 2] for at, heights in curves)
     return min((max(np.nanmin(h) - y, y - np.nanmax(h), 0.0) for h in near if len(h)), default=np.inf)

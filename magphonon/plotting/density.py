@@ -23,17 +23,17 @@ DECADES = 3  # range of a spectral function that is shown, in powers of ten belo
 
 @in_house_style
 def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
-    """Share of all modes per Hz over the frequency, so that a lattice and a patch can be compared. The shaded band is two
-    standard errors.
+    """Draw the share of all modes per Hz against frequency, so that a lattice and a patch can be compared. The shaded band
+    extends two standard errors to either side.
 
-    If a flat branch makes a peak that would dwarf everything else, the axis ends below its top and the height is written there.
+    If the peak of a flat branch would dwarf everything else, it is cut off and its height is written at the top.
 
     Parameters
     ----------
     density : DensityOfStates
     ax : matplotlib.axes.Axes, optional
     label : str, optional
-        Its entry in the legend.
+        Name of the density in the legend.
     **line
         Properties of `matplotlib.lines.Line2D`.
     """
@@ -72,7 +72,7 @@ def _write_cut_peaks(ax, top):
 
 @in_house_style
 def plot_spectral_function(spectral: SpectralFunction, path: BandPath, *, ax: Axes | None = None) -> Axes:
-    """Map of A(k, omega) along a path, over which `plot_bands` draws the branches of the perfect lattice.
+    """Draw a map of A(k, omega) along a path; `plot_bands` can then draw the branches of the perfect lattice over it.
 
     Parameters
     ----------

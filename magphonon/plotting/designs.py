@@ -27,16 +27,17 @@ WIDE = 2.2  # diameter of a particle that is coloured, in that of one that is no
 @in_house_style
 def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str, Dof] | None = None, *,
                ax: Axes | None = None, **look: Any) -> Axes:
-    """One number for each site in colour, and the names of some places; grey where the number is not known.
+    """Draw one number for each site in colour, grey if it is not known, and the names of some places.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        With its MagneticRepulsion.
+        A structure with its MagneticRepulsion.
     values : array_like, shape (particles,)
     label : str
         Label of the colour bar, with the unit.
     places : mapping of str to Dof, optional
+        Places to be named in the picture.
     ax : matplotlib.axes.Axes, optional
     **look
         Properties of matplotlib's collections, such as `cmap` or `norm`.
@@ -64,7 +65,7 @@ def plot_sites(atoms: Atoms, values: ArrayLike, label: str, places: Mapping[str,
 
 @in_house_style
 def plot_design(atoms: Atoms, places: Mapping[str, Dof] | None = None, *, axes: NDArray[Any] | None = None) -> NDArray[Any]:
-    """The strength of every magnet and the stiffness of every pillar, in two panels; held magnets have no pillar.
+    """Draw the strength of every magnet and the stiffness of every pillar, in two panels; held magnets have no pillar.
 
     Examples
     --------
@@ -85,7 +86,7 @@ def plot_design(atoms: Atoms, places: Mapping[str, Dof] | None = None, *, axes: 
 
 @in_house_style
 def plot_convergence(histories: Mapping[str, ArrayLike], label: str, *, ax: Axes | None = None) -> Axes:
-    """The best value so far at each evaluation.
+    """Draw the convergence of designs: the best value so far at each evaluation.
 
     Examples
     --------
@@ -105,7 +106,7 @@ def plot_convergence(histories: Mapping[str, ArrayLike], label: str, *, ax: Axes
 @in_house_style
 def plot_levels(frequencies_Hz: ArrayLike, levels: Mapping[str, Mapping[str, ArrayLike]],
                 marks: ArrayLike = ()) -> NDArray[Any]:
-    """Displacement per force over frequency at several places, one panel for each state of the structure, on one scale.
+    """Draw displacement per force as a function of frequency at several places, one panel for each state, on one scale.
 
     Parameters
     ----------

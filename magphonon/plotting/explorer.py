@@ -46,7 +46,7 @@ UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by
 
 @dataclass(frozen=True)
 class Slider:
-    """The values of a slider, ascending, and the place of the one of the scene among them."""
+    """The values of a slider, ascending, and the index of the scene's own value among them."""
 
     values: NDArray[np.float64]
     scene: int
@@ -70,7 +70,7 @@ class Explorer:
     def __post_init__(self) -> None:
         if np.ndim(self.atoms.calc.foundation):
             raise ValueError('the foundation differs from particle to particle or has a part along z, but the page has a single '
-                             'slider for it; give one number')
+                             'slider for the foundation; give one number')
         if not self._force(1.0) > 0:
             raise ValueError(f'at the spacing of {self.spacing:g} mm no force acts between nearest neighbours, so that there is '
                              'nothing to explore; change the spacing')
@@ -81,8 +81,8 @@ class Explorer:
         return float(self.atoms.calc.bonds.lengths.min())
 
     def _force(self, scale: float) -> float:
-        """Repulsion of nearest neighbours in N, or tension if they pull, all bonds `scale` times as long; NaN where the law of a
-        bond is not known.
+        """Repulsion of nearest neighbours in N, or tension if they pull, if all bonds are `scale` times as long; NaN if a bond
+        leaves the range of its law.
         """
         law, r = self.atoms.calc.law, self.atoms.calc.bonds.lengths
         try:
@@ -95,12 +95,12 @@ class Explorer:
 
     @cached_property
     def unit(self) -> str:
-        """The unit in which the spacing is between 1 and 1000, or metres."""
+        """The unit in which the spacing is printed as 1 to 1000, or metres if there is none."""
         return next((name for name, per_m in UNITS.items() if self.spacing / units.m * per_m >= 1), 'nm')
 
     @cached_property
     def spacings(self) -> Slider:
-        """Spacings in m."""
+        """Slider of the spacings in m."""
         here, per_m = self.spacing / units.m, UNITS[self.unit]
         force = self._force(1.0)
         ends = [_last(lambda scale: force / FORCES <= self._force(scale) <= force * FORCES, end) for end in (1 / FORCES, FORCES)]
@@ -118,7 +118,7 @@ class Explorer:
 
     @cached_property
     def exponents(self) -> Slider | None:
-        """Exponents of the force; None if the law is no inverse power."""
+        """Slider of the exponents of the force; None if the law is no inverse power."""
         law: Any = self.atoms.calc.law
         if not isinstance(law, InversePower):
             return None
@@ -126,22 +126,22 @@ class Explorer:
 
     @cached_property
     def foundations(self) -> Slider:
-        """Stiffnesses of the foundation in N/m."""
+        """Slider of the stiffness of the foundation in N/m."""
         here = float(self.atoms.calc.foundation) / units.N * units.m
         static = self._force(1.0) / units.N / (self.spacing / units.m)
         return _slider(0.0, here, FOUNDATIONS * max(here, static))
 
     def page(self, title: str, scene: str, template: str, border: StabilityBoundary, beside: str = '') -> str:
-        """The page, HTML that refers to nothing outside itself.
+        """The text of the page, HTML that refers to nothing outside itself.
 
-        `scene` is the text shown at the end, `template` that of a scene with values of the sliders to fill in, `border` the
-        foundation that the lattice needs, over `exponents` if there are any, otherwise over `scales`; `beside` says what the page
-        leaves out.
+        `scene` is the text shown at the end, and `template` the text of a scene with gaps for the values of the sliders. `border`
+        is the foundation that the lattice needs, at each of the `exponents` if there are any, otherwise of the `scales`. `beside`
+        says what the page omits.
         """
         return _page(self.data(border) | {'template': template}, title, scene, border.over, f' {beside}' if beside else '')
 
     def data(self, border: StabilityBoundary) -> dict[str, Any]:
-        """What the scripts of the page read, in SI; lengths within the cell are multiples of the spacing."""
+        """The data that the scripts of the page read, in SI; lengths within the cell are multiples of the spacing."""
         atoms, here = self.atoms, self.spacing
         sliders = {'spacing': (self.spacings, self.unit, UNITS[self.unit]), 'exponent': (self.exponents, '', 1.0),
                    'foundation': (self.foundations, 'N/m', 1.0)}
@@ -169,7 +169,7 @@ class Explorer:
         return [dict(zip(names, row, strict=True)) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
     def _law(self) -> dict[str, Any]:
-        """The inverse power; of another law phi'' and phi'/r of each bond in N/m, at each value of the slider of the spacing."""
+        """Numbers of the inverse power; for other laws phi'' and phi'/r of each bond in N/m, at each spacing of the slider."""
         law, r = self.atoms.calc.law, self.atoms.calc.bonds.lengths
         if self.exponents is not None:
             return {'kind': 'power', 'force_N': self._force(1.0) / units.N, 'spacing_m': self.spacing / units.m}
@@ -177,7 +177,7 @@ class Explorer:
         return {'kind': 'table', 'stiffness_N_per_m': (np.array(stiffness) / units.N * units.m).tolist()}
 
     def _zone(self) -> list[list[float]]:
-        """Corners of the first zone in 2 pi over the spacing; of a chain its two ends."""
+        """Corners of the first zone in units of 2 pi/spacing; for a chain its two ends."""
         if not self.atoms.pbc[1]:
             end = self.path.cell.reciprocal().array[0, :2] * self.spacing / 2
             return [end.tolist(), (-end).tolist()]
@@ -201,10 +201,10 @@ class Explorer:
 
 
 def structure_page(atoms: Atoms, drive: dict[str, Any], title: str, scene: str) -> str:
-    """The page of a planar structure of finite size, whose springs are anchored: a tone runs in it by both models.
+    """The page of a finite planar structure on anchored springs, which shows a tone that runs through it in both models.
 
-    Magnets that are taken out leave the others to find their new rest, for which the page needs the inverse power of one law.
-    `drive` holds in SI where the force acts, its tone, the damping, and the ports that are compared.
+    If magnets are taken out, the others move to a new rest; for this the page needs a single law, an inverse power.
+    `drive` holds, in SI, the place of the force, its tone, the damping, and the ports that are compared.
     """
     refuse(atoms, TAKEN)
     calc = atoms.calc
@@ -228,7 +228,7 @@ def _structure(atoms, here):
     feet, springs, apart = calc.anchors[:, :2], np.broadcast_to(calc.foundation, (len(atoms), 2)), pdist(calc.anchors)
     reach = float(np.linalg.norm(feet[bonds.j] - feet[bonds.i], axis=1).max()) * (1 + ROUNDED)
     if (apart < reach).sum() != len(bonds.i) or np.any(springs[:, 0] != springs[:, 1]):
-        raise ValueError('the page joins all pairs of particles within one cutoff, on springs that are alike along x and y; '
+        raise ValueError('the page needs bonds between all pairs within one cutoff, and supports as stiff along x as along y; '
                          '"magphonon frf" takes every structure')
     x, y = ((feet - (feet.max(axis=0) + feet.min(axis=0)) / 2) / here).T.tolist()
     return {'x': x, 'y': y, 'mass_kg': (atoms.get_masses() / units.kg).tolist(), 'strength': calc.strengths.tolist(),

@@ -27,7 +27,7 @@ ARROWS = 0.8  # length of the longest arrow of a shape in spacings
 
 
 def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints | None) -> Figure:
-    """Power of each branch along a path, over the bands of both models, with the ridge points and their uncertainties."""
+    """Draw the power of each branch along a path and the bands of both models, with ridge points and their uncertainties."""
     x = path.get_linear_kpoint_axis()[0]
     bands = {model: units.hertz(bloch_modes(cell, path.kpts, model)[0]) for model in LINES}
     names = branch_names(len(cell))
@@ -57,7 +57,7 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
 
 def plot_field_at(field: Field, cell: Atoms, omega: float, at: tuple[NDArray[np.float64], NDArray[np.float64],
                                                                     NDArray[np.complex128]]) -> Figure:
-    """The motion at one frequency: over the wavevectors with the contours of both models, and over the points."""
+    """Draw the motion at one frequency: its power at each wavevector, contours of both models, and its shape at the points."""
     k, power, shape = at
     figure, axes = panels(1, 2, height=3.1)
     zone, plane = axes[0]

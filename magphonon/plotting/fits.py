@@ -27,13 +27,13 @@ MODEL_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], 
 
 @in_house_style
 def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, DispersionFit]]) -> Figure:
-    """Measured points with the branches of both models, over the residuals in standard uncertainties.
+    """Draw measured points with the branches of both models, and below them the residuals in standard uncertainties.
 
     Parameters
     ----------
     points : RidgePoints
     fits : dict of (ase.Atoms, DispersionFit)
-        By model: the cell with the parameters of the fit, and the fit.
+        For each model, the cell with the fitted parameters, and the fit.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, Disper
     lower.axhspan(-1.96, 1.96, color='0.9', zorder=0)
     shifts = ', '.join(f'{shift:g}' for shift in np.unique((points.shift / points.bins).round(3)))
     upper.fill_between([], [], [], color='0.9', label='95 %')
-    lower.set_title(rf'without a shift of each branch ($\sigma$ = {shifts} bins)', loc='right', fontsize='medium')
+    lower.set_title(rf'common shifts removed ($\sigma$ = {shifts} bins)', loc='right', fontsize='medium')
     lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)
     lower.set(xlabel=r'phase per step $\xi = k\cdot R$ (rad)', ylabel=r'residual ($\sigma$)', xlim=(0, np.pi))
     lower.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
@@ -75,16 +75,16 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[Model, tuple[Atoms, Disper
 
 @in_house_style
 def plot_fit(forces: Forces, fit: Fit) -> Figure:
-    """Measured forces and the fitted law on logarithmic axes, over the residuals in standard deviations of the noise.
+    """Draw measured forces and the fitted law on logarithmic axes, and below them the residuals in standard deviations.
 
     The points are corrected for the zeros of force and distance, hysteresis and backlash that the fit found. Forces that are then
-    not positive appear in the lower panel only. The bar is the interval of 95 % of the force at the spacing.
+    not positive appear in the lower panel only. The bar is the 95 % interval of the force at the spacing.
 
     Parameters
     ----------
     forces : Forces
     fit : Fit
-        From `magphonon.interactions.fit_forces` of these forces.
+        The fit of these forces, from `magphonon.interactions.fit_forces`.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def plot_fit(forces: Forces, fit: Fit) -> Figure:
     f = shown.f - zero - shown.direction * hysteresis
     positive = f > 0
     upper.errorbar(r[positive] / u.m, f[positive] / u.N, fit.noise[positive] / u.N, fmt='o', color='k', markersize=3,
-                   linewidth=0.7, markerfacecolor='white', label='measured, zeros taken out')
+                   linewidth=0.7, markerfacecolor='white', label='measured, corrected for zero errors')
     line = np.geomspace(fit.law.r[0], fit.law.r[-1], 300)[1:-1]
     upper.plot(line / u.m, repulsion(fit.law, line) / u.N, color=COLOURS[0], label='smooth curve')
     ends = fit.intervals[0] / u.N

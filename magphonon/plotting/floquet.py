@@ -20,13 +20,13 @@ GROWING = 1e-9  # imaginary part, as a fraction of the largest frequency, from w
 
 @in_house_style
 def plot_floquet(bands: FloquetBands, along: NDArray[np.float64], *, ax: Axes | None = None) -> Axes:
-    """Quasi-frequencies as dots, larger the larger the share of the wave at that wavevector; growing waves are in colour.
+    """Draw quasi-frequencies as dots, whose size grows with the weight of the harmonic at q itself; growing waves are in colour.
 
     Parameters
     ----------
     bands : FloquetBands
     along : ndarray, shape (wavevectors,)
-        Where each wavevector is on the axis, in rad/mm.
+        Position of each wavevector on the axis, in rad/mm.
     ax : matplotlib.axes.Axes, optional
 
     Examples

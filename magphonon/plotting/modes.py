@@ -29,7 +29,7 @@ LONG_ARROW, STILL = 1.4, 0.03
 
 @in_house_style
 def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes | None = None) -> Axes:
-    """Shape of a mode: particles at rest, their orbits, and their displacements at the time of the largest one.
+    """Draw the shape of a mode: particles at rest, their orbits, and their displacements when the largest one occurs.
 
     Modes of equal frequency can be combined arbitrarily; one combination is drawn and labelled degenerate.
 
@@ -56,7 +56,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     from matplotlib.collections import LineCollection
 
     if bands.vectors is None:
-        raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+        raise ValueError('these bands were computed without modes; compute them with vectors=True')
     where = _wavevector(bands.path, q)
     if not 0 <= mode < bands.omega.shape[1]:
         raise ValueError(f'mode must be 0 to {bands.omega.shape[1] - 1}, not {mode!r}')
@@ -89,9 +89,9 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
 @in_house_style
 def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = None, title: str = '',
                centre: ArrayLike | None = None, defects: ArrayLike = ()) -> Axes:
-    """Shape of a mode of a patch: an arrow on every particle, which is darker the larger its share of the kinetic energy.
+    """Draw the shape of a mode of a patch: an arrow on every particle; darker particles have more of the kinetic energy.
 
-    For a complex mode the orbits are drawn too, and the arrows belong to the time of the largest displacement.
+    For a complex mode the orbits are drawn too, and the arrows are the displacements when the largest one occurs.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     ax : matplotlib.axes.Axes, optional
     title : str
     centre : array_like, shape (2,), optional
-        Place in mm about which a periodic structure is drawn; by default the particle with the most energy.
+        Position in mm about which a periodic structure is drawn; by default the particle with the most energy.
     defects : array_like, shape (defects, 2), optional
-        Places in mm to be marked by a cross.
+        Positions in mm to be marked by a cross.
     """
     from matplotlib.collections import LineCollection
 
@@ -133,7 +133,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
 
 @in_house_style
 def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
-    """How many particles take part in each mode, over its frequency; bands of the lattice are shaded.
+    """Draw the number of particles that take part in each mode, against its frequency; bands of the lattice are shaded.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequenc
 
 @in_house_style
 def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = None) -> Axes:
-    """MAC of measured shapes, in rows, with the computed ones most like them, in columns; matches are framed."""
+    """Draw the MAC of measured shapes (rows) with the most similar computed ones (columns); matches are framed."""
     ax = new_axes() if ax is None else ax
     shown = np.unique(np.column_stack([found.best, np.argsort(found.mac, axis=1)[:, -2:]]))
     picture = ax.imshow(found.mac[:, shown], cmap='Greys', vmin=0, vmax=1, aspect='auto')

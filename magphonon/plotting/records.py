@@ -1,4 +1,4 @@
-"""Records as they were read, which show at once a wrong unit, a stray point or a clipped signal."""
+"""Pictures of records as they were read, in which a wrong unit, a stray point or a clipped signal is seen at once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WAYS = {-1.0: ('v', 'approach'), 0.0: ('o', 'measured'), 1.0: ('^', 'return')}
 
 @in_house_style
 def plot_forces(forces: Forces) -> Axes:
-    """Forces over distances, with separate marks for approach and return.
+    """Draw forces against distances, with separate marks for approach and return.
 
     Examples
     --------
@@ -44,7 +44,7 @@ def plot_forces(forces: Forces) -> Axes:
 
 @in_house_style
 def plot_ridges(points: RidgePoints) -> Axes:
-    """Frequencies of ridge points over their phases per step.
+    """Draw the frequencies of ridge points against their phases per step.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def plot_ridges(points: RidgePoints) -> Axes:
 
 @in_house_style
 def plot_scan(scan: Scan) -> Figure:
-    """The motion of each point over time, one panel for each component, scaled to its largest value.
+    """Draw the motion of each point against time, one panel for each component, scaled to its largest value.
 
     Examples
     --------

@@ -33,7 +33,7 @@ MOST_BARS = 8  # largest number of natural frequencies drawn as bars of full hei
 
 @in_house_style
 def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
-    """Bands with a ribbon of two standard deviations around each branch; `line` as in `plot_bands`."""
+    """Draw bands with a ribbon of two standard deviations around each branch; `line` as in `plot_bands`."""
     ax = plot_bands(bands, ax=ax, label=label, **line)
     x = bands.path.get_linear_kpoint_axis()[0]
     colour = ax.lines[-1].get_color()
@@ -53,7 +53,7 @@ def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, l
 @in_house_style
 def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, *, ax: Axes | None = None, label: str | None = None,
                          **line: Any) -> Axes:
-    """Amplitude of a response over the angular frequencies `omega`, with a ribbon of two standard deviations."""
+    """Draw the amplitude of a response at the angular frequencies `omega`, with a ribbon of two standard deviations."""
     if ax is None:
         ax = new_axes()
         ax.set_prop_cycle(color=COLOURS)
@@ -74,7 +74,7 @@ def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, *, ax: Axes
 
 @in_house_style
 def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None = None) -> Axes:
-    """Bars of the standard deviation that each parameter causes alone (correlated ones together), and of the total.
+    """Draw bars of the standard deviation that each parameter alone causes (correlated ones together), and of the total.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None
 
 @in_house_style
 def response_axes(ylabel: str = 'displacement per force (m/N)') -> NDArray[np.object_]:
-    """Two axes of a figure of its own, for amplitude and phase."""
+    """Two axes of a new figure, for amplitude and phase."""
     axes = new_figure(height=3.4).subplots(2, sharex=True, height_ratios=(2, 1))
     axes[0].set(yscale='log', ylabel=ylabel)
     axes[1].set(ylabel='phase (deg)', ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
@@ -115,7 +115,7 @@ def response_axes(ylabel: str = 'displacement per force (m/N)') -> NDArray[np.ob
 @in_house_style
 def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes: NDArray[np.object_] | None = None,
                   label: str | None = None, **line: Any) -> NDArray[np.object_]:
-    """Amplitude and phase of a response, and the natural frequencies in its range.
+    """Draw amplitude and phase of a response, and the natural frequencies in its range.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     natural : array_like
         Natural frequencies in rad/ms; unstable ones, which are negative, are omitted.
     axes : array of two matplotlib.axes.Axes, optional
-        From `response_axes`, with other responses to draw over.
+        Axes from `response_axes`, on which other responses may already be drawn.
     label : str, optional
     **line
         Properties of `matplotlib.lines.Line2D`.
@@ -141,7 +141,7 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     >>> axes = plot_response(receptance(patch, Dof(18, up), Dof(12, up), np.linspace(0.5, 2, 40), damping=0.1))
     """
     shaken = response.per_bench
-    axes = response_axes(*['displacement per that of the shaker'] * shaken) if axes is None else axes
+    axes = response_axes(*['displacement / shaker displacement'] * shaken) if axes is None else axes
     f, natural = (np.asarray(w) / (2 * np.pi) / units.Hz for w in (response.omega, natural))
     unit = 1.0 if shaken else units.m / units.N
     (curve,) = axes[0].plot(f, abs(response.response) / unit, label=label, **line)
@@ -164,13 +164,15 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
 
 @in_house_style
 def plot_transfer(functions: Sequence[TransferFunction], curves: Mapping[str, Sequence[NDArray[np.complex128]]]) -> Figure:
-    """Measured transfer functions over those computed in both models: amplitude and phase, a row for each of the first ones.
+    """Draw measured transfer functions and those computed in both models: amplitude and phase, a row for each function.
+
+    Only the first few functions are drawn.
 
     Parameters
     ----------
     functions : sequence of TransferFunction
     curves : dict of sequence of ndarray of complex
-        By model: the computed responses at the frequencies of each.
+        For each model, the computed responses at the frequencies of each function.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Particles at rest: the lattice with its primitive vectors, and the patch with its held rim, its source and its row."""
+"""Pictures of particles at rest: a lattice with its primitive vectors, and a patch with its held rim, its source and its row."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ HELD: dict[str, Any] = {'facecolors': '0.6', 'edgecolors': '0.25'}
 
 @in_house_style
 def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
-    """A planar lattice about one of its cells, with its bonds and its primitive vectors.
+    """Draw a planar lattice around one of its cells, with its bonds and its primitive vectors.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def plot_patch(patch: Atoms, site: BurstSetup | None = None, *, ax: Axes | None = None) -> Axes:
-    """A planar structure with its bonds: squares for the particles that are held, circles for those that move.
+    """Draw a planar structure with its bonds: squares for held particles, circles for those that move.
 
     Parameters
     ----------
@@ -115,13 +115,13 @@ def spacing(atoms: Atoms) -> float:
 
 
 def window(atoms: Atoms) -> tuple[float, NDArray[np.int_]]:
-    """Half the window on a lattice in m, and the cells that fill it, shape (cells, 3)."""
+    """Half the width in m of the part of a lattice that is drawn, and the cells that fill it, shape (cells, 3)."""
     cells = np.array(list(product(range(-REACH, REACH + 1), range(-REACH, REACH + 1), (0,))))
     return WINDOW * atoms.cell.lengths()[:2].min() / units.m, cells
 
 
 def in_cells(atoms: Atoms, cells: ArrayLike) -> NDArray[np.float64]:
-    """Places of the particles in some cells in m, shape (cells, particles, 2)."""
+    """Positions of the particles in some cells in m, shape (cells, particles, 2)."""
     return ((np.asarray(cells) @ atoms.cell.array)[:, None] + atoms.positions)[..., :2] / units.m
 
 
@@ -136,7 +136,7 @@ def seen_about(atoms: Atoms, centre: ArrayLike | None) -> Atoms:
 
 
 def mark_defects(ax: Axes, seen: Atoms, defects: ArrayLike) -> None:
-    """Crosses at places in mm, each in the cell in which the particles of `seen` are drawn."""
+    """Draw crosses at positions in mm, each moved into the cell in which the particles of `seen` are drawn."""
     places = np.reshape(np.asarray(defects, float), (-1, 2))
     if not len(places):
         return
@@ -147,7 +147,7 @@ def mark_defects(ax: Axes, seen: Atoms, defects: ArrayLike) -> None:
 
 
 def draw_bonds(ax: Axes, atoms: Atoms, cells: ArrayLike = ((0, 0, 0),)) -> None:
-    """Bonds at rest as grey lines, in the cells given."""
+    """Draw bonds at rest as grey lines, in the given cells."""
     from matplotlib.collections import LineCollection
 
     bonds, places = repulsion_of(atoms).bonds, in_cells(atoms, cells)
@@ -157,7 +157,7 @@ def draw_bonds(ax: Axes, atoms: Atoms, cells: ArrayLike = ((0, 0, 0),)) -> None:
 
 
 def draw_particles(ax: Axes, places: ArrayLike, diameter: float, **look: Any) -> EllipseCollection:
-    """Circles of a `diameter` in m at places in m, which keep their size beside the bonds however the axes are scaled."""
+    """Draw circles of a `diameter` in m at positions in m; they keep their size relative to the bonds on every scale."""
     from matplotlib.collections import EllipseCollection
 
     places = np.reshape(places, (-1, 2))
@@ -169,7 +169,7 @@ def draw_particles(ax: Axes, places: ArrayLike, diameter: float, **look: Any) ->
 
 
 def draw_arrow(ax: Axes, start: Sequence[float] | NDArray[np.float64], end: ArrayLike, text: str, colour: str = 'black') -> None:
-    """An arrow with its name beyond its head."""
+    """Draw an arrow with its name beyond its head."""
     (x, y), ahead = np.asarray(end), np.subtract(end, start)
     ahead = 9 * ahead / np.linalg.norm(ahead)  # points
     look = {'arrowstyle': '-|>', 'color': colour, 'linewidth': 1.2, 'shrinkA': 0, 'shrinkB': 0, 'mutation_scale': 8}
@@ -179,14 +179,14 @@ def draw_arrow(ax: Axes, start: Sequence[float] | NDArray[np.float64], end: Arra
 
 
 def halo(width: float) -> list[Any]:
-    """White around letters, so that they can be read on lines."""
+    """A path effect that puts white around letters, so that they can be read on lines."""
     from matplotlib.patheffects import withStroke
 
     return [withStroke(linewidth=width, foreground='white')]
 
 
 def frame(ax: Axes, places: NDArray[np.float64], room: float) -> None:
-    """Axes of x and y around places in m, with some `room`, the distance of two neighbours, about them."""
+    """Set axes of x and y around positions in m, with a margin `room`, the distance of two neighbours."""
     (left, low), (right, high) = places.min(axis=0) - 0.6 * room, places.max(axis=0) + 0.6 * room
     ax.set(xlim=(left, right), ylim=(low, high), aspect='equal')
     label_places(ax, room)

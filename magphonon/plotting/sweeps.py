@@ -1,4 +1,4 @@
-"""Answers of a sweep over one or two of its axes, bad points hatched."""
+"""Pictures of the answers of a sweep over one or two of its axes, with bad points hatched."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ WIDE = 30.0  # answers that are positive, the largest more than this multiple of
 def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     """Draw one answer of a sweep: over one axis as a line, over two as a map.
 
-    Axes with one value, and all axes after the first two, are given in the title with their first value. Bad points are hatched.
-    Where the answer changes its sign, a line marks the zero.
+    Axes with one value, and all axes after the first two, are fixed at their first value, which the title states. Bad points are
+    hatched. If the answer changes its sign, a line marks the zero.
 
     Parameters
     ----------
     answers : xarray.Dataset
-        From `magphonon.sweeps.sweep`.
+        Answers from `magphonon.sweeps.sweep`.
     name : str
-        One of its variables, a number at every point.
+        One of the variables of `answers`, a number at every point.
     ax : matplotlib Axes, optional
     """
     shown = _in_small_units(answers[name])
@@ -83,7 +83,7 @@ def _draw_map(values: DataArray, ax: Axes) -> None:
 
 
 def _named(array: DataArray) -> tuple[str, str]:
-    """Name and unit, the unit empty for plain numbers."""
+    """Name and unit of an array; the unit is empty for plain numbers."""
     unit = array.attrs.get('units', '')
     return str(array.attrs.get('long_name', array.name)), '' if unit == '1' else unit
 
@@ -99,7 +99,7 @@ def _value(axis: DataArray) -> str:
 
 
 def _in_small_units(array: DataArray) -> DataArray:
-    """Answers and axes in mm and ms where all values are small."""
+    """The answers and axes, converted to mm and ms if all their values are small."""
     small = {'m': 'mm', 's': 'ms'}
 
     def smaller(values):
@@ -115,7 +115,7 @@ def _is_wide(values: np.ndarray) -> bool:
 
 
 def _in_equal_factors(values: np.ndarray) -> bool:
-    """Whether the values were taken in equal factors, over so much that a logarithmic axis shows them better."""
+    """Whether the values are equal factors apart and cover so wide a range that a logarithmic axis shows them better."""
     if len(values) < 3 or values.min() <= 0 or values.max() < 3 * values.min():
         return False
     steps = np.diff(np.log(values))
@@ -123,7 +123,7 @@ def _in_equal_factors(values: np.ndarray) -> bool:
 
 
 def _edges(values: np.ndarray) -> np.ndarray:
-    """Borders of the cells about the values of one axis, halfway between them, shape (len(values) + 1,)."""
+    """Borders of the cells around the values of one axis, halfway between them, shape (len(values) + 1,)."""
     if len(values) == 1:
         return values + np.array([-0.5, 0.5]) * (abs(values) if values[0] else 1.0)
     logarithmic = _in_equal_factors(values)

@@ -47,7 +47,7 @@ SATURATED = 0.02  # share of the particles, those next to the source, that are b
 
 @in_house_style
 def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
-    """Wavenumber-frequency map with the branches of both models and the ridge over it.
+    """Draw a wavenumber-frequency map, with the branches of both models and the ridge over it.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
 @in_house_style
 def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = (),
                carriers_Hz: Sequence[float] = ()) -> tuple[Figure, NDArray[np.object_]]:
-    """A set of wavenumber-frequency maps on equal axes, with letters, one legend and one colour bar.
+    """Draw a set of wavenumber-frequency maps on equal axes, with letters, one legend and one colour bar.
 
     Parameters
     ----------
     table : sequence of sequence of Wave
-        One row of panels each; None gives an empty panel with its name and a note that the wave is too weak.
+        Each inner sequence is one row of panels; None gives an empty panel with its name and a note that the wave is too weak.
     names : sequence of str, optional
         Names of the panels, row by row.
     carriers_Hz : sequence of float, optional
@@ -93,7 +93,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     -------
     matplotlib.figure.Figure
     ndarray of matplotlib.axes.Axes, shape (rows, columns)
-        Call `legend_of_set` again after drawing more on them.
+        The panels; call `legend_of_set` again after drawing more on them.
     """
     figure, axes = panels(len(table), len(table[0]), height=2.3)
     letter_panels(axes, names)
@@ -116,7 +116,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
 
 
 def _label_outer(axes, shown):
-    """Label an axis only where no panel is shown below it or, for y, to the left of it."""
+    """Label the x axis of a panel only if no panel is below it, and the y axis only if none is to the left of it."""
     for (row, column), ax in np.ndenumerate(axes):
         if shown[row + 1 :, column].any():
             ax.set_xlabel('')
@@ -139,7 +139,7 @@ def _decibels(spectrum):
 
 
 def _draw_map(ax, wave, top):
-    """The map up to the frequency `top` in rad/ms, with its branches and its ridge; returns the image."""
+    """Draw the map up to the frequency `top` in rad/ms, with its branches and its ridge; returns the image."""
     spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
     shown = spectrum.omega <= top
     image = ax.pcolormesh(spectrum.xi[forward], units.hertz(spectrum.omega[shown]),
@@ -160,7 +160,7 @@ def _draw_map(ax, wave, top):
 
 @in_house_style
 def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, ax: Axes | None = None) -> Axes:
-    """All particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
+    """Draw all particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
     Returns
     -------
     matplotlib.axes.Axes
-        Particles are coloured by the component u_x or u_y with most of the motion in all frames, so that the pictures of one push
+        Particles are coloured by the component u_x or u_y with most of the motion in all frames, so that all frames of one run
         can be compared. The scale is symmetric about zero.
     """
     ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in)) if ax is None else ax
@@ -190,8 +190,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
 
 @in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
-    """One moment of a burst in several simulations, each on its own scale: the time at which the first has reached the middle of
-    the row.
+    """Draw a burst in several simulations, each on its own scale, at the time at which it has reached the middle of the row in
+    the first simulation.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]])
 
 
 def crossing(passage: BurstRecord) -> int:
-    """Index of the frame of the whole patch closest to the time of the largest displacement in the middle of the row."""
+    """Index of the frame of the whole patch when the particle in the middle of the row is displaced most."""
     u = np.linalg.norm(passage.row.displacements[:, len(passage.row.particles) // 2], axis=1)
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 
@@ -227,20 +227,20 @@ def _height(patch, width):
 
 
 def main_axis(displacements: NDArray[np.float64]) -> int:
-    """Number of the axis along which most of the motion is, of displacements of shape (..., dim)."""
+    """Number of the axis along which displacements, shape (..., dim), are largest on the whole."""
     flat = displacements.reshape(-1, displacements.shape[-1])
     return int(np.einsum('ix,ix->x', flat, flat).argmax())
 
 
 def visible(crests: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> float:
-    """Half the range in mm of a scale for some pictures on which particles can be told apart, except those next to the source."""
+    """Half the range in mm of a colour scale on which particles can be distinguished, except those next to the source."""
     seen = max(np.quantile(abs(u), 1 - SATURATED) for u in crests)
     return float(seen or max(abs(u).max() for u in crests) or 1.0)
 
 
 def draw_crests(ax: Axes, patch: Atoms, crests: NDArray[np.float64], largest: float,
                 diameter: float = 0.95) -> tuple[EllipseCollection, int]:
-    """Particles coloured by a displacement on a scale up to `largest`, both in mm; the dots, and the power of their unit."""
+    """Draw particles coloured by displacement on a scale up to `largest`, in mm; returns the dots and the power of their unit."""
     power = prefix_power(largest / units.m)
     dots = draw_particles(ax, patch.positions[:, :2] / units.m, diameter * spacing(patch), linewidths=0, cmap='RdBu_r')
     dots.set_array(crests / units.m / 10.0**power)
@@ -250,13 +250,13 @@ def draw_crests(ax: Axes, patch: Atoms, crests: NDArray[np.float64], largest: fl
 
 
 def mark_site(ax: Axes, patch: Atoms, site: BurstSetup) -> None:
-    """The row that is measured and the driven particles."""
+    """Mark the measured row and the driven particles."""
     rest = patch.positions[:, :2] / units.m
     ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')
     ax.plot(*rest[site.driven].T, '^', color=COLOURS[3], markersize=4, label='driven')
 
 
 def bar_of_crests(dots: EllipseCollection, axes: Any, axis: int, power: int, **options: Any) -> None:
-    """The colour bar of crests along an axis of the structure."""
+    """Add the colour bar for displacements along an axis of the structure."""
     label = f'displacement $u_{"xyz"[axis]}$ ({PREFIXES[power]}m)'
     np.ravel(axes)[0].figure.colorbar(dots, ax=axes, label=label, extend='both', **options)

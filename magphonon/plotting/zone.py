@@ -30,15 +30,15 @@ BESIDE_AXES = np.radians(40)
 
 @in_house_style
 def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
-    """First Brillouin zone with its irreducible part, the path of a band diagram and its special points, in its upper half.
+    """Draw the first Brillouin zone with its irreducible part, the path of a band diagram and its special points.
 
-    Points k and -k have the same frequencies; if the path lies in the lower half of the zone, its reverse is drawn.
+    Points k and -k have the same frequencies, so a path in the lower half of the zone is drawn reversed, in the upper half.
     The arrows are the axes of the phases per step xi_1 = k.R_1 and xi_2 = k.R_2: along each the other phase is zero.
 
     Parameters
     ----------
     path : ase.dft.kpoints.BandPath
-        `bands.path`, through a planar lattice.
+        Path through the zone of a planar lattice, such as `bands.path`.
     ax : matplotlib.axes.Axes, optional
 
     Examples
@@ -65,20 +65,20 @@ def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axes | None = None) -> Axes:
-    """Map of `omega_complete/omega_conventional` of one branch over the zone.
+    """Draw a map of `omega_complete/omega_conventional` of one branch over the zone.
 
     Parameters
     ----------
     complete, conventional : ZoneMap
         Maps of both models, for the same lattice on the same mesh.
     branch : int
-        Number by ascending frequency, from 0; it is printed from 1.
+        Number of the branch by ascending frequency, counted from 0 here and from 1 in the picture.
     ax : matplotlib.axes.Axes, optional
 
     Returns
     -------
     matplotlib.axes.Axes
-        Blank where the ratio is 0/0 (at Gamma without a foundation), hatched where the complete model is unstable.
+        The map is blank where the ratio is 0/0 (at Gamma without a foundation), and hatched where the complete model is unstable.
 
     Examples
     --------
@@ -93,8 +93,8 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axe
     _check_branch(complete, branch)
     ratio = frequency_ratio(complete, conventional)[..., branch]
     if not (ratio > 0).any():
-        raise ValueError(f'{_branch_name(complete, branch)} is nowhere stable in both models, so there is no ratio to draw; add '
-                         f'a foundation')
+        raise ValueError(f'at no wavevector is {_branch_name(complete, branch)} stable in both models, so there is no ratio to '
+                         'draw; add a foundation')
     ax, zone = _zone_axes(ax, complete.cell)
     levels = MaxNLocator(8, steps=ROUND).tick_values(max(np.nanmin(ratio), 0), np.nanmax(ratio))
     shades = np.linspace(levels[0], levels[-1], SHADES * (len(levels) - 1) + 1)
@@ -112,7 +112,7 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axe
 
 
 def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike) -> NDArray[np.float64]:
-    """Corners of the part of the zone that repeats in all others by the symmetry of the lattice, shape (corners, 2), in rad/mm.
+    """Corners in rad/mm, shape (corners, 2), of the irreducible part of the zone, from which symmetry generates all others.
 
     They are the special points of the planar lattice, given in fractions of its reciprocal vectors.
     """
@@ -121,7 +121,7 @@ def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike)
 
 
 def upwards(points: Mapping[str, NDArray[np.float64]], cell: Cell) -> float:
-    """-1 if most special points lie in the lower half of the zone, otherwise 1: k and -k have the same frequencies."""
+    """Sign of k that brings a path into the upper half of the zone: -1 if most special points lie in the lower half, else 1."""
     return -1.0 if sum(_cartesian(cell, q)[1] for q in points.values()) < 0 else 1.0
 
 
@@ -170,7 +170,7 @@ def _special_points(cell):
 
 
 def _mark_points(ax, cell, points, turn=0.0):
-    """Dots and names at special points, the names pushed away from Gamma, turned to the right by the angle `turn`."""
+    """Draw dots and names at special points; names are pushed away from Gamma, in a direction turned right by `turn`."""
     right = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])  # multiplied from the left
     for name, q in points.items():
         k = _cartesian(cell, q)

@@ -1,13 +1,12 @@
 """Functions and densities of a large symmetric matrix K by products with the matrix alone.
 
-Each linear answer is a function of K, the stiffness divided by the roots of the masses, without what the constraints hold
+Each linear answer is a function of K, the mass-weighted stiffness of the directions that the constraints leave free
 (`magphonon.stiffness.rest`).  A small K is diagonalised. For a large K, a function that is smooth on an interval around all
 eigenvalues is expanded in a Chebyshev series,
 
     f(K) s = sum_n c_n T_n(X) s        X = (K - centre)/radius        T_{n+1} = 2 X T_n - T_{n-1}
 
-The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of
-a response.
+The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of a response.
 
 The kernel polynomial method gives the density of the squared frequencies.  For a start vector s, the Chebyshev moments `mu_n =
 s.T_n(X) s` describe how its energy is spread over the spectrum.  A product gives two of them,
@@ -60,7 +59,7 @@ BATCH = 2**22  # number of cosines computed at a time
 
 
 class Outside(ArithmeticError):
-    """The vectors grow: they hold modes outside the interval."""
+    """The vectors T_n(X) s grow, because s contains modes outside the interval."""
 
 
 @dataclass(frozen=True)
@@ -91,15 +90,15 @@ class Matrix:
 
     @cached_property
     def row_sum(self) -> float:
-        """The largest sum of moduli of a row, which bounds the highest eigenvalue."""
+        """The largest sum of the moduli in a row, which is an upper bound of the highest eigenvalue."""
         return float(abs(self._K).sum(axis=1).max())
 
     def scaled(self, factor: float, shift: float) -> Matrix:
-        """The matrix factor (K - shift), in the same form."""
+        """The matrix `factor * (K - shift)`, in the same form."""
         return Matrix(sparse.csr_array((self._K - shift * sparse.eye_array(self._K.shape[0])) * factor))
 
     def enter(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A copy of vectors, shape (free, columns), as `advance` takes them."""
+        """A copy of vectors, shape (free, columns), in the form that `advance` takes."""
         return s.copy()
 
     @cached_property
@@ -108,7 +107,7 @@ class Matrix:
 
     def advance(self, x: NDArray[np.float64], y: NDArray[np.float64], count: int = 1, rows: Any = (),
                 taken: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-        """As that of a Stencil: put K x - y into y, then K y - x into x, and so on."""
+        """Put K x - y into y, then K y - x into x, and so on; see `Stencil.advance`."""
         sums = np.zeros((2, count, x.shape[1]))
         for n in range(count):
             if taken is not None:
@@ -122,7 +121,7 @@ class Matrix:
 
 
 def products_of(system: LinearSystem) -> Matrix | Stencil:
-    """Products with K of a structure: by a stencil where it is large, or one was loaded before, and its bonds lie on a grid."""
+    """Products with K of a structure: by a stencil if its bonds lie on a grid, and it is large or a stencil is already loaded."""
     loaded = f'{__package__}.stencil' in sys.modules
     if (loaded or system.directions >= LARGE) and find_spec('numba') is not None and can_compile():
         from .stencil import stencil_of
@@ -142,7 +141,7 @@ def _products(K: Products) -> Matrix | Stencil:
 
 
 def whole_interval(K: sparse.csr_array) -> Interval:
-    """Interval of the eigenvalues of a K that may be unstable: its lowest eigenvalue takes two factorisations."""
+    """Interval of the eigenvalues of a K that may be unstable; to find the lowest eigenvalue takes two factorisations."""
     return Interval(min(0.0, (1 + MARGIN) * lowest_mode(K)[0]), stable_interval(K).highest)
 
 
@@ -154,16 +153,16 @@ def coefficients(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def sizes(shapes: sparse.csr_array) -> NDArray[np.float64]:
-    """Displacement that one unit of each coordinate is, g^-1/2."""
+    """Displacement for one unit of each coordinate, in g^-1/2."""
     return np.sqrt(shapes.power(2).sum(axis=0))
 
 
 def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], rows: Any,
                      terms: int | None = None) -> Iterator[NDArray[np.float64]]:
-    """The vectors T_n(X) s at the entries `rows`, n = 0, 1, 2 ..., until they grow (`Outside`), in arrays (BLOCK, columns, rows).
+    """Yield the vectors T_n(X) s at the entries `rows`, n = 0, 1 ..., in arrays (BLOCK, columns, rows); `Outside` if they grow.
 
-    It is one array for all blocks, which the next one overwrites: the operating system would clear the pages of each new one.  A
-    bar shows on a terminal how many of about `terms` there are.
+    All blocks use the same array, which the next block overwrites: a new array would cost time to clear its pages.  On a
+    terminal a bar shows progress towards about `terms` vectors.
     """
     X2 = _products(K).scaled(2 / interval.radius, interval.centre)
     length = (s**2).sum(axis=0)
@@ -182,7 +181,7 @@ def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], ro
 
 def spectrum_of(system: LinearSystem, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,
                 progress: tqdm | None = None) -> SpectralMoments:
-    """Moments of start vectors, `count` of them, on the interval from zero, or from the lowest square if that is negative.
+    """The first `count` moments of start vectors, on the interval from zero or, if it is negative, from the lowest eigenvalue.
 
     `starts` returns the start vectors, in arrays of the shape (size, columns); `progress` counts them.
     """
@@ -205,7 +204,7 @@ def _moments_on(interval, K, starts, count, progress):
 def moments(X2: Matrix | Stencil, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Moments `s.T_n(X) s` of each column s separately, shape (count, columns); `Outside` if the vectors grow.
 
-    From half as many products as moments, an even number, with X2, twice the matrix X, whose spectrum lies within -1 and 1.
+    `count` must be even, and count/2 products suffice. X2 is twice the matrix X, whose spectrum lies between -1 and 1.
     """
     before, now, terms = X2.enter(s), X2.enter(np.zeros_like(s)), count // 2
     first = X2.advance(before, now) / np.array([4.0, 2.0])[:, None, None]
@@ -229,26 +228,26 @@ def jackson(count: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class SpectralMoments:
-    """Moments of start vectors, from which densities follow at any frequency."""
+    """Chebyshev moments of start vectors, from which densities follow at any frequency."""
 
     interval: Interval  # that contains all squared frequencies, rad^2/ms^2
     moments: NDArray[np.float64]  # shape (count, columns)
 
     @property
     def grid(self) -> NDArray[np.float64]:
-        """Angular frequencies in rad/ms in steps of half the resolved width, and zero: trapezoids find every mode, also one that
-        lies at the end of the interval, where peaks are narrow.
+        """Angular frequencies in rad/ms in steps of half the resolved width, and zero. On this grid the trapezoidal rule counts
+        every mode, even at an end of the interval, where peaks are narrow.
         """
         count = 2 * len(self.moments)
         return np.union1d(self._frequency(np.pi * (np.arange(count) + 0.5) / count), 0.0)
 
     def density(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Density over the angular frequency, in ms/rad; its integral is the square of the start vector.
+        """Density per angular frequency, in ms/rad; its integral is the square of the start vector.
 
         Parameters
         ----------
         omega : ndarray, shape (frequencies,)
-            In rad/ms; imaginary frequencies are negative.
+            In rad/ms; negative values stand for imaginary frequencies.
 
         Returns
         -------
@@ -274,7 +273,7 @@ class SpectralMoments:
         return signed_root(self.interval.centre + self.interval.radius * np.cos(theta))
 
     def _slope(self, omega):
-        """|d theta/d omega| = 2 |omega| / sqrt((square - lowest) (highest - square)); zero outside the interval."""
+        """Derivative |d theta/d omega| = 2 |omega| / sqrt((square - lowest) (highest - square)); zero outside the interval."""
         squares = np.sign(omega) * omega**2
         above, below = squares - self.interval.lowest, self.interval.highest - squares
         lower = np.divide(abs(omega), np.sqrt(abs(above)), out=np.ones(len(omega)), where=above > 0)  # 1 at the end at zero

@@ -1,14 +1,14 @@
-"""The exact linear transient with any matrix B of losses and Coriolis-like forces, where the motion is not a function of K alone.
+"""The exact linear transient with any matrix B of losses and Coriolis-like forces, for which motion is no function of K alone.
 
     y'' + B y' + K y = g        z' = A z + (0, g/R)        z = (y, y'/R)        A = R X        X = [[0, 1], [-K/R^2, -B/R]]
 
     exp(A t) = J_0(R t) + 2 sum_n J_n(R t) F_n        F_{n+1} = 2 X F_n + F_{n-1}        F_1 = X        F_0 = 1
 
 is the Chebyshev series of e^{i lambda R t} at lambda = X/i, with F_n = i^n T_n(X/i): all numbers are real, and no root of K is
-needed.  All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest turning g.  Losses lie off the
-interval, so that F_n grows as e^{c n/R}, and with it the round-off of the coefficients: a motion is taken in parts of c t < 5,
-and R is at least 10 c.  Forces enter by their own coefficients, e^{i lambda R (t - t')} times their course, integrated by Gauss
-on the panels of `propagation`.
+needed.  All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest gyration g.  Damping c moves
+eigenvalues off the interval, so that F_n, and the round-off of the series, grow as e^{c n/R}. The motion is therefore computed in
+parts with c t < 5, and R is at least 10 c.  Forces have coefficients of their own: integrals of e^{i lambda R (t - t')}
+times the force at t', by Gauss's rule on the panels of `propagation`.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(NODES) + np.array([[1.0], [0.
 FADED = 5.0
 """Largest exponent by which losses make round-off grow within a part: by e^5."""
 LARGEST = 2**23  # about the largest number of coefficients at a time
-SLENDER = 10.0  # least ratio of R to losses and growth; some 36 terms follow those of a motion, and grow by e^3.6
+SLENDER = 10.0  # smallest ratio of R to losses and growth; about 36 terms follow those of the motion, and grow by e^3.6
 EPS = np.finfo(float).eps
 
 
 class FirstOrder:
-    """Motion of a structure with any matrix B, part by part.
+    """Motion of a structure with any matrix B, computed part by part.
 
-    The interval is that of K, from its lowest eigenvalue, if negative, to a bound of the highest; loss (1/ms) and turning
-    (rad/ms) are the largest of any site.
+    The interval contains the eigenvalues of K, from zero or its lowest eigenvalue, if negative, to a bound of the highest.
+    `loss` (1/ms) and `turning` (rad/ms) are the largest damping and gyration of any site.
     """
 
     def __init__(self, K: sparse.csr_array, B: sparse.csr_array, interval: Interval, loss: float, turning: float) -> None:
@@ -46,7 +46,7 @@ class FirstOrder:
 
     def moved(self, state: NDArray[np.float64], panels: Any, outputs: NDArray[np.int_],
               rows: NDArray[np.int_]) -> tuple[Any, ...]:
-        """The motion over some panels.
+        """The motion over some panels, and the state at their end.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class FirstOrder:
         return y, end.reshape(2, n).T * [1, R], EPS * size, c.shape[2] * now.shape[1]
 
     def _coefficients(self, edges, courses, outputs, terms):
-        """Of F_n at the outputs, shape (outputs, 1 + courses, terms): those of free motion, then of each course."""
+        """Coefficients of F_n at the outputs, shape (outputs, 1 + courses, terms): for free motion, then for each course."""
         turn = 1j * self.rate * Interval(-1.0, 1.0).nodes(terms)
         wanted = np.zeros(len(edges), bool)
         wanted[outputs] = True

@@ -3,7 +3,7 @@
     (H - omega^2 M + i omega C) u = F        C = M (gamma - g (x) J)
 
 Amplitudes are complex, `u = Re(U e^{i omega t})`; a force F cos(omega t) has the amplitude F, so a response that lags
-has a negative phase.  `stepped` measures the same from time steps.
+has a negative phase.  `stepped` measures the same response from time steps.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ RESONANT = 100 * EPS
 is infinite.  Eigenvalues are known to a few EPS."""
 MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
 FACTORISATION = 6.0
-"""Products with a sparse matrix that take as long as factors of it, over the root of its size: measured from 2000 to 190 000 free
-directions, within a factor of 2."""
+"""Number of products with a sparse matrix that take as long as its factors, divided by the root of its size: measured from 2000
+to 190 000 free directions, within a factor of 2."""
 ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
 
 
@@ -51,7 +51,7 @@ class Dof:
     ----------
     particle : int
     direction : ndarray, shape (3,)
-        Direction of the force or displacement; a unit vector unless a multiple is meant.
+        Direction of the force or displacement: a unit vector, or a multiple of one, whose length is then a factor.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class Dof:
         return force
 
     def seen(self, displacements: NDArray[Any]) -> NDArray[Any]:
-        """The component of displacements, shape (..., particles, dim), that is measured at this place."""
+        """The component of displacements, shape (..., particles, dim), that this particle shows along this direction."""
         return displacements[..., self.particle, :] @ self.direction[: displacements.shape[-1]]
 
 
@@ -83,7 +83,7 @@ class Dof:
 class FrequencyResponse(InHertz, Saved, kind='frequency responses', units={
     'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
 }):
-    """Displacement per force over frequency, by whatever method.
+    """Displacement per force as a function of frequency, from any method.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     omega : array_like, shape (frequencies,)
         In rad/ms.
     damping : float or array_like, shape (particles,)
-        Force per momentum gamma in 1/ms; a mode of the frequency w has the damping ratio gamma/(2 w).
+        Damping rate gamma in 1/ms, force divided by momentum; a mode of the frequency w has the damping ratio gamma/(2 w).
 
     Returns
     -------
@@ -152,7 +152,7 @@ def _one_by_one(system, force, omega, damping):
 
 
 def _force_on(system, force):
-    """Amplitudes of a force, shape (particles, 3), complex; refused where it acts on nothing that can move."""
+    """Complex amplitudes of a force, shape (particles, 3); ValueError if it acts on particles that cannot move."""
     force = np.asarray(force, dtype=complex)
     finite('force', abs(force), (len(system), 3))
     components(force, system.dim)
@@ -161,7 +161,7 @@ def _force_on(system, force):
 
 
 def _moved(system, walls):
-    """Amplitudes of walls, shape (particles, 3), complex; refused where a particle could move by itself."""
+    """Complex amplitudes of walls, shape (particles, 3); ValueError if one of their particles is free to move."""
     walls = np.asarray(walls, dtype=complex)
     finite('walls', abs(walls), (len(system), 3))
     components(walls, system.dim)
@@ -172,7 +172,7 @@ def _moved(system, walls):
 
 def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
                damping: ArrayLike) -> Iterator[Callable[[NDArray[Any]], NDArray[np.complex128]]]:
-    """The resolvent `G = (H - omega^2 M + i omega C)^-1` at one frequency after the other, as a function.
+    """Yield the resolvent `G = (H - omega^2 M + i omega C)^-1` at one frequency after the other, as a function.
 
     G(F) takes forces of the shape (3 particles,) or (3 particles, columns) and returns displacements of the same shape;
     its arguments and errors are those of `harmonic_response`.
@@ -211,27 +211,27 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
     A small structure is solved by its modes, a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose
-    length is about `omega_max/gamma` times the wanted digits. Each frequency is solved directly where this is cheaper; where
-    the damping differs from particle to particle or particles gyrate, so that the response is not a function of one matrix; and
-    where the wave has died out at all of the `particles`.  There, modes and series would give only the round-off of the motion
-    at the source.
+    length is about `omega_max/gamma` times the number of wanted digits. Frequencies are solved one by one in three cases: if this
+    is cheaper; if the damping differs from particle to particle or particles gyrate, so that the response is not a function of
+    one matrix; and if the wave has died out at all of the `particles`.  In the last case, modes and series would give only the
+    round-off of the motion at the source.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator; its FixAtoms, FixedLine and FixedPlane are respected.
     force : array_like of complex, shape (particles, 3), or None
-        Amplitudes of e^{i omega t} in N per N of the drive; None where only walls move.
+        Amplitudes of e^{i omega t} in N per N of the drive; None if only walls move.
     omega : array_like, shape (frequencies,)
         In rad/ms.
     damping : float or array_like, shape (particles,)
         gamma in 1/ms.
     particles : array_like of int, optional
-        Where the response is wanted; everywhere if not given.
+        Particles whose response is wanted; by default all.
     tolerance : float
         Allowed error at each frequency, as a fraction of the largest displacement of the `particles`.
     walls : array_like of complex, shape (particles, 3), optional
-        Amplitudes in mm of held particles that move, zero for all others: F = -H_fh u_h drives those that are free.
+        Amplitudes in mm of held particles that move, zero for all others; the force F = -H_fh u_h drives the free particles.
 
     Returns
     -------
@@ -266,7 +266,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
 
 
 def _steady(system, force, omega, rates, particles, tolerance):
-    """The displacements of `frequency_response`, by whichever way is the cheapest that keeps the tolerance."""
+    """The displacements of `frequency_response`, by the cheapest method that meets the tolerance."""
     gamma = float(rates[0])
     if np.ptp(rates) or system.turning:
         return _one_by_one(system, force, omega, rates)[:, particles]
@@ -309,16 +309,16 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
     atoms, omega, damping
         As for `frequency_response`.
     source : Dof or ndarray, shape (3,) or (particles, 3)
-        Where the force acts; the displacements of `walls`, as of `frequency_response`, in an array of the shape (particles, 3);
-        or the direction d in which the whole bench is shaken by u_b, walls and feet of pillars with it.
+        A Dof says where the force acts.  An array (particles, 3) gives the displacements of `walls` as in `frequency_response`.
+        A vector is the direction d in which the whole bench is shaken by u_b, with walls and feet of pillars.
         Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`: held particles are at rest, and
-        damping is relative to the bench.  The response is that seen from the floor, w plus the motion of the bench.
+        damping is relative to the bench.  The response is seen from the floor: w plus the motion of the bench.
     answer : Dof
-        Where the effect is seen.
+        Particle and direction of the displacement that is returned.
     gyration_seen_from : {'bench', 'floor'}
-        The velocity that gyration turns on a shaken bench. With 'bench' it is w', as for gyroscopes on pillars. With 'floor' it
-        is the velocity seen from the floor, as on a rotating bench or for charges in a field, and + M g J d u_b' is added on the
-        right.
+        Which velocity the force of gyration depends on if the bench is shaken. With 'bench' it is w', as for gyroscopes on
+        pillars. With 'floor' it is the velocity seen from the floor, as on a rotating bench or for charges in a field; the
+        equation then has + M g J d u_b' on the right.
 
     Returns
     -------
@@ -356,9 +356,9 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
 
 
 def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Masses along a direction in which the bench is shaken, or one of each site, in g, within what constraints leave free.
+    """Mass times direction for each particle in g, shape (particles, 3), projected on what the constraints leave free.
 
-    Shape (particles, 3).
+    `direction` is that in which the bench is shaken, one for all sites or one for each.
     """
     force, P, dim = np.zeros((len(system), 3)), system.free, system.dim
     force[:, :dim] = (P @ (P.T @ (system.masses[:, None] * direction[..., :dim]).ravel())).reshape(-1, dim)
@@ -366,7 +366,7 @@ def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[
 
 
 def _by_modes(system, s, omega, gamma, particles):
-    """Displacements, and at each frequency the round-off that they may have: that of K, which its modes spread everywhere."""
+    """Displacements from the modes, and a bound of their round-off at each frequency: that of K, which reaches all particles."""
     squares, vectors = system.spectrum
     refuse_growing(squares[0], squares[-1])
     dynamic = squares - omega[:, None] ** 2 + 1j * gamma * omega[:, None]
@@ -380,18 +380,18 @@ def _by_modes(system, s, omega, gamma, particles):
 
 
 def _inner(z):
-    """`z - sqrt(z^2 - 1)` within the unit circle, without its cancellation at large z."""
+    """The value of `z - sqrt(z^2 - 1)` within the unit circle, without cancellation at large z."""
     return 1 / (z + np.sqrt(z - 1) * np.sqrt(z + 1))  # the branch cut lies on the interval
 
 
 def _scaled(K, omega, gamma):
-    """The interval of the spectrum, and where `z = omega^2 - i gamma omega` lies when that is [-1, 1]."""
+    """The interval of the spectrum, and `z = omega^2 - i gamma omega` on the scale on which this interval is [-1, 1]."""
     interval = stable_interval(K)
     return interval, (omega**2 - 1j * gamma * omega - interval.centre) / interval.radius
 
 
 def _series_length(w, tolerance):
-    """About how many terms the longest series in powers of `w` has; without end where damping is too weak to be seen."""
+    """Approximate number of terms of the longest series in powers of `w`; infinite if damping is too weak to matter."""
     largest = abs(w).max()
     return np.log(tolerance) / np.log(largest) if largest < 1 - EPS else np.inf
 
@@ -411,7 +411,7 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     omega, gamma, particles, tolerance
         As for `frequency_response`.
     K : sparse array, Matrix or Stencil, optional
-        If it is known already.
+        Products with the matrix K of the system, if they are known already.
 
     Returns
     -------

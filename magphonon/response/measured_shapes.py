@@ -28,7 +28,7 @@ LAYOUT = ('a table of measured shapes has the columns mode,x_m,y_m and u_x or u_
           'where known frequency_Hz and the imaginary parts u_x_im, u_y_im, of motion Re u e^{-i omega t}')
 NEAR = 0.25  # of the spacing: the farthest that a measured point may be from its particle
 ALIKE = 0.5
-"""MAC above which no other of the computed shapes can be as much like a measured one, if all of it was measured."""
+"""MAC above which no other computed shape can be as similar to a measured one, if all directions were measured."""
 CHANCE = 0.01
 """Probability with which the best of all computed shapes may have the MAC of a match by chance."""
 FAR = 0.25  # relative distance in frequency beyond which shapes alike are no match; a law known to 10 % gives a fifth
@@ -36,14 +36,14 @@ FAR = 0.25  # relative distance in frequency beyond which shapes alike are no ma
 
 @dataclass(frozen=True)
 class Comparison:
-    """Measured shapes and all computed ones.
+    """Similarity of measured mode shapes to all computed ones.
 
     Attributes
     ----------
     names : tuple of str
         Names of the measured shapes.
     omega : ndarray, shape (measured,)
-        Their angular frequencies in rad/ms; NaN where not known.
+        Angular frequencies of the measured shapes in rad/ms; NaN where not known.
     mac : ndarray, shape (measured, modes)
         Modal assurance criterion with each computed mode.
     least : ndarray, shape (measured,)
@@ -71,13 +71,13 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     atoms : ase.Atoms
         The structure, in the frame of the measured places.
     found : Modes
-        Of it.
+        Modes of this structure.
 
     Raises
     ------
     ValueError
-        For a frequency that is not positive, a place farther than a quarter of the spacing from every particle, or one that
-        a mode has twice.
+        For a frequency that is not positive, a place farther than a quarter of the spacing from every particle, or a place that
+        appears twice in a mode.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     particle, spacing = away.argmin(axis=0), atoms.calc.bonds.lengths.min()  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
     for row in np.flatnonzero(away.min(axis=0) > NEAR * spacing)[:1]:
         raise ValueError(f'line {table.lines[row]} of {path}: the nearest particle is {away[:, row].min() / u.mm:.3g} mm from '
-                         f'{table.header["x"]}, {table.header["y"]}; places are those of the scene, at rest')
+                         f'{table.header["x"]}, {table.header["y"]}; give positions at rest, in the frame of the scene')
     shape = np.stack([table[name] + 1j * table.get(f'{name}_im', 0.0) for name in ('u_x', 'u_y') if name in table], axis=1)
     names = tuple(dict.fromkeys(map(str, table['mode'])))
     mac, omega, least = np.empty((len(names), len(found.omega))), np.full(len(names), np.nan), np.ones(len(names))
@@ -111,7 +111,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
         rows = np.flatnonzero(table['mode'] == name)
         at, a = particle[rows], shape[rows].ravel()
         if len(np.unique(at)) < len(at):
-            raise ValueError(f'{path}: the mode {name} has one particle twice; give each particle one row')
+            raise ValueError(f'{path}: the mode {name} has two rows for one particle; give each particle one row')
         if not a.any():
             raise ValueError(f'{path}: nothing moves in the mode {name}; leave it out')
         b = found.shapes[:, at][..., axes].reshape(len(found.omega), -1)

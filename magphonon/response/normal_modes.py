@@ -26,7 +26,7 @@ SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
 
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
-WELL = 0.37  # a third of the largest motion, or more, but no ratio that symmetry makes: round-off would decide at that
+WELL = 0.37  # about a third, but no ratio that symmetry can produce, because round-off would then decide
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Modes(InHertz, Saved, kind='modes', units={
     omega : ndarray, shape (modes,)
         Ascending, in rad/ms; for an unstable mode, minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
-        Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, if the
-        particles are gyroscopes.  The sign is positive at the first particle and axis that moves by more than a third of the
-        largest motion. Among modes of equal frequency the first moves most there and the others not at all, and so on: they are
-        the same on every machine, if the whole group is computed.
+        Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`. If the particles are gyroscopes the shapes are complex, for
+        the motion `Re u e^{-i omega t}`.  Modes are the same on every machine, if all modes of equal frequency are computed: the
+        sign is positive at the first particle and axis that moves by more than a third of the largest motion. Among modes of
+        equal frequency only the first moves there, and the rule is repeated for the others.
     """
 
     omega: np.ndarray
@@ -88,14 +88,14 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
 def _refuse_all(system):
     size, turning = system.K.shape[0], bool(system.turning)
     refuse_memory(f'all {size} modes', MATRICES * 8 * size**2 * (4 if turning else 1),
-                  'take a smaller structure' if turning else 'ask for the lowest ones, modes(atoms, count=...)')
+                  'take a smaller structure' if turning else 'ask for the lowest modes, modes(atoms, count=...)')
 
 
 def _fixed(squares, shapes, system):
-    """The shapes as `Modes` describes them: one basis of modes with equal `squares`, a fraction of a stiffness, and fixed signs.
+    """The shapes in the form that `Modes` describes: with fixed signs, and a unique basis of modes with equal `squares`.
 
-    Such modes are rotated by the successive q of `w = q V` that move most at the first component which they move well, as in QR
-    with pivots; without a rotation eigenvectors of equal eigenvalues differ from one processor to another.
+    Without a rotation, eigenvectors of equal eigenvalues differ from one processor to another. As in QR with pivots, successive
+    rows q of the rotation maximise the motion q V at the first component that V moves well.
     """
     found = np.array(shapes, order='C')  # each mode in one piece
     for shape in np.split(found, np.flatnonzero(np.diff(squares) > EQUAL) + 1):
@@ -136,7 +136,7 @@ def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     omega : float
-        In rad/ms; negative for modes that grow faster than this rate.
+        In rad/ms; a negative value -w counts the modes that grow faster than e^{w t}.
 
     Examples
     --------
@@ -153,17 +153,17 @@ def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
 
 
 def refuse_unstable(system: LinearSystem, damping: ArrayLike = 0.0) -> None:
-    """`refuse_growing` for a structure of any size, without its spectrum if stiffness alone holds it."""
+    """Raise Unstable for a structure of any size that is unstable; no spectrum is needed if stiffness alone holds it."""
     if not system.stable:
         refuse_growing(*((-(system.growth(damping) ** 2), 0.0) if system.turning else lowest_mode(system.K)[:2]))
 
 
 def refuse_growing(lowest: float, highest: float) -> None:
-    """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response."""
+    """Raise Unstable if the ends of a spectrum (rad^2/ms^2) show an unstable structure, which has no steady response."""
     if lowest < -ROUND_OFF * highest:
         raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
                          f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or a larger spacing would hold it; '
-                         '"magphonon check" or magphonon.verdict says how much')
+                         '"magphonon check" or magphonon.verdict says how much is needed')
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     dim = found.shapes.shape[2]
     if found.shapes.shape[1] != len(rest):
         raise ValueError(f'the modes are those of {found.shapes.shape[1]} particles, but the structure has {len(rest)}; give the '
-                         'one from which they were computed')
+                         'structure from which they were computed')
     energy = rest.get_masses()[:, None] * abs(found.shapes) ** 2
     share = energy.sum(axis=2)
     centre, spread = np.empty((len(share), dim)), np.empty(len(share))
@@ -250,7 +250,7 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     gap : two numbers
-        Lower and upper end in rad/ms, such as a row of `magphonon.bands.band_gaps`; imaginary frequencies are negative.
+        Lower and upper end in rad/ms, such as a row of `magphonon.bands.band_gaps`; negative for imaginary frequencies.
 
     Returns
     -------

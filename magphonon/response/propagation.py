@@ -2,7 +2,7 @@
 
 The flow of `y'' + gamma y' + K y = g(t)` from t' to t is a function of K.  A drive is a sum of products of a time course and a
 pattern of forces s. The response to each is `sum_n c_n(t) T_n(X) s` at every time t, where the c_n(t) follow from single
-oscillators at the Chebyshev points.  Free motion is two more such sums, of initial displacements and velocities.
+oscillators at the Chebyshev points.  Free motion adds two such sums, for initial displacements and velocities.
 
 Single oscillators, `y'' + gamma y' + w2 y = f(t)`, are solved exactly for many w2 at once.  With W^2 = w2 - gamma^2/4, the free
 motion over a time t is made of
@@ -54,7 +54,7 @@ EPS = np.finfo(float).eps
 
 
 def free_motion(w2: NDArray[np.float64], gamma: float, t: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The functions c and s above; `w2` (rad^2/ms^2) and `t` (ms) broadcast, `gamma` is in 1/ms."""
+    """The functions c and s of a free oscillator; `w2` (rad^2/ms^2) and `t` (ms) broadcast, `gamma` is in 1/ms."""
     W2 = w2 - gamma**2 / 4
     W, decay = np.sqrt(abs(W2)), np.exp(-gamma * t / 2)
     c, s = decay * np.cos(W * t), decay * t * np.sinc(W * t / np.pi)
@@ -67,7 +67,7 @@ def free_motion(w2: NDArray[np.float64], gamma: float, t: Any) -> tuple[NDArray[
 
 
 def free_response(w2: NDArray[np.float64], gamma: float, t: Any) -> NDArray[np.float64]:
-    """Matrix from (y, y') at zero to (y, y') at t, shape (2, 2, ...)."""
+    """Matrix that takes (y, y') of a free oscillator at time zero to (y, y') at t, shape (2, 2, ...)."""
     c, s = free_motion(w2, gamma, t)
     return np.array([[c + gamma / 2 * s, s], [-w2 * s, c - gamma / 2 * s]])
 
@@ -94,8 +94,8 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     """
     pieces = np.ceil(np.diff(edges) * rate / TURN).astype(int)
     if pieces.sum() > PANELS:
-        raise ValueError(f'{edges[-1] - edges[0]:g} ms of the fastest motion, {rate:g} rad/ms, need {pieces.sum()} panels, more '
-                         f'than {PANELS}; ask for a shorter time or less damping')
+        raise ValueError(f'{edges[-1] - edges[0]:g} ms of motion at up to {rate:g} rad/ms need {pieces.sum()} panels of '
+                         f'integration, more than {PANELS}; ask for a shorter time or less damping')
     if len(edges) == 1:
         return edges, np.repeat(force(edges[:0])[:, None], NODES, axis=1)
     starts = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges[:-1], edges[1:], pieces, strict=True)])
@@ -163,7 +163,7 @@ def forced_response(w2: NDArray[np.float64], gamma: float, edges: NDArray[np.flo
 
 @dataclass(frozen=True)
 class Transient(Motion, kind='transients', units=MOTION_UNITS | {'error': ('mm',), 'products': ('',)}):
-    """Motion at chosen times, with `velocities`.
+    """Motion at chosen times, with `velocities`, an estimate of its error and the cost.
 
     Attributes
     ----------
@@ -252,12 +252,12 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
         raise Unstable(f'the structure is unstable: its motion grows by e^{growth:.0f} in {times[-1]:g} ms; ask for a shorter '
-                         'time, or see magphonon.stability.verdicts for what would hold it')
+                         'time, or ask magphonon.verdict what would hold the structure')
     return moved(interval)
 
 
 def _initial_state(atoms, system, walls):
-    """Displacements and velocities in reduced coordinates, shape (free, 2); walls are where their course takes them."""
+    """Initial displacements and velocities in reduced coordinates, shape (free, 2); displacements of walls count as zero."""
     u = system.calc.displacements(atoms)
     u[walls] = 0.0
     u = u.ravel()
@@ -265,8 +265,8 @@ def _initial_state(atoms, system, walls):
     y = system.shapes.T @ (np.repeat(system.masses, system.dim) * u)
     outside = abs(system.shapes @ y - u)
     if outside.max() > 1e-9 * abs(u).max() + IN_PLACE * abs(atoms.positions).max():
-        raise ValueError(f'particle {outside.argmax() // system.dim} is {outside.max():g} mm away from rest in a direction '
-                         'in which it is held; start from rest there')
+        raise ValueError(f'particle {outside.argmax() // system.dim} is {outside.max():g} mm away from rest in a direction in '
+                         'which it is held; start without this displacement')
     return np.stack([y, system.shapes.T @ momenta], axis=1)
 
 
@@ -292,7 +292,7 @@ class _Load:
         return np.concatenate([pushes, walls @ self._pull], axis=1)
 
     def between(self, start, stops, rate):
-        """Panels from `start` through the `stops`: edges, courses (panels, nodes, terms), patterns (free, terms)."""
+        """Panels from `start` to the last of the `stops`: edges, courses (panels, nodes, terms), patterns (free, terms)."""
         kinks = self._kinks[(self._kinks > start) & (self._kinks < stops[-1])]
         edges = np.unique(np.concatenate([[start], stops, kinks]))
         edges, values = sampled(self._forces, edges, rate, max(1e-2 * self._tolerance, RESOLVED))
@@ -319,7 +319,7 @@ class _Asked:
 
 
 def _propagate(asked, state, times):
-    """The motion in parts that are short enough: y of shape (times, 2, rows), error and products as in Transient."""
+    """The motion, computed in sufficiently short parts: y of shape (times, 2, rows), and error and products of Transient."""
     interval, road = asked.interval, asked.first_order
     rate = np.sqrt(interval.highest - interval.lowest) if road is None else 2 * road.rate
     parts = int(np.ceil(max(rate * times[-1] / SPAN, len(times) * rate * times[-1] / 2 / LARGEST, 1)))
@@ -343,7 +343,7 @@ def _propagate(asked, state, times):
 
 
 def _resolved(motions, interval, terms):
-    """Chebyshev coefficients of a motion, (stops, 2, columns, terms or more): they fall, as it is an entire function of w2."""
+    """Chebyshev coefficients of a motion, (stops, 2, columns, terms); `terms` grows until the coefficients have decayed."""
     c = coefficients(motions(interval.nodes(terms)))
     while abs(c[..., -8:]).max() > UNRESOLVED * abs(c).max():
         if c.shape[-1] > MOST * terms:
@@ -354,8 +354,8 @@ def _resolved(motions, interval, terms):
 
 
 def _part(asked, state, start, stops, last):
-    """Motion at the `stops` after the `state` at `start`, shape (stops, 2, rows); unless this is the last part, the state at the
-    last of them, and all to round-off; error and products as in Transient.
+    """Motion at the `stops` after the `state` at `start`, shape (stops, 2, rows); the state at the last stop, unless this is the
+    `last` part; and error and products of Transient. All parts but the last are computed to round-off.
     """
     K, interval, gamma, rows, size = asked.K, asked.interval, asked.gamma, asked.rows, asked.size
     rate = np.sqrt(interval.highest - interval.lowest)

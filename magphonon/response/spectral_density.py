@@ -49,7 +49,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     Returns
     -------
     DensityOfStates
-        With as many `modes` as there are free directions, and the standard error of the mean over the vectors.
+        Its `modes` are the number of free directions, and its `error` is the standard error of the mean over the vectors.
 
     Examples
     --------
@@ -88,14 +88,14 @@ class SpectralFunction(InHertz, Saved, kind='spectral functions', units={
     q : ndarray, shape (wavevectors, 3)
         In fractions of the reciprocal vectors of the primitive cell.
     omega : ndarray, shape (frequencies,)
-        Angular frequencies in rad/ms, ascending; imaginary ones are negative.
+        Angular frequencies in rad/ms, ascending; negative values stand for imaginary frequencies.
     density : ndarray, shape (wavevectors, frequencies)
         A(k, omega) in ms/rad, summed over the branches.
     modes : float
-        Integral over the frequency at each wavevector: the number of branches, without those of sites and directions that are
-        held in every cell.
+        Integral over the frequency at each wavevector: the number of branches. Sites and directions held in every cell do not
+        count.
     width : ndarray, shape (frequencies,)
-        Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes there.
+        Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes.
     """
 
     q: np.ndarray
@@ -113,10 +113,10 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
     The start vectors are plane waves in mass-weighted displacements, one for each particle of the primitive cell and each
     direction,
 
-        e^{i k.R} / sqrt(sites)    on the free sites of one sort, along one direction
+        e^{i k.R} / sqrt(sites)    on the free sites of one particle of the cell, along one direction
 
-    with the places R of the anchors, so that in a perfect lattice they combine to its Bloch waves. In a patch of length l a wave
-    has a width of at least about 2 pi/l in wavevector. In a periodic structure use wavevectors that fit its period.
+    where R are the positions of the anchors. In a perfect lattice these vectors combine to its Bloch waves. In a patch of length
+    l, a wave has a width of at least about 2 pi/l in wavevector. In a periodic structure use wavevectors that fit its period.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
     cell : ase.Atoms
         The primitive cell of the perfect lattice, in the same orientation; its calculator is not needed.
     q : array_like, shape (wavevectors, 3)
-        In fractions of the reciprocal vectors of `cell`, as `path.kpts` of a path through its zone.
+        Wavevectors in fractions of the reciprocal vectors of `cell`, such as `path.kpts` of a path through its zone.
     omega, moments
         As for `density_of_states`.
     """
@@ -175,9 +175,9 @@ class _Waves:
 
 
 def sites_of(places: NDArray[np.float64], cell: Atoms) -> NDArray[np.int_]:
-    """The particle of the primitive cell to which each particle of a patch belongs, by its place on or near a site."""
+    """Index of the particle of the primitive cell to which each particle of a patch belongs, from the site next to its place."""
     def away(first):
-        """Distances of the particles from the sites of each sort, shape (sorts, particles), if that of the first is `first`."""
+        """Distances of particles to the nearest site of each sort, shape (sorts, particles), if particle 0 has sort `first`."""
         from_site = places - places[0] + cell.positions[first] - cell.positions[:, None]
         cells = cell.cell.scaled_positions(from_site.reshape(-1, 3))
         cells -= np.where(cell.pbc, cells.round(), 0)

@@ -1,13 +1,13 @@
-"""Products with the matrix of squared frequencies without the matrix, where the bonds lie on a grid.
+"""Products with the matrix of squared frequencies K, without storing K, for structures whose bonds lie on a grid.
 
-There the bonds fall into groups that lead from each slot to one a constant offset away (`magphonon.dynamics.memory_layout`), and
-a row of K y is a sum over shifted slices,
+On a grid the bonds of a group connect each slot to the slot at a constant offset g (`magphonon.dynamics.memory_layout`), and a
+row of K y is a sum over shifted slices,
 
     (K y)_i = D_i y_i + sum_g (A_g,i y_{i+g} + A_g,i-g y_{i-g})        A = -K_b / sqrt(m_i m_j)
 
-with one A for each group where all its bonds are alike, and one for each bond elsewhere.  A sparse matrix reads 264 bytes of each
-particle; this reads 40, or 130, and the recurrence of Chebyshev vectors needs no pass of its own.  A few products go over the
-slots together, each a run or more behind the one before, while their vectors are in the cache of the processor.
+with one A for each group if all its bonds are alike, and otherwise one for each bond.  A product with a sparse matrix reads 264
+bytes for each particle; this one reads 40, or 130 if bonds differ, and the recurrence of Chebyshev vectors needs no pass of its
+own.  Some products share one pass over the slots, each a run or more behind the one before, while their vectors are in the cache.
 """
 
 from __future__ import annotations
@@ -43,23 +43,23 @@ class Stencil:
     Attributes
     ----------
     places : ndarray of int, shape (free,)
-        Where the coordinates of the free directions are in a vector, of 2 slots numbers; all others are zero.
+        Positions of the coordinates of the free directions in a vector of 2 * slots numbers; all other numbers are zero.
     free : ndarray, shape (slots,)
         1 where a particle can move, 0 elsewhere.
     runs : ndarray of int, shape (runs, 2)
-        First slots and last + 1 of stretches with particles.
+        First and last + 1 slot of each stretch that contains particles.
     lag : int
-        How many runs behind the one before a product must be.
+        Number of runs by which a product must stay behind the one before it.
     offsets : tuple of int
-        Of each group of bonds.
+        Offset in slots of each group of bonds.
     row_sum : float
-        The largest sum of moduli of a row, which bounds the highest eigenvalue.
+        The largest sum of the moduli in a row, which is an upper bound of the highest eigenvalue.
     R : ndarray, shape (groups, 2)
         Rest vector of a bond of each group, mm.
     D, A : ndarray, shape (3, 1) and (3, groups), or (3, 1, slots) and (3, groups, slots)
         Components xx, xy, yy.
     scatter : float
-        By how much an eigenvalue may differ because bonds are taken as alike; infinite where they are not.
+        Bound of the change of an eigenvalue because bonds are treated as equal; infinite if they are not.
     """
 
     places: np.ndarray
@@ -75,10 +75,10 @@ class Stencil:
 
     @property
     def proves_stable(self) -> bool:
-        """Whether Bloch waves prove that no eigenvalue is negative; only of bonds that are alike.
+        """Whether Bloch waves prove that no eigenvalue is negative; always False if bonds differ.
 
-        Every two free slots that are as far apart as a group of bonds leads are bonded: K is a part of the matrix of an endless
-        row of slots, whose waves are among those of a lattice in which the groups lead along whole steps that add up alike.
+        All pairs of free slots at the offset of a group are bonded, so K is a block of the matrix of an infinite row of slots.
+        The waves of this row are among those of a lattice, if the offsets are linear in the lattice steps of the groups.
         """
         if self.D.ndim == 3 or (c := multiples(self.R)) is None:
             return False
@@ -88,13 +88,13 @@ class Stencil:
         return np.array_equal(c @ base, offsets) and no_wave_grows(springs, c, K, self.scatter)
 
     def enter(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Vectors of coordinates, shape (free, columns), in slots."""
+        """Vectors of coordinates, shape (free, columns), arranged in slots, shape (columns, 2, slots)."""
         slots = aligned_zeros((s.shape[1], 2, len(self.free)))
         slots.reshape(len(slots), -1)[:, self.places] = s.T
         return slots
 
     def scaled(self, factor: float, shift: float) -> Stencil:
-        """The stencil of factor (K - shift)."""
+        """The stencil of the matrix `factor * (K - shift)`."""
         D = self.D.copy()
         D[::2] -= shift
         return replace(self, D=factor * D, A=factor * self.A, row_sum=abs(factor) * self.row_sum,
@@ -121,7 +121,7 @@ class Stencil:
 
 
 def stencil_of(system: LinearSystem) -> Stencil | None:
-    """The stencil of K, or None where the bonds lie on no grid, particles are guided, or leave the plane."""
+    """The stencil of K; None if the bonds lie on no grid, or particles are guided or leave the plane."""
     calc, mobile = system.calc, system.mobile
     if system.dim != 2 or not all(isinstance(constraint, FixAtoms) for constraint in system.atoms.constraints):
         return None
@@ -161,8 +161,8 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
 
 
 def _shared(D, A, free, offsets, error):
-    """One D and one A of each group, if all free slots have the same, and every two free slots that far apart are bonded; and by
-    how much what they stand for may shift an eigenvalue.
+    """One D, one A of each group, and a bound of the shift of an eigenvalue by their scatter; or None unless all free slots have
+    the same D and A, and all pairs of free slots at the offset of a group are bonded.
     """
     every = [D[:, 0, free > 0], *(A[:, g, :-o][:, free[:-o] * free[o:] > 0] for g, o in enumerate(offsets))]
     of_all = np.array([x[:, 0] if x.size else np.zeros(3) for x in every]).T
@@ -172,7 +172,7 @@ def _shared(D, A, free, offsets, error):
 
 
 def shared(D, A, offsets):
-    """What all slots share, D and A of each group; read before the loop it stays in registers."""
+    """The D and A that all slots share; if they are read before the loop they stay in registers."""
 
 
 @overload(shared)
@@ -217,8 +217,8 @@ def row(x, y, D, A, free, offsets, s, e):
 
 @kept
 def advance(x, y, D, A, free, offsets, runs, lag, sums, rows, first, taken):
-    """`row` for all columns, in turns from x to y and from y to x: each product `lag` runs behind the one before, whose slots it
-    reads and whose source it overwrites.
+    """Apply `row` to all columns, in turns from x to y and from y to x. Each product stays `lag` runs behind the one before: it
+    reads the results of that product and overwrites its source.
     """
     places, to = rows
     for c in range(len(x)):

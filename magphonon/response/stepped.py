@@ -58,7 +58,7 @@ def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, d
     """
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
-        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; turn [frf.response]')
+        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; change [frf.response]')
     many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
     first = len(atoms) * np.arange(len(omega))
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
@@ -97,7 +97,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
         freedom(atoms)
         for what in _differing(structures[0], atoms):
             raise ValueError(f'structure {which} differs from structure 0 in its {what}: all replicas must share one law, model '
-                             'and cell; run this one separately')
+                             'and cell; run this structure separately')
     calcs, first = [atoms.calc for atoms in structures], np.cumsum([0, *(len(atoms) for atoms in structures)])
     rest = Atoms(numbers=np.concatenate([calc.reference.numbers for calc in calcs]), pbc=structures[0].pbc,
                  positions=np.concatenate([calc.reference.positions for calc in calcs]),
@@ -116,7 +116,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
 
 
 def _differing(one, other):
-    """The properties in which two structures differ and replicas must not."""
+    """The properties in which two structures differ although replicas must share them."""
     if one.calc is not other.calc:
         a, b = one.calc, other.calc
         known = all(map(saved_by_name, laws_of(a.laws)))  # of others only == can tell
@@ -130,7 +130,7 @@ def _differing(one, other):
 
 
 def _joined(constraints, first):
-    """Constraints of structures whose particles begin at the indices `first`: one of each kind and direction."""
+    """Joint constraints of structures whose particles begin at the indices `first`: one for each kind and direction."""
     held = {}
     for shift, own in zip(first, constraints, strict=False):
         for c in own:
@@ -190,13 +190,13 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
 def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float64]:
     """The change that the transient will still make to the last of several successive lock-in amplitudes, as a share of it.
 
-    From window to window a free vibration changes by a complex factor z of modulus `decay`, e^{-gamma T/2}, so the way left is
-    the last step times z/(1 - z), at most |step| decay/(1 - decay); at resonance, where it takes longest, exactly that.  A mere
-    comparison of two amplitudes would take slow change for none.  The windows, at least three, are of equal length.
+    From window to window a free vibration changes by a complex factor z of modulus `decay`, e^{-gamma T/2}.  The remaining change
+    is the last step times z/(1 - z), at most |step| decay/(1 - decay), which is reached at resonance, where decay takes longest.
+    Merely to compare two amplitudes would mistake slow change for none.  The windows, at least three, have equal length.
     """
     amplitudes = np.asarray(amplitudes)
     if len(amplitudes) < 3:
-        raise ValueError(f'steady state is judged by at least 3 windows, not {len(amplitudes)}')
+        raise ValueError(f'at least 3 windows are needed to recognise a steady state, not {len(amplitudes)}')
     if not 0 < decay < 1:
         raise ValueError(f'the decay per window must lie between 0 and 1, not {decay!r}; '
                          'without damping there is no steady state')
@@ -216,7 +216,7 @@ def steady_amplitudes(dyn: DrivenVerlet, recorder: Recorder, omega: ArrayLike, a
     dyn : DrivenVerlet
         With its drives and with damping.
     recorder : Recorder
-        Recorder attached to dyn, of the particles whose amplitude is wanted.
+        Recorder attached to dyn; it records the particles whose amplitude is wanted.
     omega : array_like, shape (particles,)
         Angular frequency of the drive that each of these particles follows, in rad/ms.
     axis : {0, 1}
@@ -256,7 +256,7 @@ def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
     dt : float
         Time between frames in ms.
     omega : array_like, shape (frequencies,)
-        In rad/ms; any, not only those of the fast Fourier transform.
+        In rad/ms; any frequencies, not only those of the fast Fourier transform.
 
     Returns
     -------
@@ -280,7 +280,7 @@ def impulse_response(signal: ArrayLike, dt: float, impulse: float, omega: ArrayL
 
     It is the Fourier integral of the record by the trapezoidal rule, with an end correction for the kink at t = 0, so that the
     error is of fourth order in omega dt. The vibration has not quite died out at the end of the record: a fraction e^{-gamma T/2}
-    of a mode is left, which is the relative error at its peak and, to a factor of about 2, elsewhere.
+    of a mode is left, which is the relative error at its peak and, to within a factor of about 2, elsewhere.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def impulse_response(signal: ArrayLike, dt: float, impulse: float, omega: ArrayL
     Returns
     -------
     FrequencyResponse
-        Its `transient` is the largest displacement of the last tenth of the record over that of the first.
+        Its `transient` is the largest displacement in the last tenth of the record, divided by that in the first tenth.
     """
     u = finite('signal', signal)
     dt, impulse = positive('dt', dt, 'ms'), positive('impulse', impulse, 'N ms')

@@ -22,7 +22,7 @@ from .frf import Dof
 
 MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
            for order, per in enumerate(('', '_per_s', '_per_s2'))} | {'g': (GRAVITY, 2)}
-"""Units of what was measured: to mm and ms, and how often it is differentiated."""
+"""Units of measured motions in mm and ms, and how often the displacement is differentiated."""
 PER_FORCE = {f'{name}_per_N': factor / u.N for name, (factor, _) in MOTIONS.items()}
 ORDERS = {f'{name}_per_N': order for name, (_, order) in MOTIONS.items()}
 ESTIMATORS = 'H1', 'H2'
@@ -39,8 +39,8 @@ RESPONSE_FUNCTION, FREQUENCY_AXIS = 4, 18  # of dataset 58
 QUANTITIES = {8: 0, 11: 1, 12: 2}  # ordinates of dataset 58: displacement, velocity, acceleration
 FORCES = 9, 13  # force of reaction, and of excitation
 INDEPENDENT = 18 / 19
-"""Independent averages of many segments that overlap by a half, over their number: under a Hann window neighbours share (1/6)^2
-of their spectrum (Welch 1967)."""
+"""Independent averages of many segments that overlap by a half, as a share of their number: under a Hann window neighbours share
+(1/6)^2 of their spectrum (Welch 1967)."""
 MOST_CUT = 0.9  # length of the shortest record, in the longest: shorter ones were cut before they died down
 SEGMENTS = 8  # parts, half of each in the next one, of a continuous record
 
@@ -56,11 +56,11 @@ class TransferFunction:
     omega : ndarray, shape (frequencies,)
         In rad/ms.
     response : ndarray of complex, shape (frequencies,)
-        In mm/N, or of a shaken bench per displacement of the bench.
+        In mm/N; if the bench is shaken, displacement per displacement of the bench.
     sigma : float or ndarray, shape (frequencies,), optional
         Standard uncertainty of real and imaginary part, in the unit of the response.
     order : {0, 1, 2}
-        Displacement, velocity or acceleration was measured.
+        0, 1 or 2 if displacement, velocity or acceleration was measured.
     answer, drive : Dof, ndarray or None
         Where the motion is measured and driven: a Dof of a structure; or, as it was read, x and y in mm and the direction in rad,
         shape (3,); or None if the scene says where.  The drive of a fit may be the direction in which the bench is shaken, shape
@@ -88,7 +88,7 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
     ----------
     path : path-like
         The columns of a table are listed in its error messages and on the page "Files".  A universal file holds functions of the
-        type 4 in dataset 58, the places of its nodes in dataset 15 or 2411.
+        type 4 in dataset 58, and the places of its nodes in dataset 15 or 2411.
     estimator : {'H1', 'H2'}
         Estimator for raw records, see `estimated`.
 
@@ -116,8 +116,8 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
         order = np.argsort(one.omega)
         omega = one.omega[order]
         if len(omega) < 2 or (np.diff(omega) == 0).any():
-            raise ValueError(f'{one.name}: a transfer function has two frequencies or more, each once; name different points in '
-                             'x_m, y_m and direction_deg, or keep one measurement')
+            raise ValueError(f'{one.name}: a transfer function needs at least two frequencies, each only once; if there are '
+                             'several points, name them in x_m, y_m and direction_deg, otherwise keep one measurement')
         if not one.response.any():
             raise ValueError(f'{one.name} is zero at every frequency; was the answer recorded?')
         inside = order[omega > 0]  # no acceleration tells a displacement at zero
@@ -147,7 +147,7 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
     estimator : {'H1', 'H2'}
     segment : int, optional
         Frames of a segment of one record.  It must be several times 1/gamma long, or peaks are blurred; by default there are 8
-        of them that overlap by a half.
+        segments that overlap by a half.
 
     Returns
     -------
@@ -173,7 +173,7 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
 
     x, y = np.atleast_2d(drive), np.atleast_2d(answer)
     if x.shape != y.shape or x.shape[1] < 16:
-        raise ValueError(f'drive and answer are records of one length, 16 frames or more, not {x.shape} and {y.shape}')
+        raise ValueError(f'drive and answer must be records of equal length, 16 frames or more, not {x.shape} and {y.shape}')
     settings: dict[str, Any]
     if len(x) > 1:
         settings, averages = {'nperseg': x.shape[1], 'window': 'boxcar', 'detrend': False}, len(x)
@@ -215,7 +215,7 @@ def _table(path, held, estimator):
 
 
 def _by_place(table, shaken=False):
-    """Name, rows, and place and direction of answer and drive of each function or record of a table; None where it has none."""
+    """Yield name, rows, and place and direction of answer and drive of each function in a table; None for a place not given."""
     places = []
     for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive_deg')):
         given = [name for name in names if name in table]
@@ -232,12 +232,12 @@ def _by_place(table, shaken=False):
 
 
 def _from_records(table, estimator, name, rows, place, source):
-    """One transfer function from some rows of a table, the records of one place, one of each hit."""
+    """One transfer function from some rows of a table, which hold the records of one place, one record for each hit."""
     number = table.get('record', 0.0)[rows]
     split = [rows[number == one] for one in np.unique(number)]
     frames, most = min(map(len, split)), max(map(len, split))
     if frames < MOST_CUT * most:
-        raise ValueError(f'{name}: its records have from {frames} to {most} frames; leave out those that were cut')
+        raise ValueError(f'{name}: its records have from {frames} to {most} frames; omit the records that were cut short')
     t = np.array([table['time'][own[:frames]] for own in split])
     dt = float(np.median(np.diff(t))) if frames > 1 else 0.0
     if not dt > 0 or abs(np.diff(t) - dt).max() > 0.01 * dt:
@@ -284,7 +284,7 @@ def _of_datasets(path, sets):
         found.append(TransferFunction(name, omega, unit * data, None, order, *ends, shaken=shaken))
     if len(somewhere) > 1:
         raise ValueError(f'{path} does not say where its nodes are, and all of {", ".join(sorted(somewhere))} would be taken for '
-                         'the point of [frf.response]; export the geometry too (dataset 15), or one function a file')
+                         'the point of [frf.response]; export the geometry too (dataset 15), or one function per file')
     if not found:
         types = sorted({one['func_type'] for one in sets if one['type'] == 58})
         raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; '
@@ -293,7 +293,7 @@ def _of_datasets(path, sets):
 
 
 def _end(path, one, end, places):
-    """Place and direction of one end of a function: x, y and the angle; None where the file has no nodes."""
+    """Place and direction of one end of a function: x, y and the angle; None if the file does not list its node."""
     node, direction = int(one[f'{end}_node']), int(one[f'{end}_dir'])
     if node not in places:
         return None

@@ -43,7 +43,7 @@ EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not 
 BENT = tuple(f'bend {k}' for k in BENDS)  # nor are those by which a law departs from an inverse power
 NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of such a law: in spacings, in the longest bonds, number
 TELLS = 2.0
-"""Difference of the models in sigmas below which the data do not tell them apart."""
+"""Difference of the models in sigmas below which the data cannot distinguish them."""
 
 
 @dataclass(frozen=True)
@@ -53,15 +53,15 @@ class BandFits:
     Attributes
     ----------
     scene : Scene
-        Where the fit started: spacing, masses and what is fixed are known from it.
+        The scene at which the fit started; it provides spacing, masses and all fixed parameters.
     points : RidgePoints
         The points that were fitted, which share no noise.
     fits : dict of DispersionFit
-        By model, 'complete' and 'conventional'.
+        The fit of each model, 'complete' and 'conventional'.
     priors : dict
         Prior knowledge about parameters: value in SI and standard uncertainty.
     left_out : tuple of str
-        Ridges that were left out of the fit; their distance from it widens the intervals.
+        Ridges that were left out of the fit; their distance from the fitted branches widens the intervals.
     """
 
     scene: Scene
@@ -77,17 +77,17 @@ class BandFits:
 
     @property
     def of_any_law(self) -> bool:
-        """Whether the law may be any smooth one near an inverse power."""
+        """Whether the intervals hold for any smooth law near an inverse power."""
         return BENT[0] in self.fits['complete'].names
 
     @property
     def evidence(self) -> float:
         """Evidence for D* in sigmas: the root of the difference of chi2, negative if D0 alone fits better.
 
-        Without D* the static forces vanish, and the stiffness remains free: for an inverse power, one parameter less.  By Wilks'
-        theorem the difference is a chi2 of one degree of freedom if the smaller model holds.  If the points scatter
-        more than their uncertainties say, the difference is measured in units of that scatter. If not even the better model
-        follows the points (`DispersionFit.follows`), the evidence is meaningless.
+        Without D* the static forces vanish and only the bond stiffness is free: for an inverse power, this is one parameter
+        fewer.  By Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model is true.  If the points
+        scatter by more than their uncertainties, the difference is measured in units of that scatter. If not even the better
+        model fits the points (`DispersionFit.follows`), the evidence is meaningless.
         """
         difference = self.fits['conventional'].chi2 - self.fits['complete'].chi2
         return float(np.sign(difference) * np.sqrt(abs(difference)) / self.better.scatter)
@@ -101,7 +101,7 @@ class BandFits:
     def biased(self) -> bool:
         """Whether ridges of a point source are fitted without prior knowledge of the exponent or of the foundation.
 
-        The intervals then contain the truth, but the values lie to one side of it.
+        The intervals then contain the true values, but the fitted values all err in the same direction.
         """
         alone = [name for name in self.names if name not in (*self.priors, 'force')]
         return bool(self.points.from_points.any() and alone)
@@ -111,8 +111,8 @@ class BandFits:
         """Possible causes of the scatter of the points, each with a fit of the better model in which the cause is removed; the
         best fit comes first.
 
-        The ridges that the model misses most are left out one by one and listed by name; under NEIGHBOURS as many neighbours are
-        counted as matter.
+        The ridges that the model misses most are left out one by one, and the fits have the names of these ridges. The fit under
+        the name NEIGHBOURS counts as many neighbours as matter.
         """
         off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
         tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
@@ -141,7 +141,7 @@ class BandFits:
         return (value, value * sigma) if sigma else None
 
     def fitted(self, model: Model = 'complete') -> Scene:
-        """The scene with the parameters of the fit; its law is a table where an inverse power was bent."""
+        """The scene with the parameters of the fit; its law is a table if the fitted law is not an exact inverse power."""
         factors = self.fits[one_of('model', model, MODELS)].by_name
         scene = with_factors(self.scene, factors)
         if not self.of_any_law:
@@ -161,7 +161,7 @@ class BandFits:
         return found
 
     def along(self, model: Model = 'complete') -> dict[str, NDArray[np.float64]]:
-        """The parameters and the stiffness of a bond as products of powers of the fitted quantities."""
+        """For each parameter and the stiffness of a bond: the powers of the fitted quantities of which it is the product."""
         fit = self.fits[model]
         return along(with_factors(self.scene, fit.by_name), fit.names)
 
@@ -170,7 +170,7 @@ class BandFits:
         return _built(self.scene, self.scene.perfect_cell(), self.fits[model].by_name)
 
     def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Frequencies of the fitted lattice and their relative standard uncertainties, by the covariance of the fit.
+        """Frequencies of the fitted lattice, and their relative standard uncertainties from the covariance of the fit.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class BandFits:
         Returns
         -------
         omega, sigma : ndarray, shape (wavevectors, branches)
-            In rad/ms; `sigma` is a fraction of omega, infinite where the points do not determine it.
+            `omega` is in rad/ms; `sigma` is a fraction of it, infinite if the points do not determine the frequency.
         """
         fit, (atoms, changes) = self.fits[one_of('model', model, MODELS)], self.built(model)
         omega, slopes = frequency_sensitivities(atoms, q, [changes[name] for name in fit.names], model)
@@ -190,7 +190,7 @@ class BandFits:
 
     @property
     def proposals(self) -> list[Proposal]:
-        """What to measure next; nothing if the complete model does not follow the points."""
+        """Proposals for the next measurement; none if the complete model does not fit the points."""
         fit = self.fits['complete']
         return after_ridges(fit, self.points, *self.built(), self.along()) if fit.follows else []
 
@@ -204,7 +204,7 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 
 
 def parameters_in(scene: Scene) -> tuple[str, ...]:
-    """Parameters of any scene that a fit may vary, also of a finite structure or the oscillator."""
+    """The parameters of any scene, also of a finite structure or the oscillator, that a fit may vary."""
     shape = FITTED[one_of('law.kind', scene.law.kind, tuple(FITTED))].shape
     if scene.laws_of_kinds:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; use particles of one kind')
@@ -232,14 +232,14 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     ----------
     scene : Scene
     points : RidgePoints
-        Points of any number of ridges; points that share noise are left out.
+        Points of any number of ridges; of points that share noise only the strongest is used.
     fixed : sequence of str
-        Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation', or 'foundation_x' and
-        'foundation_y' of a scene with both.
+        Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation', or, if the scene has two springs,
+        'foundation_x' and 'foundation_y'.
     priors : dict, optional
         Prior knowledge about parameters: value in SI and standard uncertainty, such as {'force': (0.288, 0.01)}.
     without : sequence of str
-        Names of ridges that are not fitted; all intervals are widened according to how far the fit misses them.
+        Names of ridges that are not fitted; the more the fit misses them, the more all intervals are widened.
 
     Raises
     ------
@@ -279,10 +279,10 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
 
 def _fit(scene: Scene, points: RidgePoints, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]],
          without: Sequence[str], model: Model, near: DispersionFit | None = None) -> DispersionFit:
-    """The fit of one model, and by how much it misses the ridges that are left out.
+    """The fit of one model, with the residuals of the ridges that are left out.
 
-    What [uncertainty] does not know of the exponent of a table is one more parameter, with this as its prior. An inverse power
-    that more than nearest neighbours feel stands for any smooth law: its bends are parameters with priors.
+    An error of the exponent of a table is one more parameter, whose prior is the tolerance in [uncertainty]. An inverse power
+    that acts beyond nearest neighbours stands for any smooth law: its deviations from a power (bends) are parameters with priors.
     """
     own, left_out = _divided(points, without)
     fixed = [name for name in parameters_of(scene) if name not in names]
@@ -297,7 +297,7 @@ def _fit(scene: Scene, points: RidgePoints, names: tuple[str, ...], priors: Mapp
 
 
 def _built(scene, cell, factors):
-    """The cell of a scene with its parameters multiplied by `factors`, and what each of them changes there."""
+    """The cell of a scene with its parameters multiplied by `factors`, and the change of stiffness by each of them."""
     there, atoms = with_factors(scene, factors), cell.copy()
     law, changes = _bent(there, factors) if BENT[0] in factors else (there.law.potential(), {})
     springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
@@ -306,7 +306,7 @@ def _built(scene, cell, factors):
 
 
 def _bent(scene, factors):
-    """The inverse power of a scene with the bends among the `factors`, and what force, exponent and bends change of it."""
+    """The inverse power of a scene, bent by the `factors`, and its derivatives by force, exponent and bends."""
     family, names, a = LawFamily(scene.lattice.spacing_m * u.m), ('force', 'a', *BENT), scene.law.a
     p = [np.log(repulsion(scene.law.potential(), family.r0)), a - CENTRE, *np.log([factors[name] for name in BENT])]
     law, along = FamilyLaw(family, np.array(p)), np.diag([1.0, a, *np.ones(len(BENT))])
@@ -314,7 +314,7 @@ def _bent(scene, factors):
 
 
 def _divided(points, without):
-    """The points to fit and those of the ridges that are left out, of each those that share no noise."""
+    """The points to fit and the points of the ridges left out, in both cases only points that share no noise."""
     for name in without:
         one_of('the ridge to be omitted', name, points.names)
     out = np.isin(np.array(points.names)[points.ridge], list(without))
@@ -326,17 +326,17 @@ def _divided(points, without):
 def _refuse_two_springs(points, free):
     if {'foundation_x', 'foundation_y'} <= {*free} and points.from_points.all():
         raise ValueError('ridges of a point source are shifted and cannot determine two springs, along x and along y; state what '
-                         'is known of them (--prior foundation_x_N_per_m=20+-2), fix one, remove '
+                         'is known of them (--prior foundation_x_N_per_m=20+-2), fix one of the springs, remove '
                          'foundation.stiffness_y_N_per_m, or drive a row of sources')
 
 
 def unsure_exponent(scene: Scene) -> float:
-    """The standard deviation that [uncertainty] states of the exponent of a table of forces, zero without one."""
+    """The standard deviation of the exponent of a table of forces, as stated in [uncertainty]; zero if not stated."""
     return (scene.law.kind == 'table' and scene.uncertainty is not None and scene.uncertainty.exponent) or 0.0
 
 
 def relative_prior(name: str, present: float, value: float, sigma: float, fixed: Sequence[str]) -> tuple[float, float]:
-    """Factor of the present value and relative uncertainty of what is known of a parameter."""
+    """Prior of a parameter, as a factor of its present value and a relative standard uncertainty."""
     if name in fixed:
         raise ValueError(f'{name} is fixed and has a prior; keep one of them')
     if not 0 < sigma <= LARGEST_TOLERANCE * value:
@@ -364,7 +364,7 @@ def of_remanence(scene: Scene) -> Scene:
 
 
 def changes_of(scene: Scene) -> dict[str, StiffnessDerivative]:
-    """What each parameter changes: the shape of the law at the same force at the spacing."""
+    """The change of stiffness by each parameter; those of the shape of the law keep the force at the spacing constant."""
     law, L = scene.law.potential(), scene.lattice.spacing_m * u.m
     changes = {'force': StiffnessDerivative(law=force_change(law))}
     kind = KINDS[scene.law.kind]
@@ -382,7 +382,7 @@ def changes_of(scene: Scene) -> dict[str, StiffnessDerivative]:
 
 
 def along(scene: Scene, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Parameters and the stiffness of a bond as products of powers of the parameters, shape (parameters,) each."""
+    """Powers of the parameters whose product is each parameter or the stiffness of a bond, shape (parameters,) each."""
     law, changes, L = scene.law.potential(), changes_of(scene), scene.lattice.spacing_m * u.m
     laws = [changes[name].law if name in changes else None for name in names]
     own = {name: one for name, one in zip(names, np.eye(len(names)), strict=True)
@@ -407,7 +407,7 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
 
 
 def knots(cell: Atoms, spacing: float) -> NDArray[np.float64]:
-    """Distances in mm at which the table of a law holds its forces, as far as a cell asks it."""
+    """Distances in mm at which the table of a law holds its forces; they cover all distances in the lattice of a cell."""
     return np.geomspace(NEAREST * spacing, FARTHEST * cell.calc.bonds.lengths.max(), KNOTS)
 
 

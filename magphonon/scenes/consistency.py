@@ -1,6 +1,6 @@
 """Consistency of the tables of a scene with each other; `Scene` calls `check` when all its tables are read.
 
-A check that fails raises ValueError with the key in front, its value and how to correct it.
+A check that fails raises ValueError, which names the key and its value and says how to correct it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DENSITIES_kg_per_m3 = 500, 5e5
 """Range of the moving mass divided by the volume of its magnet: from less than any magnet to more than a magnet with a heavy
 holder."""
 DENSEST_kg_per_m3 = 5e4
-"""Mass of a particle over the cube of the spacing above which a unit is probably wrong; osmium has 2.3e4."""
+"""Mass of a particle divided by the cube of the spacing above which a unit is probably wrong; osmium has 2.3e4."""
 LEAST_SHARE = 1e-12
 """Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
 foundation."""
@@ -48,7 +48,7 @@ IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
 
 
 def check(scene: Scene) -> None:
-    """Raise all faults that the tables of a scene have together."""
+    """Raise an error with all contradictions between the tables of a scene."""
     if scene.single:
         _oscillator(scene)
     if isinstance(scene.lattice, FileLattice) or isinstance(scene.law, SavedLaw):
@@ -104,8 +104,8 @@ def _modulation(scene: Scene) -> None:
         raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
                          'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python support it)')
     if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
-        raise ValueError('foundation.modulation: only chains and planar lattices support it, with a number of '
-                         'shells that is not "all"; remove it')
+        raise ValueError('foundation.modulation: only chains and planar lattices support it, and law.shells must be a number, '
+                         'not "all"; remove the modulation, or change shells')
 
 
 def _title(scene: Scene) -> None:
@@ -136,7 +136,7 @@ def _mass_kg(scene: Scene) -> float:
 
 def _burst(scene: Scene) -> None:
     if isinstance(scene.patch, Supercell):
-        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has none; choose another patch.kind')
+        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has no edge; choose another patch.kind')
 
 
 def _vibrometer(scene: Scene) -> None:
@@ -190,7 +190,7 @@ def _out_of_plane(scene: Scene) -> None:
 
 
 def _refuse(scene: Scene, tables: tuple[str, ...], why: str) -> None:
-    """Refuse each of these tables; {0} in `why` is its name."""
+    """Raise ValueError if the scene has one of these tables; {0} in `why` stands for its name."""
     for name in tables:
         if getattr(scene, name) is not None:
             raise ValueError(f'{name}: ' + why.format(name))
@@ -208,16 +208,16 @@ def _file(scene: Scene) -> None:
         does = 'takes the law from the file of the particles' if saved else 'joins the numbered nodes of a file'
         raise ValueError(f'law.kind = "{scene.law.kind}" {does}; it belongs to lattice.kind = "file"')
     if scene.members and lattice.cutoff_m is not None:
-        raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove it')
+        raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove cutoff_m')
     of_sites = scene.design is not None and bool(scene.design.targets)
-    _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, which '
-            'particles from a file do not have; remove the table [{0}]')
+    _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, but '
+            'particles from a file have neither; remove the table [{0}]')
     if lattice.finite:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
                 'periods, and [{0}] needs a lattice; remove the table, or give the file a cell')
     if scene.patch is not None and (lattice.cell().constraints or np.ptp(lattice.cell().get_tags())):
-        raise ValueError(f'patch: the cell in {lattice.file} holds particles or has several kinds of them, but a patch uses '
-                         f'constraints and tags for its rim; cut the patch in Python, and save it with magphonon.write_scene')
+        raise ValueError(f'patch: the cell in {lattice.file} has held particles or several kinds of particles, but a patch needs '
+                         f'constraints and tags to mark its rim; cut the patch in Python, and save it with magphonon.write_scene')
     for name, given in (('foundation', scene.foundation is not None), ('lattice.mass_kg', lattice.mass_kg is not None),
                         ('lattice.cutoff_m', lattice.cutoff_m is not None), ('patch', scene.patch is not None)) if saved else ():
         if given:
@@ -265,7 +265,7 @@ def _kinds(scene: Scene) -> None:
     _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
                                                   '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
-        raise ValueError('laws_of_kinds: tags tell the kinds of particles apart, but this patch marks its rim by tags; choose '
+        raise ValueError('laws_of_kinds: the tags of particles are their kinds, but this patch uses tags to mark its rim; choose '
                          'patch.kind = "supercell", or cut the patch in Python and save it with magphonon.write_scene')
 
 
@@ -281,7 +281,7 @@ def _bands(scene: Scene) -> None:
         leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
         if scene.law.shells == ALL or leaves or scene.turns:
             raise ValueError('bands.temperature_J needs time steps, for planar lattices with a number of shells, without '
-                             'gyration or motion out of the plane; remove it, or what contradicts it')
+                             'gyration or motion out of the plane; remove temperature_J, or what contradicts it')
     if scene.bands.path is None:
         return
     known = scene.special_points
@@ -300,7 +300,7 @@ def _frf(scene: Scene) -> None:
     driven = [key for key, given in (('base_deg', scene.frf.base_deg), ('[frf.wall]', scene.frf.wall),
                                      ('[frf.force]', scene.frf.force)) if given is not None]
     if len(driven) > 1:
-        raise ValueError(f'frf has both {" and ".join(driven)}; shake the bench, move a wall or push a particle')
+        raise ValueError(f'frf has both {" and ".join(driven)}; keep one: shake the bench, move a wall or push a particle')
     if scene.frf.wall is not None and (scene.single or isinstance(scene.patch, Supercell)):
         raise ValueError('frf.wall: a wall is a side of the held rim of a patch or finite structure, and the scene has none; '
                          'remove [frf.wall]')
@@ -330,7 +330,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
     pillar = scene.foundation and scene.foundation.pillar
     if pillar and 2 * pillar.radius_m > scene.lattice.spacing_m:
         raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
-                         f'{scene.lattice.spacing_given}; it is in metres')
+                         f'{scene.lattice.spacing_given}; radii are in metres')
     density = _mass_kg(scene) / scene.lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
@@ -349,7 +349,7 @@ def _numbers(scene: Scene) -> str:
 
 
 def _millimetres(scene: Scene, law: PairLaw, k: float) -> str:
-    """A question for the user, if the spacing would make sense in mm."""
+    """A question for the user that is added to a message if the spacing would make sense in mm."""
     meant = scene.lattice.spacing_m / 1000
     try:
         sensible = law.d2phi(meant * u.m) >= SENSIBLE_SHARE * k

@@ -26,7 +26,7 @@ UNITS = {'_N_m_a': 'N m^a', '_kg_per_m3': 'kg/m^3', '_N_per_m': 'N/m', '_A_m2': 
 
 
 def unit_of(key: str) -> str:
-    """The unit that the end of a key tells, as 'N/m' of foundation.stiffness_N_per_m; '' if it tells none."""
+    """The unit at the end of a key, such as 'N/m' in foundation.stiffness_N_per_m; '' if there is none."""
     return next((unit for end, unit in UNITS.items() if key.endswith(end)), '')
 
 
@@ -59,7 +59,7 @@ def _flag(value):
 
 
 def between(least: float, most: float, unit: str, value: float) -> float:
-    """Return `value`, or raise ValueError outside the range beyond which a unit or an exponent must be wrong."""
+    """Return `value`, or raise ValueError if it is so large or so small that its unit or exponent must be wrong."""
     if not least <= value <= most:
         raise ValueError(f' must lie between {least:g} and {most:g}, not {shown(value)}; it is in {unit}')
     return value
@@ -135,8 +135,8 @@ class Table(BaseModel):
 def of_known_kind(*models: type[Table]) -> BeforeValidator:
     """A check that a table has one of the kinds of `models`.
 
-    If it has none, its other faults are reported with this one: those by the kind that was probably meant, or else those that
-    all kinds find which share most keys with the table.
+    If it has none, its other faults are reported too: those found by the kind that was probably meant, or else those found by
+    all of the kinds that share most keys with the table.
     """
     of = {kind: model for model in models for kind in get_args(model.model_fields['kind'].annotation)}
 
@@ -158,7 +158,7 @@ def of_known_kind(*models: type[Table]) -> BeforeValidator:
 
 
 def _faults(model, table, context):
-    """The faults of a table by one model, by their places and words."""
+    """The faults that one model finds in a table, by their places and words."""
     try:
         model.model_validate(table, context=context)
     except ValidationError as error:
@@ -168,12 +168,12 @@ def _faults(model, table, context):
 
 
 def reason(found: ErrorDetails) -> ValueError:
-    """The error behind what pydantic found: every check here raises a ValueError."""
+    """The ValueError of our own check behind an error reported by pydantic."""
     return found['ctx']['error']  # pyright: ignore[reportTypedDictNotRequiredAccess]  which has one therefore
 
 
 def fault(value: object, error: ValueError, place: tuple[Any, ...] = ()) -> InitErrorDetails:
-    """One of several errors, for `raise_all`."""
+    """An error in the form that `raise_all` collects."""
     return InitErrorDetails(type='value_error', loc=place, input=value, ctx={'error': error})
 
 

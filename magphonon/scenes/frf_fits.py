@@ -30,8 +30,8 @@ UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
 KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
 SAME_DIRECTION = 1e-3  # rad: within it two directions in which a bench is shaken are one
 GAIN = 0.01
-"""Relative standard uncertainty of the calibration of an instrument, force and motion together, where nothing else is said."""
-CONTRADICTS = 3.5  # sigmas from which what was known does not agree with the data
+"""Default relative standard uncertainty of the calibration of an instrument, force and motion together."""
+CONTRADICTS = 3.5  # sigmas above which a prior contradicts the data
 CLEARLY = 1.5
 """Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
 
@@ -49,9 +49,9 @@ class FrfFits:
         The scene at which the fit started; parameters that are not fitted are taken from it.
     functions : list of TransferFunction
     fits : dict of TransferFit
-        By model, 'complete' and 'conventional'.
+        The fit of each model, 'complete' and 'conventional'.
     priors : dict
-        What was known of parameters from elsewhere, and of the gain: value in SI and standard uncertainty.
+        Prior knowledge about parameters and about the gain: value in SI and standard uncertainty.
     """
 
     scene: Scene
@@ -61,7 +61,7 @@ class FrfFits:
 
     @property
     def ratio(self) -> float:
-        """Residual without D* over that with it; above 1 the complete model follows the data better."""
+        """Residual without D* divided by that with D*; above 1 the complete model fits the data better."""
         fits = self.fits
         return float(np.sqrt(fits['conventional'].square / fits['complete'].square))
 
@@ -72,7 +72,7 @@ class FrfFits:
 
     @property
     def endless(self) -> bool:
-        """Whether the fit of the complete model ends at the limit of its force, because the data want no static forces."""
+        """Whether the fit of the complete model ends at the lowest force allowed, because the data favour no static forces."""
         fit = self.fits['complete']
         return 'force' in fit.names and bool(np.log(fit.factors[fit.names.index('force')]) < -0.99 * np.log(MOST_FACTOR))
 
@@ -89,7 +89,7 @@ class FrfFits:
 
     @property
     def contradicted(self) -> dict[str, float]:
-        """By how many standard deviations what was known differs from what the data say of it, where more than CONTRADICTS."""
+        """Parameters whose prior contradicts the data by more than CONTRADICTS, with the number of standard deviations."""
         found, values = {}, self.values(self.better.model) if self.better.follows else {}
         for name, (known, sigma) in self.priors.items():
             value, own = values.get(name, (known, 0.0))
@@ -99,7 +99,7 @@ class FrfFits:
 
     @cached_property
     def proposals(self) -> list[Proposal]:
-        """What to measure next; nothing if the complete model does not follow the data."""
+        """Proposals for the next measurement; none if the complete model does not fit the data."""
         fit = self.fits['complete']
         along = {name: v for name, v in band_fits.along(self.fitted(), fit.names).items() if name not in ('damping', 'gain')}
         return after_responses(fit, partial(_built, self.scene, 'complete'), self.functions, along) if fit.follows else []
@@ -130,19 +130,19 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     Parameters
     ----------
     scene : Scene
-        With [frf]. The fit starts from its damping; its force and response apply to functions that do not name their own.
+        A scene with [frf]. The fit starts from its damping; its force and response apply to functions that do not name their own.
     functions : sequence of TransferFunction
-        As `read_transfer` gives them.
+        The functions that `read_transfer` returns.
     fixed : sequence of str
         Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation' (or 'foundation_x' and
         'foundation_y'), 'damping'.
     priors : dict, optional
-        Parameters that are known from elsewhere: value in SI and standard uncertainty.  'mass', common to all particles, is
-        fitted only if it has a prior.
+        Prior knowledge about parameters: value in SI and standard uncertainty.  'mass', common to all particles, is fitted only
+        if it has a prior.
     gain_sigma : float
         Relative standard uncertainty of the calibration; with zero it counts as exact.
     stated : collection of {'complete', 'conventional'}
-        Models whose intervals are wanted: sites that scatter count in these alone, which may take most of the time.
+        Models whose intervals are wanted. Scatter of the sites is fitted only for these, which may take most of the time.
 
     Examples
     --------
@@ -162,8 +162,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     """
     have, priors = (*band_fits.parameters_in(scene), 'damping'), dict(priors or {})
     if scene.cell().has('relative_damping'):
-        raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions has one damping for all '
-                         'particles; remove the column')
+        raise ValueError('lattice.file has the column relative_damping, but a fit of transfer functions supports only one '
+                         'damping for all particles; remove the column')
     scene = band_fits.of_remanence(scene.counted())
     for name in fixed:
         one_of('the fixed parameter', name, have)
@@ -178,15 +178,15 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     for one in own:
         first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)
         if first is not one:
-            raise ValueError(f'{first.name} and {one.name} hold the same numbers, and their noise would count as independent; '
-                             'give one of them')
+            raise ValueError(f'{first.name} and {one.name} hold the same numbers, whose noise would count as independent; '
+                             'give only one of them')
     fits, start = {}, None
     build = {model: partial(_built, scene, model) for model in MODELS}
     for model in MODELS:  # D0 alone starts where the complete model ends
         fits[model] = fit_transfer(build[model], names, own, model, relative, start)
         start = fits[model].factors
     best = min(fit.square for fit in fits.values())
-    for model, fit in fits.items():  # what is clearly worse needs no interval
+    for model, fit in fits.items():  # a model that is clearly worse needs no interval
         worse = fit.square > CLEARLY**2 * best
         if worse or model in stated:
             fits[model] = fit.refused if worse else with_site_unknowns(fit, build[model], own, relative)
@@ -195,7 +195,7 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
 
 def responses_of(scene: Scene, model: Model, functions: Sequence[TransferFunction],
                  factors: Mapping[str, float] | None = None) -> list[NDArray[np.complex128]]:
-    """The response of a scene, with `factors` of its parameters, at the frequencies of each function that is `with_dofs`."""
+    """The response of a scene with `factors` of its parameters, at the frequencies of each function; these come `with_dofs`."""
     factors = dict(factors or {})
     h = responses(_built(scene, model, factors), functions) * factors.get('gain', 1.0)
     return np.split(h, np.cumsum([len(one.omega) for one in functions])[:-1])
@@ -238,15 +238,15 @@ def with_dofs(scene: Scene, functions: Sequence[TransferFunction]) -> list[Trans
     Parameters
     ----------
     scene : Scene
-        With [frf], whose force and response apply to functions that do not name their own.
+        A scene with [frf], whose force and response apply to functions that do not name their own.
     functions : sequence of TransferFunction
-        As `read_transfer` gives them.
+        The functions that `read_transfer` returns.
 
     Raises
     ------
     ValueError
-        If a place is outside the patch or on its rim, if two places have the same magnet, or if a function is driven by a force
-        and the scene by the bench, or vice versa.
+        If a place is outside the patch or on its rim; if two places belong to the same magnet; or if a function is driven by a
+        force but the scene by the bench, or vice versa.
     """
     atoms, source, answer = scene.shaken(bench=True)
     found, places = [], {}
@@ -280,7 +280,7 @@ def _place(atoms: Atoms, place: NDArray[np.float64], name: str) -> Dof:
 
 
 def _built(scene, model, factors):
-    """The lattice of the scene with factors of its parameters."""
+    """The `ParametricLattice` of the scene with its parameters multiplied by factors."""
     there = _with(scene, {name: factor for name, factor in factors.items() if name not in ('mass', 'gain')})
     atoms, *_ = there.shaken(model, bench=True)
     atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))

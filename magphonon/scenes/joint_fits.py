@@ -1,8 +1,8 @@
 """One law, one foundation and one mass from several records of a lattice: forces, ridges of waves, transfer functions.
 
-All records share the law of a `LawFamily`: any smooth law, or one near that of the magnets in the scene. Its parameters are force
-and exponent at the spacing and five bends. Every record of a lattice needs all of them, because each neighbour feels another part
-of the law.
+All records share a law of a `LawFamily`: any smooth law, or one near that of the magnets in the scene. Its parameters are force
+and exponent at the spacing and five bends (deviations from a power). Every record of a lattice depends on all of them, because
+each neighbour tests another part of the law.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ LAW = ('force', 'a', *band_fits.BENT)
 CLOCK = 1e-3  # relative standard deviation of a clock
 NEAREST_MEASURED = 0.8  # spacings from which on shapes are compared
 NOTHING, HUGE = 1e-20, 1e9  # N: forces of trials of a fit are kept between them, the former at the spacing
-ROUNDS = 2  # times that tables are read near the joint fit
+ROUNDS = 2  # number of times that the records of tables are recomputed near the joint fit
 
 
 @dataclass(frozen=True)
 class Specimen:
-    """A scene whose law is one of a family: what `with_factors` and `changes_of` are for the parameters of its own law.
+    """A scene whose law belongs to a family; its methods are the counterparts of those of `band_fits` for these parameters.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Specimen:
 
     @classmethod
     def of(cls, scene: Scene, priors: Mapping[str, tuple[float, float]] | None = None) -> Specimen:
-        """Of a lattice that a scene describes by kind and spacing, with `priors` in SI; the mass has one in [uncertainty]."""
+        """The specimen for a scene, with `priors` in SI; a tolerance of the mass in [uncertainty] is a prior too."""
         have = ('force', 'a', *(name for name in band_fits.parameters_of(scene) if name in band_fits.SPRINGS), 'mass')
         scene = band_fits.of_remanence(scene.counted())
         shape = scene.law.potential() if scene.law.kind == 'magnets' else None
@@ -84,28 +84,28 @@ class Specimen:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that records share."""
+        """Names of the parameters that all records share."""
         return (*LAW, *self.springs, *(['mass'] if 'mass' in self.known else []))
 
     @property
     def start(self) -> tuple[float, float]:
-        """Force in N and exponent at the spacing, of the scene."""
+        """Force in N and exponent of the scene's law at the spacing."""
         law = self.scene.law.potential()
         return float(repulsion(law, self.family.r0)), float(local_exponent(law, self.family.r0))
 
     def p(self, factors: Mapping[str, float]) -> NDArray[np.float64]:
-        """The parameters of the family."""
+        """The parameters p of the family, from factors of force, exponent and bends."""
         (force, a), (_, _, (falls,)) = self.start, self.family.curve(np.zeros(len(LAW)), [self.family.r0])
         x = [np.log(factors.get(name, 1.0)) for name in LAW]
         return np.array([np.log(force) + x[0], a * np.exp(x[1]) + falls, *x[2:]])
 
     def x(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Logarithms of the factors of the law from the parameters of the family."""
+        """Logarithms of the factors of force, exponent and bends, from the parameters p of the family."""
         (force, a), (_, _, (falls,)) = self.start, self.family.curve(p, [self.family.r0])
         return np.array([p[0] - np.log(force), np.log(-falls / a), *p[2:]])
 
     def law(self, factors: Mapping[str, float]) -> Tabulated:
-        """The law of these factors, as far as the lattice asks it."""
+        """The law with these factors, as a table that covers all distances in the lattice."""
         r = band_fits.knots(self.cell, self.family.r0)
         ln_f, least = self.family.curve(self.p(factors), r)[0], np.log(NOTHING) - 4 * np.log(r / self.family.r0)
         with catch_warnings():
@@ -113,16 +113,16 @@ class Specimen:
             return Tabulated(r, np.exp(-np.logaddexp(-np.logaddexp(ln_f, least), -np.log(HUGE))))
 
     def on_springs(self, factors: Mapping[str, float]) -> Scene:
-        """The scene with the springs of these factors, and its own law."""
+        """The scene with its springs multiplied by these factors, and its own law."""
         return band_fits.with_factors(self.scene, {name: factors[name] for name in self.springs if name in factors})
 
     def with_factors(self, factors: Mapping[str, float]) -> Scene:
-        """The scene with the law of these factors, as a table, and with its springs."""
+        """The scene with law and springs multiplied by these factors; the law is a table."""
         law = self.law(factors)
         return band_fits.with_table(self.on_springs(factors), law.r, law.f)
 
     def changes_of(self, scene: Scene, law: PairLaw, factors: Mapping[str, float]) -> dict[str, StiffnessDerivative]:
-        """What each parameter changes, of a scene with springs and of a law that these factors make."""
+        """The change of stiffness by each parameter, for a scene and a law that belong to these factors."""
         along = np.diag([1.0, self.start[1] * factors.get('a', 1.0), *np.ones(len(BENDS))])  # of delta by ln a
         of_law = {name: StiffnessDerivative(law=self.family.change(law, v)) for name, v in zip(LAW, along, strict=True)}
         springs = {name: one for name, one in band_fits.changes_of(scene).items() if name in self.springs}
@@ -130,7 +130,7 @@ class Specimen:
 
     @property
     def before(self) -> Record:
-        """What is known beforehand: that the law is one of the family, and the mass; force and springs to a factor of 20."""
+        """The prior knowledge as a record: the spread of the family, the priors, and force and springs to a factor of 20."""
         C = np.full(len(self.names), ANY_SIZE)
         C[1], C[2 : len(LAW)] = self.family.spread / self.start[1], 1.0
         x = np.zeros(len(self.names))
@@ -141,7 +141,7 @@ class Specimen:
 
     @property
     def late(self) -> NDArray[np.float64]:
-        """How all stiffness grows where a clock runs slow by a relative CLOCK, at the same mass."""
+        """Apparent relative growth of all stiffness, at the same mass, if a clock runs slow by the fraction CLOCK."""
         return 2 * CLOCK * np.array([name == 'force' or name in self.springs for name in self.names], float)
 
 
@@ -181,13 +181,13 @@ class JointFits:
         return self.specimen.with_factors(self.factors(model))
 
     def along(self) -> dict[str, NDArray[np.float64]]:
-        """Force, exponent, bond stiffness, springs and mass as products of powers of the parameters."""
+        """For force, exponent, bond stiffness, springs and mass: the powers of the parameters of which each is the product."""
         of = dict(zip(self.specimen.names, np.eye(len(self.specimen.names)), strict=True))
         return {'force': of['force'], 'a': of['a'], 'bond stiffness': of['force'] + of['a']} | {
             name: of[name] for name in self.specimen.names[len(LAW):]}
 
     def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
-        """Value in SI and relative standard uncertainty of each of these."""
+        """Value in SI and relative standard uncertainty of force, exponent, bond stiffness, springs and mass."""
         factors, joint, (force, a) = self.factors(model), self.joints[model], self.specimen.start
         present = {'force': force / u.N, 'a': a, 'bond stiffness': force * a / self.specimen.family.r0 / (u.N / u.m),
                    'mass': getattr(self.specimen.scene.lattice, 'mass_kg', 0.0)}
@@ -205,7 +205,7 @@ class JointFits:
 
     @property
     def evidence(self) -> float:
-        """Evidence of all records together for D*, in sigmas; transfer functions, whose sites scatter, do not count."""
+        """Evidence of all records for D*, in sigmas; transfer functions do not count, because their sites scatter."""
         more = 0.0
         for model, joint in self.joints.items():
             chi2 = sum(record.chi2(joint.x) for record in joint.records if record.name not in (RIDGES, RESPONSES))
@@ -216,14 +216,14 @@ class JointFits:
 
     @property
     def proposals(self) -> list[Proposal]:
-        """What to measure next: repeat one record with a new set-up, or measure one parameter by other means."""
+        """Proposals for the next measurement: repeat a record with a new set-up, or measure a parameter by other means."""
         joint = self.joints['complete']
         return best(joint.sigma_along, 1.0, self.along(), {f'measure "{one.name}" again with a new set-up': one.information
                                                            for one in joint.records[:-1]})
 
     @property
     def laws(self) -> dict[str, float]:
-        """Weights of any smooth law, of an inverse power, and of the shape that the scene names, by all records together."""
+        """Weights of three laws, from all records: any smooth law, an inverse power, and the shape that the scene names."""
         joint, family, scene = self.joints['complete'], self.specimen.family, self.specimen.scene
         shaped, a0, before = slice(1, len(LAW)), self.specimen.start[1], self.specimen.before
         known = np.diag(before.information)[shaped] * ([name not in self.specimen.known for name in LAW[shaped]])
@@ -244,8 +244,8 @@ class JointFits:
 
     @property
     def one_spring(self) -> float | None:
-        """Weight of one spring for both directions against two, which differ by 20 % or so (Savage and Dickey); None if the fit
-        has but one.
+        """Weight of one spring for both directions against two that differ by about 20 % (Savage and Dickey); None if the fit
+        has only one.
         """
         from scipy.stats import norm
 
@@ -272,14 +272,14 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
                 shared: SharedErrors | None = None, pair_sigma: float = 0.0,
                 priors: Mapping[str, tuple[float, float]] | None = None, functions: Sequence[TransferFunction] = (),
                 gain_sigma: float = frf_fits.GAIN) -> JointFits:
-    """One law and one foundation from forces, ridges and transfer functions of the same lattice, with D* and without.
+    """Fit one law and one foundation to forces, ridges and transfer functions of the same lattice, with D* and without.
 
     Parameters
     ----------
     scene : Scene
-        Spacing and mass are taken from it; its force, exponent and springs are the start of the fit.  The law is any smooth one,
-        or, if the scene names magnets by their shape, within 3 % of theirs.  A tolerance of the mass in [uncertainty] is
-        included.
+        Spacing and mass are taken from it; its force, exponent and springs are the start of the fit.  The law may be any smooth
+        law; if the scene names the shape of the magnets, it is near their law, with a tolerance of 3 %.  A tolerance of the mass
+        in [uncertainty] is included.
     forces : dict of Forces, optional
         Tables of forces by name; each has its own shared errors.
     ridges : RidgePoints, optional
@@ -332,7 +332,7 @@ def fit_records(scene: Scene, forces: Mapping[str, Forces] | None = None, ridges
 
 
 def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
-    """The record of transfer functions of a patch, near what the other records say, and their fit; none if `better` is clear."""
+    """The record of transfer functions of a patch, and their fit near the other records; no fit if `better` is clearly better."""
     n, (root, centre) = len(specimen.names), told(others)
     before = Before(np.append(centre, [0.0, 0.0]), np.zeros((n + 1, n + 2)))
     before.root[:n, :n], before.root[n, n + 1] = root, 1 / gain_sigma
@@ -344,7 +344,7 @@ def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
     record = Record(RESPONSES, x[:n], np.zeros(n), np.zeros((n, n)), {'the clock': specimen.late})
     if not fit.follows:
         return record, fit
-    g, F = before.information @ (before.centre - x), F - before.information  # what was known before is balanced
+    g, F = before.information @ (before.centre - x), F - before.information  # the data balance the prior
     g, F = g / fit.scatter**2, F / fit.scatter**2
     g[-1], F[-1, -1] = g[-1] + x[-1] / gain_sigma**2, F[-1, -1] + gain_sigma**-2  # the gain is its own
     away = F[:n, n:] @ np.linalg.inv(F[n:, n:])
@@ -352,7 +352,7 @@ def _of_responses(specimen, functions, model, gain_sigma, others, better=None):
 
 
 def _patch(specimen, model, factors):
-    """The patch of the scene with these factors, and what each changes there."""
+    """The patch of the scene with these factors, and the change of stiffness by each."""
     with catch_warnings():
         simplefilter('ignore', UserWarning)  # of readings too far apart, as in `Specimen.law`
         there = specimen.with_factors(factors)
@@ -363,7 +363,7 @@ def _patch(specimen, model, factors):
 
 
 def _ridges(specimen, points, records, near):
-    """The points in the scatter that they have about the better model, and their fits, whose records join those of each model."""
+    """The points, with uncertainties enlarged to the scatter about the better model, and their fits; adds these to `records`."""
     others, build = {model: Before(*told(own)[::-1]) for model, own in records.items()}, partial(_cell, specimen)
     fits = {model: fit_dispersion(build, specimen.names, points, model, known, near.get(model))
             for model, known in others.items()}
@@ -379,7 +379,7 @@ def _ridges(specimen, points, records, near):
 
 
 def _cell(specimen, factors):
-    """One cell of the lattice with these factors, and what each changes there."""
+    """One cell of the lattice with these factors, and the change of stiffness by each."""
     there, law, calc = specimen.on_springs(factors), specimen.law(factors), repulsion_of(specimen.cell)
     atoms = specimen.cell.copy()
     springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
@@ -389,7 +389,7 @@ def _cell(specimen, factors):
 
 
 def _of_forces(specimen, name, forces, shared, near=None):
-    """The record of a table, near logarithms of the parameters."""
+    """The record of a table of forces, near given logarithms of the parameters or its own best ones."""
     n = len(LAW)
     curve = curve_record(forces, specimen.family, shared, None if near is None else
                          specimen.p(dict(zip(LAW, np.exp(near[:n]).tolist(), strict=True))))
@@ -397,5 +397,5 @@ def _of_forces(specimen, name, forces, shared, near=None):
     turn[:, :n] = np.diag([1.0, -specimen.family.curve(curve.p, [specimen.family.r0])[2][0], *np.ones(len(BENDS))])
     x, by_distance = np.zeros((2, len(specimen.names)))
     x[:n], by_distance[:n] = specimen.x(curve.p), curve.by_distance / np.diag(turn)
-    faults = {'the gain, or a pair unlike the mean': shared.gain * np.eye(len(x))[0], 'the zero of the distances': by_distance}
+    faults = {'the gain (or the strength of the pair)': shared.gain * np.eye(len(x))[0], 'the zero of the distances': by_distance}
     return Record(name, x, turn.T @ curve.gradient, turn.T @ curve.information @ turn, faults, curve.chi2)

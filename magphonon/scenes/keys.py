@@ -26,22 +26,22 @@ class Key:
     Attributes
     ----------
     table : str
-        Dotted name of its table, as 'law.disc'; empty for the scene itself.
+        Dotted name of its table, such as 'law.disc'; empty for the scene itself.
     kinds : tuple of str
         The kinds of the table that have this key; empty if all have it.
     name : str
     type : str
-        In words, as 'list of numbers'.
+        Type of the value in words, such as 'list of numbers'.
     unit : str
-        Empty for a number without unit and for everything else.
+        Unit of a number; empty for numbers without a unit and for other types.
     default : str
-        'required', 'none' for a key that may be left out, or the value that is taken then; 'required; 1 for supercell' where
-        the kinds of the table differ.
+        'required', 'none' for a key that may be left out, or the default value; 'required; 1 for supercell' if the kinds of the
+        table differ.
     allowed : str
         Range or choices, in words.
     description : str
     example : str
-        A line of a scene, as `a = 4.5824`; empty for a table.
+        A line of a scene, such as `a = 4.5824`; empty for a table.
     """
 
     table: str
@@ -61,7 +61,7 @@ class Key:
 
 
 def scene_keys(name: str | None = None) -> list[Key]:
-    """All keys of a scene, table by table; those of one table and of the tables in it; or every key of one name.
+    """The keys of a scene, table by table: all of them, those of one table and the tables in it, or all keys of one name.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def scene_keys(name: str | None = None) -> list[Key]:
 
 
 def _keys_of(table: str, models: tuple[type[Table], ...], examples: dict[tuple[str, str, str], Any]) -> Iterator[Key]:
-    """The keys of one table, which has one model for each kind of it, then those of the tables in it."""
+    """The keys of one table, which has one model for each of its kinds, then the keys of the tables in it."""
     fields: dict[str, list[tuple[tuple[str, ...], FieldInfo]]] = {}
     for model in models:
         for name, field in model.model_fields.items():
@@ -138,7 +138,7 @@ def _default(alike: list[tuple[tuple[str, ...], FieldInfo]]) -> str:
 
 
 def _told(model: type[Table]) -> str:
-    """What a table is, in the first sentence of its model, with its kinds in front."""
+    """The description of a table: its kinds, and the first line of the docstring of its model."""
     first = (model.__doc__ or '').strip().partition('\n')[0].rstrip('.')  # python -OO leaves out docstrings
     return f'{" or ".join(_kinds(model))}: {first}' if first and _kinds(model) else first
 
@@ -160,7 +160,7 @@ def _types(annotation: Any) -> Iterator[str]:
     if origin is Literal:
         yield 'text'
     elif origin is tuple:
-        yield (f'list of {next(_types(parts[0]))}s'.replace(']s', ']') if parts[-1] is Ellipsis
+        yield (f'list of {next(_types(parts[0]))}s'.replace(']s', ']').replace('of place', 'of places') if parts[-1] is Ellipsis
                else 'two whole numbers' if parts == (int, int) else 'nodes [i, j]' if parts[:2] == (int, int) else 'place [x, y]')
     elif annotation in TYPES:
         yield TYPES[annotation]
@@ -170,7 +170,7 @@ def _types(annotation: Any) -> Iterator[str]:
 
 
 def _allowed(parts: Any) -> Iterator[str]:
-    """Range and choices within annotations and their checks, in words; a range says more than that a number is positive."""
+    """Range and choices found in annotations and their checks, in words; a range replaces the word 'positive'."""
     ranged = any(_is_range(part) for part in parts)
     for part in parts:
         if ranged and not _is_range(part):
@@ -200,8 +200,8 @@ def _toml(value: Any) -> str:
 
 
 def _examples() -> dict[tuple[str, str, str], Any]:
-    """Values that ready scenes give to keys, by table, kind of the table ('' for any) and name; of several the
-    prototype's or the first.
+    """Example values of keys from the ready scenes, by table, kind of the table ('' for any) and name; the prototype's value is
+    preferred, else the first one.
     """
     found: dict[tuple[str, str, str], Any] = {}
 

@@ -59,8 +59,8 @@ class Lattice(Table):
     relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = Field(
         None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: that of gyroscopes, twice the rate '
-                         'of a bench that rotates anticlockwise, or charge times magnetic field over mass', examples=[15.0])
+        0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: the rate of gyroscopes, twice the '
+                         'rate of a bench that rotates anticlockwise, or q B/m of a charge in a field', examples=[15.0])
 
     @model_validator(mode='after')
     def _one_mass_each(self):
@@ -104,9 +104,9 @@ class Oscillator(Table):
 
     kind: Literal['oscillator']
     theta0_deg: Annotated[float, BeforeValidator(_right_angle), Allowed('0 to 90')] = Field(
-        description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
-    spacing_m: Spacing = Field(description='the length of its three bonds in m')
-    mass_kg: Mass = Field(description='the mass of the free particle in kg')
+        description='the angle in degrees below the horizontal at which the free magnet sees the two outer ones')
+    spacing_m: Spacing = Field(description='the length in m of the three bonds of the oscillator')
+    mass_kg: Mass = Field(description='the mass in kg of the free magnet of the oscillator')
 
     @property
     def spacing_given(self) -> str:
@@ -137,12 +137,12 @@ class Pillar(Table):
 
     @property
     def stiffness_N_per_m(self) -> float:
-        """`k = 3 E I/H^3` with `I = pi R^4/4`."""
+        """Stiffness of the pillar, `k = 3 E I/H^3` with `I = pi R^4/4`."""
         return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
 
     @property
     def moving_mass_kg(self) -> float:
-        """Rayleigh's 33/140 of its mass, which moves with the tip; zero for a pillar of unknown density."""
+        """Mass of the pillar that moves with its tip, Rayleigh's 33/140 of the whole; zero if the density is unknown."""
         return 33 / 140 * (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m
 
 
@@ -152,21 +152,21 @@ class OutOfPlane(Table):
     stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] = Field(
         description='the stiffness in N/m of the support of each particle along z', examples=[800.0])
     upright_magnets: Flag = Field(description='true for magnets that stand upright on the plane, whose energy obeys '
-                                              "Laplace's equation; false for a force along the line between two particles")
+                                              "Laplace's equation; false for forces along the line between two particles")
 
 
 class Modulation(Table):
     """A wave that modulates the springs, k [1 + depth cos(2 pi (f t - n.R/wavelength))], as coils under the particles do."""
 
     depth: Annotated[Positive, within(0, 1, 'shares of the stiffness')] = Field(
-        description='the amplitude of the modulation, as a share of the stiffness, up to 1', examples=[0.05])
-    frequency_Hz: Frequency = Field(description='its frequency in Hz', examples=[8.0])
-    wavelength_m: Length | None = Field(None, description='its wavelength in m; without it all springs change together',
-                                        examples=[0.03])
-    direction_deg: Angle = Field(0.0, description='the direction in which it runs, in degrees from the x axis', examples=[90.0])
+        description='the amplitude of the modulation, as a fraction of the stiffness, up to 1', examples=[0.05])
+    frequency_Hz: Frequency = Field(description='the frequency of the modulation in Hz', examples=[8.0])
+    wavelength_m: Length | None = Field(None, description='the wavelength of the modulation in m; by default all springs change '
+                                        'in phase', examples=[0.03])
+    direction_deg: Angle = Field(0.0, description='the direction of the wave, in degrees from the x axis', examples=[90.0])
 
     def of(self, springs: Any) -> Travelling:
-        """These springs, so modulated."""
+        """These springs, modulated by this wave."""
         n = np.array([np.cos(self.direction_deg * u.deg), np.sin(self.direction_deg * u.deg)])
         kap = 0.0 if self.wavelength_m is None else 2 * np.pi / (self.wavelength_m * u.m)
         return Travelling(springs, self.depth, 2 * np.pi * self.frequency_Hz * u.Hz, kap * n)
@@ -199,7 +199,7 @@ class Foundation(Table):
         return (self.stiffness_N_per_m if self.pillar is None else self.pillar.stiffness_N_per_m) * u.N / u.m
 
     def springs(self, in_plane: Any) -> Any:
-        """The foundation as the calculators take it; `in_plane` is its stiffness in N/mm, one number or one per particle."""
+        """The foundation as an argument of the calculators; `in_plane` is its stiffness in N/mm, for all particles or each."""
         springs = self._mean(in_plane)
         return springs if self.modulation is None else self.modulation.of(springs)
 
@@ -214,7 +214,7 @@ class Foundation(Table):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What the stiffness along x, and that along y where it has one of its own, adds to the foundation in N/mm."""
+        """Contributions in N/mm to the foundation of the stiffness along x, and of that along y if the scene gives one."""
         if self.stiffness_y_N_per_m is None:
             return {'stiffness': self.stiffness}
         z = () if self.out_of_plane is None else (0.0,)
@@ -222,7 +222,7 @@ class Foundation(Table):
                 'stiffness_y': np.array([[0.0, self.stiffness_y_N_per_m * u.N / u.m, *z]])}
 
     def law(self, in_plane: PairLaw) -> Law:
-        """The pair law of the particles, `in_plane` at equal height."""
+        """The pair law of the particles, which is `in_plane` for particles at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
 
     @property
@@ -242,23 +242,21 @@ class Foundation(Table):
 
 
 class Trap(Table):
-    """One trap for all particles of a finite structure, as of ions: springs that are slack at its centre, in place of
-    [foundation]; the particles move to rest in it.
-    """
+    """One trap for all particles of a finite structure, such as ions, in place of [foundation]; they move to rest in it."""
 
     stiffness_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] = Field(
-        description='the stiffness in N/m that draws each particle to the centre', examples=[2.6e-12])
+        description='the stiffness in N/m of the springs that draw each particle to the centre', examples=[2.6e-12])
     stiffness_y_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] | None = Field(
-        None, description='the same along y, where stiffness_N_per_m is that along x', examples=[2e-11])
-    centre_m: Point = Field((0.0, 0.0), description='its place [x, y] in m', examples=[[0.0, 0.0]])
+        None, description='the stiffness in N/m along y; stiffness_N_per_m is then that along x', examples=[2e-11])
+    centre_m: Point = Field((0.0, 0.0), description='the centre [x, y] of the trap in m', examples=[[0.0, 0.0]])
     gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='charge times magnetic field over mass in rad/s, as of a Penning trap', examples=[1e6])
+        0.0, description='the cyclotron frequency q B/m of the charges in rad/s, as in a Penning trap', examples=[1e6])
 
     def sites(self, atoms: Atoms) -> dict[str, Any]:
-        """Foundation, anchors and gyration, as arguments of the calculator."""
+        """Foundation, anchors and gyration of the trapped particles, as arguments of the calculator."""
         if np.ptp(atoms.positions[:, 2]):
-            raise ValueError('trap: it acts in a plane, and the particles of the file stand at different heights; give them one '
-                             'z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
+            raise ValueError('trap: it acts in a plane, but the particles of the file stand at different heights; give all the '
+                             'same z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
         k = np.array([[self.stiffness_N_per_m, self.stiffness_y_N_per_m or self.stiffness_N_per_m]]) * u.N / u.m
         return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (len(atoms), 1)),
                 'gyration': self.gyration_rad_per_s / u.s}
@@ -277,11 +275,11 @@ class PatchTable(Table):
         return self.area(cell) / float(np.linalg.norm(np.cross(*cell.cell.array[:2]))) if cell.pbc[1] else 0
 
     def area(self, cell: Atoms) -> float:
-        """Its area in mm^2."""
+        """Area of the patch in mm^2."""
         raise NotImplementedError
 
     def shape(self, cell: Atoms) -> Atoms:
-        """The patch itself, whatever its size."""
+        """The patch itself, without a check of its size."""
         raise NotImplementedError
 
     def cut(self, cell: Atoms) -> Atoms:

@@ -65,11 +65,11 @@ class Neighbours(Table):
 
     @property
     def reach(self) -> float | None:
-        """A distance in spacings behind the last chosen shell; it is quicker to find neighbours by it than by their number."""
+        """A distance in spacings just beyond the last chosen shell, by which neighbours are found faster than by shells."""
         return self._reach
 
     def with_shells(self, shells: int | str, reach: float | None = None) -> Self:
-        """The same law with the neighbours that were chosen for it."""
+        """The same law with the number of shells, and their reach, that were chosen for it."""
         law = self.model_copy(update={'shells': shells})
         law._reach = reach
         return law
@@ -122,8 +122,8 @@ class CuboidShape(Table):
 class Calibration(Table):
     """A measured force, which sets the remanence in place of the datasheet."""
 
-    distance_m: Length = Field(description='the distance of the centres in m', examples=[0.01])
-    force_N: Force = Field(description='the measured force at this distance in N', examples=[0.2369])
+    distance_m: Length = Field(description='the distance of the centres of two magnets in m', examples=[0.01])
+    force_N: Force = Field(description='the force in N measured at distance_m', examples=[0.2369])
 
 
 class Datasheet(Table):
@@ -209,7 +209,7 @@ class InversePowerLaw(ClosedForm):
         return self
 
     def placed(self, spacing_m: float) -> InversePowerLaw:
-        """The same law, whose force at this distance is force_N."""
+        """The same law, with force_N taken as the force at this distance."""
         law = self.model_copy()
         law._spacing_m = spacing_m
         law.refuse_overflow()
@@ -263,7 +263,7 @@ class TableLaw(Neighbours):
         description="the distances in m, increasing, or file = 'law.csv' with the columns r_m,f_N",
         examples=[[0.008, 0.01, 0.012, 0.015]])
     forces_N: Annotated[tuple[Force, ...], listed] = Field(
-        description='the forces in N at these distances', examples=[[0.66, 0.24, 0.10, 0.037]])
+        description='the forces in N at distances_m', examples=[[0.66, 0.24, 0.10, 0.037]])
     file: Text | None = Field(
         None, description='a table of forces beside the scene with the columns r_m,f_N, in place of distances_m and forces_N',
         examples=['law.csv'])
@@ -362,13 +362,13 @@ class LawOfKinds(Table):
     kinds: Annotated[tuple[int, int], BeforeValidator(_two_kinds), Allowed('0 or more each')] = Field(
         description='the two kinds, in either order; a particle has the kind that its file or [[defects.substitutions]] gives, '
         'or 0', examples=[[0, 1]])
-    law: Law = Field(description='their law, a table like [law]')
+    law: Law = Field(description='the law between particles of the two kinds, as a table like [law]')
     attracts: Flag = Field(False, description='whether particles of these two kinds attract each other by this law',
                            examples=[True])
 
 
 def laws_of_kinds(law: PairLaw, others: tuple[LawOfKinds, ...], kinds: Iterable[int]) -> Laws:
-    """One law, or one for each pair of the `kinds` and of those that `others` name."""
+    """One law, or a law for each pair of kinds, from `kinds` and from those that `others` name."""
     if not others:
         return law
     named = sorted({int(kind) for kind in kinds}.union(*(other.kinds for other in others)))

@@ -24,10 +24,10 @@ UNBALANCED = 1e-6  # of the largest tension: larger forces that are left at node
 
 
 def _joined(value):
-    """Two nodes, counted from 0 as in the file, and the cell of the second one if it is another: (i, j, (n1, n2, n3))."""
+    """Two nodes, counted from 0 as in the file, and the periodic cell of the second one: (i, j, (n1, n2, n3))."""
     if not isinstance(value, list) or not 2 <= len(value) <= 5:
-        raise ValueError(' must be two nodes, as [0, 1], in a periodic net with the cell of the second one, as [0, 1, 1, 0], '
-                         f'not {shown(value)}')
+        raise ValueError(' must be two nodes, as [0, 1], or in a periodic net two nodes and the cell of the second, as [0, 1, '
+                         f'1, 0], not {shown(value)}')
     i, j = (whole(f'[{k}]', node, least=0) for k, node in enumerate(value[:2]))
     shift = [whole(f'[{k + 2}]', n, least=-1000) for k, n in enumerate(value[2:])]
     return i, j, (*shift, *[0] * (3 - len(shift)))
@@ -40,19 +40,19 @@ class Members(Table):
     """Members of one kind: springs, which push and pull, cables, or any other law."""
 
     between: Annotated[tuple[Joined, ...], listed] = Field(
-        description='the two nodes of each member, counted from 0 as in the file; of a periodic net also the cell of the second '
-        'one, as [0, 1, 1, 0]', examples=[[[0, 1], [1, 2], [2, 0]]])
+        description='the two nodes of each member, counted from 0 in the order of the file; in a periodic net also the cell of '
+        'the second node, as [0, 1, 1, 0]', examples=[[[0, 1], [1, 2], [2, 0]]])
     stiffness_N_per_m: Annotated[Positive, within(1e-15, 1e15, 'N/m')] | None = Field(
         None, description='the stiffness of a member in N/m', examples=[1000.0])
     rest_length_m: Length | None = Field(
-        None, description='its length without load in m; without it and tension_N the member gets the tension that balances the '
-                          'others',
+        None, description='the length of a member without load in m; if tension_N is omitted too, the member gets the tension '
+                          'that balances the others',
         examples=[0.09])
     tension_N: Annotated[Number, within(-1e12, 1e12, 'newtons')] | None = Field(
-        None, description='its tension in N at the positions of the file, below zero if it pushes, in place of rest_length_m',
+        None, description='the tension in N at the positions of the file, negative under compression; in place of rest_length_m',
         examples=[5.0])
-    slack: Flag = Field(False, description='whether it is a cable, which goes slack rather than push', examples=[True])
-    law: Law | None = Field(None, description='any law of two particles, a table like [law], in place of these keys')
+    slack: Flag = Field(False, description='whether a member is a cable, which goes slack instead of pushing', examples=[True])
+    law: Law | None = Field(None, description='any law between two particles, as a table like [law]; replaces the keys above')
 
     @model_validator(mode='after')
     def _one_law(self):
@@ -64,11 +64,11 @@ class Members(Table):
         if len(own) == 3:
             raise ValueError(' has both rest_length_m and tension_N; keep one of them')
         if isinstance(self.law, SavedLaw) or 'shells' in getattr(self.law, 'model_fields_set', ()):
-            raise ValueError('.law is the law of one member: its kind cannot be "saved", and it has no shells; remove these')
+            raise ValueError('.law is the law of one member: it cannot have kind = "saved" or shells; remove them')
         return self
 
     def law_at(self, r: float, tension: float) -> Any:
-        """The law of a member of length `r` in mm, whose tension in N is this if neither a law nor a rest length is given."""
+        """The law of a member of length `r` in mm; if neither a law nor a rest length is given, its tension in N is `tension`."""
         if self.law is not None:
             return self.law.potential()
         k = self.stiffness_N_per_m * u.N / u.m  # pyright: ignore[reportOptionalOperand]  as `_one_law` makes sure
@@ -79,7 +79,7 @@ class Members(Table):
         return (Cable if self.slack else Spring)(k, L0)
 
     def known(self, r: float) -> float | None:
-        """The tension in N of a member of length `r` in mm, or None for one that carries what balances the others."""
+        """The tension in N of a member of length `r` in mm; None if the tension follows from the balance with the others."""
         if self.tension_N is not None:
             return self.tension_N * u.N
         return None if self.law is None and self.rest_length_m is None else float(self.law_at(r, 0.0).dphi(r))
@@ -91,8 +91,8 @@ def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:
     Raises
     ------
     ValueError
-        If a member joins a node that is not there; if the tensions that are given do not balance with any of the others, or leave
-        others undecided; if a cable would have to push.
+        If a member joins a node that does not exist; if no tensions of the other members balance the given ones, or several do;
+        if a cable would have to push.
     """
     listed = [(i, j, shift, group) for group in members for i, j, shift in group.between]
     bare = net(atoms, [(i, j, shift, Spring(1.0, 0.0)) for i, j, shift, _ in listed], **sites)
@@ -115,7 +115,7 @@ def _balanced(bare, tensions, known):
     share, *_ = np.linalg.lstsq(states[:, known].T, tensions[known], rcond=None)
     left = abs(share @ states[:, known] - tensions[known]).max(initial=0.0)
     if left > UNBALANCED * abs(tensions).max(initial=0.0):
-        raise ValueError(f'members: the other members cannot balance the given tensions: the nearest balanced ones differ by '
+        raise ValueError('members: the other members cannot balance the given tensions: the nearest balanced tensions differ by '
                          f'{left:.3g} N ({len(states)} states of self-stress); change them')
     undecided = len(states) - (np.linalg.matrix_rank(states[:, known]) if known.any() else 0)
     if undecided:

@@ -1,5 +1,5 @@
-"""The tables of a scene that say what to compute, in SI: bands, frequency responses, plans, tone bursts, and [design], the wanted
-frequencies, from which it computes the tables of a lattice that has them.
+"""The tables of a scene that say what to compute, in SI: bands, frequency responses, plans and tone bursts. [design] states
+wanted frequencies, from which the tables of a lattice that has them are computed.
 """
 
 from __future__ import annotations
@@ -61,13 +61,13 @@ them."""
 
 
 class Damped(Table):
-    """Base of the tables with one damping, which the file of the particles may change from one to the other."""
+    """Base of the tables with one damping, which the file of the particles may vary from particle to particle."""
 
     if TYPE_CHECKING:
         damping_per_s: float | None
 
     def damping_of(self, atoms: Atoms) -> Any:
-        """Damping rate gamma in 1/ms: one number, or of each particle where their file has the column relative_damping."""
+        """Damping rate gamma in 1/ms: one number, or one for each particle if their file has the column relative_damping."""
         return self.damping_per_s / u.s * atoms.arrays.get('relative_damping', 1.0)  # pyright: ignore[reportOptionalOperand]  it is given
 
 
@@ -78,10 +78,10 @@ class BandPlan(Damped):
     points: AtLeastTwo = Field(200, description='the number of wavevectors along the path')
     supercell: Counts | None = Field(None, description="phonopy's supercell, one number for each periodic direction; by "
                                                        'default the smallest in which no bond spans half of it')
-    damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s; with it the bands of the '
-                                                         'complete model are computed once more, with the decay of each mode',
+    damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s; if given, the bands of '
+                                                         'the complete model are computed again, with the decay of each mode',
                                        examples=[4.0])
-    temperature_J: Energy | None = Field(None, description='kT in J; with it the motion of the supercell in a bath of this '
+    temperature_J: Energy | None = Field(None, description='kT in J; if given, the motion of the supercell in a bath of this '
                                                            'temperature is computed, which gives the stiffness of waves in '
                                                            'thermal motion', examples=[2.4e-5])
 
@@ -94,28 +94,28 @@ class BandPlan(Damped):
 class Pick(Table):
     """A particle of a patch, given by its position, and a direction in the plane."""
 
-    at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken',
+    at_m: Point = Field(description='the position [x, y] in m; the particle nearest to it is taken',
                         examples=[[0.03, 0.035]])
     direction_deg: Angle = Field(description='the direction in degrees from the x axis', examples=[0.0])
 
     def of(self, patch: Atoms) -> Dof:
-        """The Dof: the particle of a patch that is nearest, and the unit vector of the direction."""
+        """The Dof in a patch: the particle nearest to the position, and the unit vector of the direction."""
         distance = np.linalg.norm(patch.positions[:, :2] - np.array(self.at_m) * u.m, axis=1)
         particle, angle = distance.argmin(), self.direction_deg * u.deg
         x, y = patch.positions[particle, :2] / u.m
         if distance[particle] > patch.calc.bonds.lengths.min():
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if not freedom(patch)[0][particle]:
-            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose one inside')
+            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; move it inside')
         return Dof(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
 class MovingWall(Table):
     """A side of the held rim that moves to and fro, on a shaker, in place of a force."""
 
-    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the side lies: the held particles '
-                                        'farther in this direction than all free ones move', examples=[270.0])
-    direction_deg: Angle = Field(description='the direction in degrees from the x axis in which they move', examples=[0.0])
+    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the wall lies: it consists of the '
+                                        'held particles that lie farther in this direction than all free ones', examples=[270.0])
+    direction_deg: Angle = Field(description='the direction in degrees from the x axis in which the wall moves', examples=[0.0])
 
     def of(self, patch: Atoms) -> NDArray[np.float64]:
         """Displacements of the wall per unit of its amplitude, zero for all other particles; shape (particles, 3)."""
@@ -131,7 +131,7 @@ GYRATION_SEEN_FROM = 'bench', 'floor'
 
 
 class FrfPlan(Damped):
-    """Displacement per harmonic force over frequency; in a patch, where the force acts and where it is answered."""
+    """Displacement per harmonic force as a function of frequency; in a patch, the places of the force and of the response."""
 
     from_Hz: Frequency = Field(description='the lowest frequency in Hz')
     to_Hz: Frequency = Field(description='the highest frequency in Hz')
@@ -142,7 +142,7 @@ class FrfPlan(Damped):
                                    'from the floor', examples=[90.0])
     gyration_seen_from: Annotated[str, BeforeValidator(partial(one_of, '', choices=GYRATION_SEEN_FROM))] | None = Field(
         None, description='with base_deg and particles that gyrate: "bench" if gyration turns the motion relative to the bench, '
-                          'as with gyroscopes on pillars, or "floor" if it turns all motion including that of the bench, as on '
+                          'as with gyroscopes on pillars, or "floor" if it turns all motion, that of the bench included, as on '
                           'a rotating bench or for charges in a field', examples=['floor'])
     force: Pick | None = None
     wall: MovingWall | None = None
@@ -168,7 +168,7 @@ class FrfPlan(Damped):
 class PlanTable(Table):
     """Settings of "magphonon plan" that the other tables do not hold."""
 
-    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it the force vanishes')
+    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; infinitesimal by default')
 
 
 class BurstPlan(Table):
@@ -176,14 +176,15 @@ class BurstPlan(Table):
 
     source: Annotated[str, BeforeValidator(partial(one_of, '', choices=DRIVEN))] = Field(
         description="'row' or 'point', for waves that enter at the lower edge of the patch; or 'bench' for a shaken bench: "
-                    'force_N is then the largest mass times the acceleration of the bench, and motion is relative to the bench')
+                    'force_N is then the mass of the heaviest particle times the acceleration of the bench, and motion is '
+                    'relative to it')
     carriers_Hz: Frequencies = Field(description='the carrier frequency of each burst in Hz')
     directions_deg: Angles = Field(description='the direction of the force of each burst in degrees from the x axis')
     cycles: Annotated[Positive, within(0.5, 1e6, 'carrier periods')] = Field(
         description='the number of carrier periods in a burst')
     force_N: Force = Field(description='the largest force on a particle in N')
     damping_ratio: Annotated[NotNegative, within(0, 1, 'shares of critical damping')] = Field(
-        description='the damping, as a share of critical at the carrier')
+        description='the damping, as a fraction of the critical damping at the carrier frequency')
     duration_s: Duration = Field(description='the length of the record in s')
     tolerance: Annotated[Positive, within(1e-9, 0.1, 'of the largest displacement')] | None = Field(
         None, description='the allowed error of the displacements due to time steps and arithmetic, as a fraction of the '
@@ -210,7 +211,7 @@ class BurstPlan(Table):
         return [f'{f:.6g}Hz_{angle:.6g}deg' for f, angle in zip(self.carriers_Hz, self.directions_deg, strict=True)]
 
     def burst(self, k: int, site: BurstSetup) -> Burst:
-        """Burst number k at a Site of a patch: its drive, damping and duration, as Burst."""
+        """Burst number k at the particles of a BurstSetup: its drive, damping and duration, as a Burst."""
         from ..waves.wave_source import Burst
 
         omega, angle = 2 * np.pi * self.carriers_Hz[k] * u.Hz, self.directions_deg[k] * u.deg
@@ -218,9 +219,9 @@ class BurstPlan(Table):
         return Burst(drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
 
     def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[BurstSetup, BurstRecord]:
-        """Send burst number k through a patch; returns its Site and Passage.
+        """Send burst number k through a patch; returns its BurstSetup and BurstRecord.
 
-        `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.wave_source.send`.
+        `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.run_burst`.
         """
         from ..waves.spectrum import FEWEST
         from ..waves.wave_source import burst_setup, run_burst
@@ -270,7 +271,7 @@ class GapPlan(Table):
     """Gap between a branch and the next one, over the whole zone."""
 
     above_branch: Count = Field(description='the branch below the gap, counted from 1 by frequency', examples=[1])
-    width_Hz: Frequency = Field(description='the wanted width in Hz', examples=[10.0])
+    width_Hz: Frequency = Field(description='the wanted width of the gap in Hz', examples=[10.0])
 
     key: ClassVar = 'design.gap.width_Hz'
     name = property(lambda self: f'gap above branch {self.above_branch}')
@@ -313,11 +314,11 @@ class SiteTarget(Table):
 
     @property
     def name(self) -> str:
-        """In messages and names of files, such as '60Hz'."""
+        """Name of the target in messages and file names, such as '60Hz'."""
         return f'{self.frequency_Hz:.6g}Hz'
 
     def level(self, source: Dof, patch: Atoms, damping: float, floor: float) -> Objective:
-        """Level in dB of the loud place, less that of the quiet one."""
+        """Objective: the level in dB at the loud place minus that at the quiet place."""
         def at(pick):
             return Level(source, pick.of(patch), self.frequency_Hz * HERTZ, damping, floor)
 
@@ -337,26 +338,28 @@ class SiteRanges(Table):
                                examples=[[0.5, 2.0]])
 
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """As `magphonon.design.optimise` takes them."""
+        """The ranges in the form that `magphonon.design.optimise` takes."""
         return {name: bounds for name in type(self).model_fields if (bounds := getattr(self, name)) is not None}
 
 
 class SiteParts(Table):
     """Parts that can be bought, as factors; what is not listed may have any value within its range."""
 
-    strength: Annotated[tuple[Positive, ...], listed] = Field((), description='the grades of magnets', examples=[[0.9, 1.0, 1.1]])
-    spring: Annotated[tuple[Positive, ...], listed] = Field((), description='the stiffnesses of pillars',
+    strength: Annotated[tuple[Positive, ...], listed] = Field((), description='possible factors of the strength',
+                                                              examples=[[0.9, 1.0, 1.1]])
+    spring: Annotated[tuple[Positive, ...], listed] = Field((), description='possible factors of the stiffness of pillars',
                                                             examples=[[0.8, 1.0, 1.2]])
-    mass: Annotated[tuple[Positive, ...], listed] = Field((), description='the masses', examples=[[0.5, 1.0, 2.0]])
+    mass: Annotated[tuple[Positive, ...], listed] = Field((), description='possible factors of the mass',
+                                                          examples=[[0.5, 1.0, 2.0]])
 
 
 class SiteScatterPlan(Table):
-    """Scatter from one specimen to the next, against which the design is to hold."""
+    """Scatter from one specimen to the next that the design must tolerate."""
 
     strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths in percent', examples=[1.0])
     stiffness_percent: Percent = Field(0.0, description='the standard deviation of the stiffnesses in percent', examples=[1.0])
     mass_percent: Percent = Field(0.0, description='the standard deviation of the masses in percent', examples=[1.0])
-    draws: Count = Field(8, description='the number of specimens that are drawn; 24 or more for a design to be built',
+    draws: Count = Field(8, description='the number of specimens drawn at random; take 24 or more for a design to be built',
                          examples=[24])
 
 
@@ -366,11 +369,11 @@ class DesignPlan(Table):
     The foundation follows from the cut-off, the spacing from an edge or a gap; with targets every site of the patch is designed.
     """
 
-    cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; the foundation follows')
+    cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; it sets the foundation')
     edge: EdgePlan | None = None
     gap: GapPlan | None = None
     spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = Field(
-        None, description='the smallest and the largest spacing in m between which the spacing for an edge or a gap is sought')
+        None, description='the smallest and the largest spacing in m; the spacing for an edge or a gap is sought between them')
     targets: Annotated[tuple[SiteTarget, ...], listed] = ()
     over: SiteRanges | None = None
     parts: SiteParts | None = None
@@ -416,12 +419,12 @@ class DesignPlan(Table):
             self.spacing_from.target(scene)
 
     def foundation(self, scene: Scene) -> float:
-        """Stiffness in N/mm: that of the cut-off, or the scene's."""
+        """Stiffness of the foundation in N/mm, from the cut-off if it is given, otherwise from the scene."""
         atoms = scene.perfect_cell()
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
     def sites(self, scene: Scene) -> tuple[Atoms, Dof, Objective, Robust | None]:
-        """The patch, the place of the force, the softly weakest of the targets in dB, and the scatter against which it holds."""
+        """The patch, the Dof of the force, the soft minimum of the targets in dB, and the scatter that a design must tolerate."""
         patch: Any = scene.counted().patch_atoms()
         frf = scene.frf
         try:
@@ -440,7 +443,7 @@ class DesignPlan(Table):
         return patch, source, Worst(levels, WIDTH_dB), robust
 
     def solve(self, scene: Scene) -> tuple[float, list[Design]]:
-        """The foundation in N/mm and every `Design` that meets the table, with a number of shells (`Scene.counted`)."""
+        """The foundation in N/mm and every `Design` that meets the table, for a definite number of shells (`Scene.counted`)."""
         scene = scene.counted()
         k, present = self.foundation(scene), scene.lattice.spacing_m * u.m
 
@@ -468,8 +471,8 @@ class DesignPlan(Table):
             stable = ' and '.join(f'from {a / u.m:.6g} to {b / u.m:.6g} m' for a, b in error.stable)
             least, most = (value / HERTZ for value in error.reach)
             raise ValueError(f'{self.spacing_from.key}, {self.spacing_from.name}: no spacing gives '
-                             f'{self.spacing_from.wanted / HERTZ:g} Hz; where the lattice is stable, {stable}, it reaches '
-                             f'{least:.6g} to {most:.6g} Hz') from None
+                             f'{self.spacing_from.wanted / HERTZ:g} Hz; where the lattice is stable, {stable}, the value goes '
+                             f'from {least:.6g} to {most:.6g} Hz') from None
 
     def _cut_off(self, scene, k):
         return np.sqrt(k / scene.perfect_cell().get_masses()[0]) / HERTZ

@@ -62,7 +62,7 @@ MOST_IN_A_CELL = 30
 
 @contextmanager
 def _units_told_by_keys():
-    """Leave out what a calculator says of units: `consistency` has refused or warned by the keys of the scene."""
+    """Suppress warnings of calculators about units, because `consistency` has already checked them by the keys of the scene."""
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N')
         yield
@@ -81,7 +81,7 @@ class Scene(Table):
     ('GMKG', 'complete')
     """
 
-    title: Text = Field(description='a line that says what it is')
+    title: Text = Field(description='a line that says what the scene is')
     lattice: AnyLattice = Field(description='a table [lattice]')
     law: Law = Field(description='a table [law]')
     laws_of_kinds: Annotated[tuple[LawOfKinds, ...], listed] = ()
@@ -116,7 +116,7 @@ class Scene(Table):
         return self
 
     def _chosen(self) -> dict[str, Any]:
-        """The laws with a number of shells, where the scene leaves their choice to us: that which the perfect lattice needs."""
+        """The laws with the number of shells that the perfect lattice needs, if the scene does not choose one itself."""
         law, lattice, others = self.law, self.lattice, self.laws_of_kinds
         if isinstance(law, SavedLaw):
             return {}
@@ -135,7 +135,7 @@ class Scene(Table):
         return {'law': law.with_shells(shells, reach), 'laws_of_kinds': kinds if len(kinds) == len(others) else others}
 
     def _choose_cutoff(self) -> int:
-        """Give the structure of a file the cutoff that it needs, unless it has one; the number of shells then does not matter."""
+        """Set the cutoff that the structure in a file needs, unless it has one; the number of shells then has no effect."""
         lattice, cell = self.lattice, self.cell()
         if lattice.cutoff is None:
             if not lattice.finite and len(cell) <= MOST_IN_A_CELL:
@@ -147,7 +147,7 @@ class Scene(Table):
         return 1
 
     def _sums(self) -> bool:
-        """Whether the sum over all neighbours is known."""
+        """Whether the sum over all neighbours can be computed for this law and lattice."""
         try:
             AllNeighbours(self.cell(), self._law(self.cell()))
         except ValueError:
@@ -155,7 +155,7 @@ class Scene(Table):
         return True
 
     def converged_shells(self, tolerance: float) -> ConvergedShells:
-        """How many shells the perfect lattice needs at its special points, as `magphonon.bands.converged_shells`."""
+        """Number of shells that the perfect lattice needs at its special points (see `magphonon.bands.converged_shells`)."""
         atoms = self.cell()
         with _units_told_by_keys():
             nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
@@ -166,8 +166,8 @@ class Scene(Table):
     def counted(self) -> Scene:
         """The same scene with a definite number of shells, for tools that need the stiffness of each bond.
 
-        For shells = 'all' there are so many shells that the others change each frequency at the special points by less than
-        `PAIRS`, or as many as can be counted; `magphonon.bands.neighbour_shifts` says how much is missing.
+        If shells = 'all', enough shells are taken for the others to change each frequency at the special points by less than
+        `PAIRS`, or as many as can be counted. `magphonon.bands.neighbour_shifts` gives the remaining shifts.
         """
         if isinstance(self.law, SavedLaw) or self.law.shells != ALL:
             return self
@@ -189,12 +189,12 @@ class Scene(Table):
 
     @property
     def finite(self) -> bool:
-        """Whether the scene is a structure from a file without any period."""
+        """Whether the scene is a structure from a file that is not periodic in any direction."""
         return self.lattice.finite
 
     @property
     def known_of_structure(self) -> tuple[SiteScatter, list[str]]:
-        """What [uncertainty] says of the modes of a structure, and which of its tolerances do not act on them."""
+        """The part of [uncertainty] that applies to the modes of a structure, and the tolerances that do not."""
         return (NO_SCATTER, []) if self.uncertainty is None else self.uncertainty.of_structure(self)
 
     @property
@@ -217,15 +217,15 @@ class Scene(Table):
     def atoms(self) -> Atoms:
         """The structure of the scene with its calculator, `ase.Atoms` in mm, g and ms.
 
-        With [defects] or [disorder] it is the patch or the finite structure with these, relaxed to rest; otherwise the
-        `perfect_cell`.
+        With [defects] or [disorder] it is the patch or the finite structure that contains them, relaxed to rest; otherwise it
+        is the `perfect_cell`.
         """
         relaxation = self.relaxation()
         return self.perfect_cell() if relaxation is None else relaxation.atoms
 
     def perfect_cell(self, like: Atoms | None = None) -> Atoms:
         """One unit cell, the oscillator or the finite structure, without [defects] and [disorder], with its PairCalculator or
-        AllNeighbours. With `like`, the cell of a scene that differs only in numbers, its pairs of neighbours are used.
+        AllNeighbours. `like` is the cell of a scene that differs only in numbers; if given, its pairs of neighbours are used.
         """
         atoms = self._standing(like)
         if self.foundation and self.foundation.leans:
@@ -286,7 +286,7 @@ class Scene(Table):
         return {pair: upright(law) for pair, law in laws.items()} if isinstance(laws, dict) else upright(laws)
 
     def _sites(self, atoms: Atoms) -> dict[str, Any]:
-        """Foundation, strengths and gyration, of each site or of all, as arguments of the calculators."""
+        """Foundation, strengths and gyration, for each site or for all, as arguments of the calculators."""
         foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
         if self.foundation:
             foundation = self.foundation.springs(foundation)
@@ -307,7 +307,7 @@ class Scene(Table):
         return self._perfect(model) if relaxation is None else relaxation.atoms
 
     def relaxation(self, model: Model = 'complete') -> Relaxation | None:
-        """How the patch or the finite structure with [defects] and [disorder] came to rest; None if it has neither."""
+        """Relaxation of the patch or finite structure with [defects] and [disorder]; None if the scene has neither."""
         tables = [table for table in (self.defects, self.disorder) if table is not None]
         if not tables:
             return None
@@ -324,7 +324,7 @@ class Scene(Table):
             raise ValueError(f'{called}: {error}') from None
 
     def defect_places(self) -> NDArray[np.float64]:
-        """Where the defects of the patch or the finite structure are, in mm, shape (defects, 2)."""
+        """Positions of the defects of the patch or the finite structure in mm, shape (defects, 2)."""
         return np.zeros((0, 2)) if self.defects is None else self.defects.places(self._perfect('complete'))
 
     @_units_told_by_keys()
@@ -361,7 +361,7 @@ class Scene(Table):
 
         These are the arguments of `magphonon.response.frf.receptance`. If the caller allows a `bench` and `frf.base_deg` is
         given, the direction of the bench replaces the force. If it allows a `wall` and [frf.wall] is given, the displacements
-        of the wall replace it.
+        of the wall replace the force.
         """
         plan = self.wanted('frf')
         if plan.base_deg is not None and not bench:
@@ -470,7 +470,7 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
 
 
 def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = None) -> None:
-    """Write atoms with their calculator as a scene. Every command then gives exactly the same numbers, bit by bit, as Python.
+    """Write atoms with their calculator as a scene, for which every command gives the same numbers, bit by bit, as Python.
 
     The scene is `path`, NAME.toml. The particles, with law, bonds, foundation and anchors, go into NAME.traj beside it, a file of
     ASE.
@@ -482,7 +482,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     path : path-like
         Path of the scene file; its name ends in .toml.
     title : str, optional
-        A line that says what it is.
+        A line that says what the scene is.
 
     Raises
     ------
@@ -490,7 +490,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
         If the atoms have no calculator of this package, or one whose law cannot be saved in a file; if `read_scene` would refuse
         the title or the name; if NAME.traj exists and is not the file of particles of a scene NAME.toml.
     OSError
-        If one of the files cannot be written; then neither is.
+        If one of the files cannot be written; then none is written.
 
     Examples
     --------
@@ -519,7 +519,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
 
 
 def _names(path, particles):
-    """Whether there is a scene whose particles and law are in this file, as `write_scene` writes it."""
+    """Whether a scene written by `write_scene` has its particles and law in this file."""
     try:
         tables = tomllib.loads(path.read_text(encoding='utf-8'))
         return tables['lattice']['file'] == particles and tables['law']['kind'] == 'saved'
@@ -528,7 +528,7 @@ def _names(path, particles):
 
 
 def toml(tables: dict[str, Any], name: str = '') -> str:
-    """Tables, and tables within them, as `tomllib` reads them."""
+    """The TOML text of tables, and of tables within them, which `tomllib` can read."""
     inner = {key: value for key, value in tables.items() if isinstance(value, dict)}
     lists = {key: value for key, value in tables.items() if isinstance(value, list) and value and isinstance(value[0], dict)}
     lines = [f'{key} = {json.dumps(value, ensure_ascii=False)}\n' for key, value in tables.items() if key not in inner | lists]
@@ -538,7 +538,7 @@ def toml(tables: dict[str, Any], name: str = '') -> str:
 
 
 def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:
-    """The tables of a scene in plain Python, and the particles of its file, if any: `scene_of` makes it from them again."""
+    """The tables of a scene in plain Python, and the particles of its file, if any; `scene_of` restores the scene from these."""
     tables = scene.model_dump(mode='json', exclude_none=True)
     tables['lattice'].pop('contents', None)  # the checksum of that file
     return _without_files_of_columns(tables), getattr(scene.lattice, '_atoms', None)
@@ -553,7 +553,7 @@ def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
 
 
 def _without_files_of_columns(table):
-    """Without the keys that name files of forces: once read, their columns are part of the scene."""
+    """The table without keys that name files of forces, because their columns are part of the scene once they are read."""
     read = 'distances_m' in table
     return {key: _without_files_of_columns(value) if isinstance(value, dict) else value
             for key, value in table.items() if not (read and key == 'file')}
@@ -564,7 +564,7 @@ def _faults(error, data):
 
 
 def _fault(loc, error, data):
-    """The error with the dotted key in front, as `law.a must be ...`; `loc` also holds the kind of law, which is no key."""
+    """The message with the dotted key in front, such as `law.a must be ...`; the kind of law in `loc` is no key."""
     name = ''
     for step in loc:
         if isinstance(data, dict) and step == data.get('kind'):

@@ -23,9 +23,9 @@ LIST = '"magphonon scene" lists scenes to start from'
 
 @dataclass(frozen=True)
 class Source:
-    """The text of a scene and where it stands.
+    """The text of a scene and the place from which it was read.
 
-    Messages call it by `name`: the path, the ready scene, or 'stdin'; files that it names are looked for in `folder`.
+    Messages call it by `name`: the path, the ready scene, or 'stdin'. Files that the scene refers to are looked for in `folder`.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Source:
 
     @property
     def text(self) -> str:
-        """The text, with the line ends of every system as one."""
+        """The text, with line ends of any system converted to newlines."""
         return StringIO(self.content.decode('utf-8-sig'), newline=None).getvalue()
 
 
@@ -65,7 +65,7 @@ def source_of(scene: str | PathLike[str] | Source) -> Source:
 
 
 def source_in_stream(stream: BinaryIO) -> Source:
-    """The source of a scene that stands in a stream; files that it names are looked for in the current folder."""
+    """The source of a scene read from a stream; files that it refers to are looked for in the current folder."""
     content = stream.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         raise ValueError(f'stdin holds more than the {MOST_BYTES / MEGABYTE:g} MB that are read; it is probably not a scene')
@@ -75,7 +75,7 @@ def source_in_stream(stream: BinaryIO) -> Source:
 
 
 def _meant(path: Path) -> str | None:
-    """A scene file beside a path that is none, or a ready scene, of nearly the same name."""
+    """A scene file in the same folder, or a ready scene, whose name is similar to that of a path that does not exist."""
     try:
         beside = {file.stem: file for file in path.parent.glob('*.toml')}
     except OSError:

@@ -48,13 +48,13 @@ OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg
           'stiffness_N_per_m': 'stiffness, in N/mm'}
 """Columns of tables, and what a file that ASE reads has in their place."""
 MOVED = 1e-3
-"""Distance from the feet of the pillars to rest, as a fraction of the spacing, above which it matters which of the two positions
-are: a bond that is longer by so much is softer by half a percent."""
+"""Distance from the feet of the pillars to rest, as a fraction of the spacing, above which it matters whether positions in a
+file are those of the feet or those at rest: a bond that is longer by so much is softer by half a percent."""
 PACKAGE_UNIT_m = 1e-3
 """The unit of length of this package's own Atoms, mm."""
-Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
-SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of that of its neighbours')]
-NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of that of its neighbours')]
+Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]
+SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of the value of its neighbours')]
+NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of the value of its neighbours')]
 Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')]
 Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
@@ -62,8 +62,8 @@ Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 def read_particles(path: Path) -> Atoms:
     """The particles of a table of text, without a cell.
 
-    The kinds are its tags, what is held has FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
-    table has them.
+    Kinds become tags, and held particles get FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
+    table has these columns.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
     if (table.header['x'] == 'x_px') != (table.header['y'] == 'y_px'):
@@ -104,20 +104,20 @@ class FileLattice(Table):
         PACKAGE_UNIT_m, description='the length in m of one unit in an ASE file; files that Python wrote with this package '
         'are in mm, with masses in g', examples=[0.001])
     mass_kg: Mass | None = Field(None, description='the mass of every particle in kg, where the file has none', examples=[0.0007])
-    cell_m: Points | None = Field(None, description='the one or two lattice vectors [x, y] of a table .csv in m; without them it '
-                                  'is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
+    cell_m: Points | None = Field(None, description='the one or two lattice vectors [x, y] of a table .csv in m; without them '
+                                  'the table is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
     planar: Flag = Field(False, description='true if the third vector of an ASE file is not a period, as for a layer in a .cif',
                          examples=[True])
-    cutoff_m: Length | None = Field(None, description='the distance within which particles interact, in place of the shells of '
-                                    'the law, which scattered positions do not have', examples=[0.012])
+    cutoff_m: Length | None = Field(None, description='the distance within which particles interact, in place of shells of '
+                                    'neighbours, which irregular positions do not have', examples=[0.012])
     positions: Annotated[Literal['anchors', 'rest'], BeforeValidator(partial(one_of, '', choices=('anchors', 'rest')))] | None = (
         Field(None, description='what the positions are: "anchors", the feet of the pillars, from which the particles first '
-                                'move to rest, or "rest", the places of the particles in a photo: they stay there, and constant '
-                                'forces represent the bent pillars', examples=['rest']))
+                                'move to rest, or "rest", the positions of the particles in a photo: they stay there, and '
+                                'constant forces represent the bent pillars', examples=['rest']))
     points_px: Points | None = Field(None, description='for a table with x_px,y_px: two points [x, y] in the photo, far apart, '
                                      'in pixels from its upper left corner', examples=[[[212, 1810], [2840, 1790]]])
-    points_m: Points | None = Field(None, description='the places [x, y] of these two points in m, which give the scale and the '
-                                                      'rotation of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
+    points_m: Points | None = Field(None, description='the positions [x, y] in m of the two points in points_px, which give the '
+                                                      'scale and the rotation of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
     relaxed: Flag = Field(False, description='true if the particles first move to where their forces balance, as with '
                           'positions = "anchors"', examples=[True])
 
@@ -153,7 +153,7 @@ class FileLattice(Table):
             raise ValueError(f'.file: {error}') from None
 
     def _from_photo(self, atoms: Atoms) -> Atoms:
-        """A table's particles in mm, if it is one of pixels: two points tell the scale, the turn and the place of the photo."""
+        """The particles in mm; if the table is in pixels, two known points give scale, rotation and position of the photo."""
         points = [getattr(self, name) for name in ('points_px', 'points_m')]
         if not atoms.info.pop('pixels'):
             if points != [None, None]:
@@ -169,7 +169,7 @@ class FileLattice(Table):
         return atoms
 
     def _with_cell(self, atoms: Atoms) -> Atoms:
-        """A table's particles with the lattice vectors of the scene; the vectors that are no period make a cell in space."""
+        """The particles of a table with the lattice vectors of the scene; further vectors complete the cell in space."""
         if self.planar or self.length_unit_m != PACKAGE_UNIT_m:
             raise ValueError('the columns of a table .csv name their units, and the table is planar; remove length_unit_m and '
                              'planar')
@@ -221,7 +221,7 @@ class FileLattice(Table):
                              f'and {most:g} m: check the unit of its lengths')
 
     def cell(self) -> Atoms:
-        """The particles, `ase.Atoms` in mm and g, with what holds them but without a calculator."""
+        """The particles, `ase.Atoms` in mm and g, with their constraints but without a calculator."""
         atoms = self._atoms.copy()
         if self.mass_kg is not None:
             atoms.set_masses([self.mass_kg * u.kg] * len(atoms))
@@ -239,7 +239,7 @@ class FileLattice(Table):
             raise ValueError(f'lattice.file = {self.file!r}: {error}') from None
 
     def settled(self, atoms: Atoms) -> Atoms:
-        """The particles with their calculator where the scene says that they are: at rest as they stand, or moved to rest."""
+        """The particles with their calculator, at rest at the positions in the file or moved to rest, as the scene says."""
         if self.positions == 'rest':
             atoms.calc = atoms.calc.balanced(np.flatnonzero(freedom(atoms)[0]))
             return atoms
@@ -248,8 +248,8 @@ class FileLattice(Table):
         found = relaxed(atoms)
         if self.positions is None and np.any(atoms.calc.foundation) and found.shift > MOVED * self.spacing_m * u.m:
             warnings.warn(f'lattice.relaxed treats the positions in {self.file} as the feet of the pillars and moves the '
-                          f'particles by up to {found.shift:.3g} mm to rest. Replace it: say positions = "anchors" if they are '
-                          'the feet, or positions = "rest" if they show the particles at rest, as in a photo', stacklevel=2)
+                          f'particles by up to {found.shift:.3g} mm to rest. Instead write positions = "anchors" if they are the '
+                          'feet, or positions = "rest" if they show the particles at rest, as in a photo', stacklevel=2)
         return found.atoms
 
     @property
@@ -269,7 +269,7 @@ class FileLattice(Table):
 
     @property
     def finite(self) -> bool:
-        """Whether it has no period."""
+        """Whether the structure is not periodic in any direction."""
         return not self._atoms.pbc.any()
 
     @property
@@ -280,7 +280,7 @@ class FileLattice(Table):
     @computed_field
     @property
     def contents(self) -> str:
-        """SHA-256 of all that the file says, by which results know of which structure they are."""
+        """SHA-256 of the contents of the file, by which results are linked to their structure."""
         atoms, calc = self._atoms, self._atoms.calc
         calculator = calc.todict() if isinstance(calc, Restartable) else dict(getattr(calc, 'parameters', {}))
         parts = [atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator]
@@ -298,7 +298,7 @@ def _read_by_ase(path):
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # of formats and of what a file lacks
             found: Any = ase.io.read(path, index=-1, do_not_split_by_at_sign=True)
-    except Exception as error:  # ASE's readers raise what they will
+    except Exception as error:  # ASE's readers may raise anything
         raise ValueError(f'ASE reads no structure in {path} ({type(error).__name__}: {error}); it may be a table .csv of '
                          'positions in metres instead') from None
     return found
@@ -307,14 +307,14 @@ def _read_by_ase(path):
 class Guest(Table):
     """Another particle, by its mass, strength and stiffness relative to the particle with which it is compared."""
 
-    at_m: Point = Field(description='the place [x, y] in m', examples=[[0.0, 0.0]])
+    at_m: Point = Field(description='the position [x, y] of the particle in m', examples=[[0.0, 0.0]])
     relative_mass: Factor = Field(1.0, description='factor of the mass', examples=[0.5])
     relative_strength: SignedFactor = Field(1.0, description='factor of the strength, for example of its magnetic moment; '
-                                            'a negative one means a magnet upside down, attracting its neighbours',
+                                            'a negative one means a magnet upside down, which attracts its neighbours',
                                                  examples=[0.5])
-    relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of its foundation', examples=[0.0])
+    relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of the foundation', examples=[0.0])
 
-    kind: Kind | None = Field(None, description='its kind, which chooses among [[laws_of_kinds]]', examples=[1])
+    kind: Kind | None = Field(None, description='the kind of particle, which selects its law in [[laws_of_kinds]]', examples=[1])
 
     @property
     def properties(self) -> dict[str, Any]:
@@ -369,7 +369,7 @@ class Defects(Table):
         return with_vacancies(atoms, missing) if missing else atoms
 
     def places(self, atoms: Atoms) -> NDArray[np.float64]:
-        """Where the defects of the perfect structure `atoms` are, in mm, shape (defects, 2)."""
+        """Positions of the defects in the perfect structure `atoms` in mm, shape (defects, 2)."""
         hosts = [*self.vacancies_m, *(guest.at_m for guest in self.substitutions)]
         sites = [atoms.positions[_site('', atoms, place), :2] for place in hosts]
         return np.array([*sites, *(np.array(guest.at_m) * u.m for guest in self.interstitials)]).reshape(-1, 2)
@@ -393,7 +393,7 @@ class Disorder(Table):
     """Normally distributed scatter of the sites of the patch or of the finite structure, which then relaxes."""
 
     seed: Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')] = Field(
-        description='the seed of the random numbers; one seed gives one structure on every machine', examples=[1])
+        description='the seed of the random numbers; the same seed gives the same structure on every machine', examples=[1])
     position_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(
         0.0, description='the standard deviation of each coordinate of a particle and of its support in m', examples=[1e-5])
     strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths (for example magnetic moments) '

@@ -58,8 +58,8 @@ class _Uncertainty(Table):
     exponent: Positive | None = Field(
         None, description='for a table of forces: the standard deviation of its exponent, -d ln f/d ln r at the spacing')
     each_position_m: Positive | None = Field(
-        None, description='the standard deviation of each coordinate from site to site: of the feet of pillars and of held '
-        'particles, or, with lattice.positions = "rest", of positions measured in a photo', examples=[1e-4])
+        None, description='the standard deviation of each coordinate of the feet of pillars and of held particles, from site to '
+        'site; with lattice.positions = "rest", of each position measured in a photo', examples=[1e-4])
     scale_percent: Positive | None = Field(
         None, description='for particles from a file: the standard deviation of the scale of all lengths, in percent')
     correlation_forces_exponent: Correlation | None = Field(
@@ -84,10 +84,11 @@ class _Uncertainty(Table):
         return Tolerances({name: changes[name] for name in sigma}, C, scatter)
 
     def of_structure(self, scene: Scene) -> tuple[SiteScatter, list[str]]:
-        """What is known of the modes of a structure: the scatter of its sites and what all of them share; the unused tolerances.
+        """The scatter of the sites of a structure, including deviations that all sites share; and the unused tolerances.
 
-        A factor of the force is twice one of all strengths, a spacing is a ruler, a pillar is a spring.  What changes a law by
-        itself, such as an exponent, and what is correlated with it, has no such equivalent.
+        A relative change of the force equals half that change of all strengths, a change of the spacing is one of all lengths,
+        and a change of a pillar is one of its spring.  Changes of the law alone, such as of its exponent, and parameters
+        correlated with them have no such equivalent and are unused.
         """
         known, alike, unused = self.tolerances(scene), {}, []
         kinds = KINDS[scene.law.kind].parameters if scene.law.kind in KINDS else {}
@@ -123,8 +124,8 @@ class _Uncertainty(Table):
             ((key, value),) = given.items()
             sigma[name] = value / 100 if key.endswith('_percent') else value / _at(scene, place)
             if sigma[name] > LARGEST_TOLERANCE:
-                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than '
-                                 f'the {LARGEST_TOLERANCE:g} within which a linear propagation holds; measure it better, or '
+                raise ValueError(f'uncertainty.{key} = {value!r} is {100 * sigma[name]:.4g} % of {name}, more than the '
+                                 f'{100 * LARGEST_TOLERANCE:g} % up to which linear propagation holds; measure it better, or '
                                  'leave it out')
         if self.exponent is not None:
             if 'exponent' not in changes:
@@ -138,12 +139,12 @@ class _Uncertainty(Table):
                    if (value := getattr(self, f'{name}_percent')) and (of_file or name not in SITES)}
         for name, value in percent.items():
             if not of_file and name == 'scale':
-                raise ValueError('uncertainty.scale_percent belongs to particles from a file; say spacing_percent')
+                raise ValueError('uncertainty.scale_percent belongs to particles from a file; write spacing_percent instead')
             if 'stiffness' in name and not np.any(scene.perfect_cell().calc.foundation):
                 raise ValueError(f'uncertainty.{name}_percent belongs to a foundation, but the scene has none; leave it out')
             if value > 100 * LARGEST_TOLERANCE:
-                raise ValueError(f'uncertainty.{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} '
-                                 'within which a linear propagation holds; measure it better, or leave it out')
+                raise ValueError(f'uncertainty.{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} % '
+                                 'up to which linear propagation holds; measure it better, or leave it out')
         each = {site: percent.get(f'each_{site}', 0.0) / 100 for site in SITES}
         return SiteScatter(**each, position=(self.each_position_m or 0.0) * u.m,
                            at_rest=getattr(scene.lattice, 'positions', None) == 'rest',
@@ -151,10 +152,10 @@ class _Uncertainty(Table):
 
 
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all
-_KEYS = {key: Field(None, description='the standard deviation, in the unit of the parameter') for key in _ABSOLUTE} | {
-    f'{name}_percent': Field(None, description='the standard deviation in percent', examples=[1.0]) for name in PLACES} | {
-    f'each_{name}_percent': Field(None, description='the standard deviation from site to site in percent', examples=[1.0])
-    for name in SITES}
+_KEYS = {key: Field(None, description=f'the standard deviation of {key}, in its unit') for key in _ABSOLUTE} | {
+    f'{name}_percent': Field(None, description=f'the standard deviation of {name} in percent', examples=[1.0]) for name in PLACES
+    } | {f'each_{name}_percent': Field(None, description=f'the standard deviation of {name} from site to site in percent',
+                                       examples=[1.0]) for name in SITES}
 if TYPE_CHECKING:
     Uncertainty = _Uncertainty  # with more keys
 else:
@@ -183,13 +184,13 @@ def _changes(scene):
 
 
 def exponent_at(law: PairLaw, spacing: float) -> LawDerivative:
-    """Derivative of a law by its exponent, while its force at the spacing (mm) stays: of f (r/spacing)^-delta by delta."""
+    """Derivative of a law by its exponent at constant force at the spacing (mm): that of f (r/spacing)^-delta by delta."""
     return LawDerivative(lambda r: -np.log(r / spacing) * law.dphi(r),
                      lambda r: -np.log(r / spacing) * law.d2phi(r) - law.dphi(r) / r)
 
 
 def _place(scene, name):
-    """Where a parameter stands; the force that calibrates magnets, in a table of its own."""
+    """The place of a parameter in the tables; the force of magnets is in a table of its own, their calibration."""
     return ('law', 'calibration', 'force_N') if name == 'force' and scene.law.kind == 'magnets' else PLACES[name]
 
 

@@ -16,17 +16,17 @@ POINTS = 200
 
 
 def checked_atoms(atoms: Atoms) -> Atoms:
-    """The atoms, if a scene can hold them."""
+    """Return the atoms, or raise ValueError if a scene cannot hold them."""
     calc: Any = getattr(atoms, 'calc', None)
     if not isinstance(calc, Repulsion):
-        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach one')
+        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach either')
     laws_from_dict(laws_to_dict(calc.laws))
     calc.displacements(atoms)  # refuses atoms that are not those of the calculator
     return atoms
 
 
 def tables_of(atoms: Atoms, title: str | None, file: str) -> dict[str, Any]:
-    """The tables of the scene of some atoms; periodic ones have bands along ASE's path through their zone."""
+    """The tables of a scene for the atoms; for periodic atoms it has bands along ASE's path through their zone."""
     held = '' if not atoms.constraints else ', some of them held'
     tables = {'title': title or f'{len(atoms)} particles from Python{held}', 'lattice': {'kind': 'file', 'file': file},
               'law': {'kind': 'saved'}}

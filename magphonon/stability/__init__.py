@@ -2,7 +2,7 @@
 
 `soft_waves` finds the wave of a lattice that costs least energy, and `buckling` the foundation or spacing that stabilises it.
 `amplitude_shifts` computes how frequencies change with amplitude, `backbones` nonlinear modes and whether they are stable.
-`verdicts` judges a structure by all of these.
+`verdicts` checks a structure by all of these methods.
 """
 
 import lazy_loader

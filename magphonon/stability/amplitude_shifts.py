@@ -38,7 +38,7 @@ CONVERGENCE = 1e-9  # relative change of the frequency in the last iteration at 
 
 @dataclass(frozen=True)
 class Shifts(InHertz):
-    """Amplitude dependence of modes.
+    """Amplitude dependence of the frequencies of modes.
 
     Attributes
     ----------
@@ -47,8 +47,8 @@ class Shifts(InHertz):
     omega : ndarray, shape (modes,)
         Linear angular frequencies in rad/ms.
     curvature : ndarray, shape (modes,)
-        dw/w divided by the square of the largest displacement, 1/mm^2; infinite where the second harmonic is itself a free wave
-        (2:1 resonance), because the wave then loses its energy to it at any amplitude.
+        dw/w divided by the square of the largest displacement, 1/mm^2. It is infinite if the second harmonic is itself a free
+        wave (2:1 resonance), because the wave then loses its energy to the second harmonic at any amplitude.
     harmonic : ndarray, shape (modes,)
         Largest displacement of the second harmonic divided by the square of that of the wave, 1/mm; infinite at a 2:1 resonance.
         Where the second harmonic is not small, as near such a resonance, true shifts are several times smaller than these.
@@ -63,7 +63,7 @@ class Shifts(InHertz):
     motion: tuple[str, ...]
 
     def amplitude(self, error: float) -> float:
-        """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite without modes."""
+        """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite if none shifts."""
         return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
 
     def trusted(self, share: float = 0.05) -> NDArray[np.float64]:
@@ -76,12 +76,12 @@ class Shifts(InHertz):
 
 @takes('site law', 'constraints', 'out of plane', 'conventional', 'attraction', 'unlike')
 def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:
-    """Shifts of waves of any wavevector, or of the modes that bound the spectrum of a structure; by the model of the calculator.
+    """Frequency shifts with amplitude, of waves of any wavevector or of the softest and stiffest mode of a finite structure.
 
-    Where q and -q are the same wavevector, the waves are standing; elsewhere they travel.  (A standing wave there is a sum of two
-    travelling ones, which shift each other's frequency; that is not computed.)  Waves of one frequency and wavevector, such as
-    those of the triangular and the honeycomb lattice at K, are separated by their angular momentum: each particle then moves on a
-    circle or an ellipse.  The mean strain of a periodic structure is held at zero.
+    If q and -q are the same wavevector, the waves are standing; otherwise they travel.  (Standing waves at other wavevectors are
+    sums of two travelling waves, which shift each other's frequency; this is not computed.)  Waves of equal frequency and
+    wavevector, such as those of the triangular and the honeycomb lattice at K, are separated by their angular momentum: each
+    particle then moves on a circle or an ellipse.  The mean strain of a periodic structure is held at zero.
 
     Parameters
     ----------
@@ -137,8 +137,8 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
 
 @dataclass(frozen=True)
 class _Waves:
-    """The waves of a structure; derivatives psi2, psi3, psi4 of the law of each bond by the square of its length, and third and
-    fourth derivatives of the energies of the sites, shape (particles, dim, dim, dim) and one more dim; zero for springs.
+    """The waves of a structure, with the derivatives psi2, psi3, psi4 of the law of each bond by the square of its length, and
+    the third and fourth derivatives of the energies of the sites, shape (particles, dim, dim, dim[, dim]), zero for springs.
     """
 
     system: LinearSystem
@@ -147,14 +147,14 @@ class _Waves:
     zone: bool
 
     def stiffness(self, q):
-        """D(q) of the free directions, real where q and -q are the same, and sparse for a finite structure."""
+        """D(q) of the free directions; real if q and -q are the same wavevector, and sparse for a finite structure."""
         if not self.zone:
             return self.system.stiffness
         P, D = self.system.free, self.system.calc.bloch_matrix(np.array([q]))[0]
         return P.T @ (D.real if _edge(q) else D) @ P
 
     def at(self, q):
-        """Frequency w and shapes e, in columns, of the waves of each frequency that do vibrate."""
+        """Frequency w and shapes e (columns) of each group of waves with equal frequency, without those that do not vibrate."""
         root = sparse.diags_array(1 / np.sqrt(self.masses))
         weighted = root @ self.stiffness(q) @ root
         if weighted.shape[0] <= DENSE:
@@ -171,11 +171,11 @@ class _Waves:
 
     @property
     def masses(self):
-        """Of each free direction."""
+        """Mass of each free direction in g."""
         return self.system.free.power(2).T @ np.repeat(self.system.masses, self.system.dim)
 
     def shifted(self, q, w, e, refuse):
-        """Rows of frequency, curvature and kind of motion of the waves `e` of the frequency w."""
+        """Frequency, curvature, harmonic and kind of motion of the waves `e` of the frequency w, one row for each wave."""
         kinds, kind = [], 'standing' if _edge(q) else 'travelling'
         P, dim = self.system.free, self.system.dim
         if e.shape[1] > 1:  # angular momentum about the normal of the plane
@@ -196,7 +196,7 @@ class _Waves:
         return found
 
     def second_order(self, q, w, e, others):
-        """dw/w and the second harmonic, over A^2, of the wave `e`, and as much of what its third-order force does to `others`."""
+        """For the wave `e`, all divided by A^2: dw/w, the second harmonic, and the coupling by third-order forces to `others`."""
         system, M = self.system, sparse.diags_array(self.masses)
         P, bonds, R, twice = system.free, system.calc.bonds, system.calc.bond_vectors, 2 * np.asarray(q)
         u = (P @ e).reshape(len(system), -1)
@@ -207,14 +207,14 @@ class _Waves:
             C, C0, C2 = C.real, C0.real, C2.real
 
         def changes(C, u):
-            """Of the bonds; in the conventional model those along the bonds alone, of which the complete law is that of D0."""
+            """Changes of the bond vectors; in the conventional model only along the bonds, where the law alone gives D0."""
             d = C @ u
             return d if system.calc.model == 'complete' else _dot(R, d) / _dot(R, R) * R
 
         d = changes(C, u)
 
         def follows(D, C, force, on_sites):
-            """Bond changes and displacements that forces of bonds and on sites lead to, with the stiffness D."""
+            """Changes of bond vectors and displacements caused by forces of bonds and on sites, with the stiffness D."""
             g = P.T @ (C.conj().T @ force + on_sites).ravel()
             x = _solve(D, g)
             resonant = np.linalg.norm(D @ x - g) > STEADY * np.linalg.norm(abs(C.T) @ abs(force) + abs(on_sites))
@@ -243,7 +243,7 @@ class _Waves:
         return 4 * psi2 * (_dot(x, y) * R + Rx * y + Ry * x) + 8 * psi3 * Rx * Ry * R
 
     def phi4(self, R, x, y, z):
-        """Fourth derivative along x, y and z."""
+        """Fourth derivative of the energy of each bond along x, y and z: a force, shape (bonds, dim)."""
         psi2, psi3, psi4 = (p[:, None] for p in self.psi)
         Rx, Ry, Rz, xy, xz, yz = _dot(R, x), _dot(R, y), _dot(R, z), _dot(x, y), _dot(x, z), _dot(y, z)
         return (4 * psi2 * (xy * z + xz * y + yz * x) + 16 * psi4 * Rx * Ry * Rz * R
@@ -305,7 +305,7 @@ class Vibration:
     Attributes
     ----------
     omega : float
-        Its angular frequency in rad/ms.
+        Angular frequency of the vibration in rad/ms.
     harmonics : ndarray, shape (HARMONICS + 1, modes)
         Amplitudes c_hm in g^1/2 mm: the first row is the shift of the mean position.
     evaluations : int
@@ -318,7 +318,7 @@ class Vibration:
 
 
 class StronglyNonlinear(PhysicsError):
-    """The iteration does not converge.
+    """The iteration for a vibration of finite amplitude does not converge.
 
     Attributes
     ----------

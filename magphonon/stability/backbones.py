@@ -1,15 +1,15 @@
 """Nonlinear modes: periodic free vibrations of a finite structure at growing amplitude, and whether they are stable.
 
-With the coordinates u = S y of the linear system and the vibration ``y = sum_h c_h cos(h W t)``, which stands still at t = 0, the
-equations ``y'' = f(y)`` become
+With the coordinates u = S y of the linear system and the vibration ``y = sum_h c_h cos(h W t)``, whose velocity is zero at t = 0,
+the equations ``y'' = f(y)`` become
 
     R_h = (h W)^2 c_h + f_h(c) = 0          dR_h/dc_k = (h W)^2 delta_hk - K_hk          K_hk = <2 cos(h W t) K(y(t)) cos(k W t)>
 
-(the mean for h = 0 without the 2), which Newton's method solves along the arc of the solutions, so that it goes round folds of
-amplitude or frequency.  The growth of a small disturbance over a period, ``x'' = -K(y(t)) x``, is given by Floquet's multipliers.
-They come in fours, mu, 1/mu and their conjugates, and the vibration is stable if all lie on the unit circle. A multiplier that
-leaves the circle at +1 starts a mode of lower symmetry, one that leaves at -1 a mode of twice the period; a pair that leaves it
-elsewhere starts a beat.
+(the mean over a period, without the factor 2 for h = 0), which Newton's method solves along the arc of the solutions, so that it
+goes round folds of amplitude or frequency.  The growth of a small disturbance over a period, ``x'' = -K(y(t)) x``, is given by
+Floquet's multipliers. They come in fours, mu, 1/mu and their conjugates, and the vibration is stable if all lie on the unit
+circle. A multiplier that leaves the circle at +1 starts a mode of lower symmetry, one that leaves at -1 a mode of twice the
+period; a pair that leaves it elsewhere starts a beat.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ STEP = 1.0  # time step of disturbances, of order 6, in 1/w_max
 
 @dataclass(frozen=True)
 class NonlinearModes(InHertz):
-    """A family of periodic vibrations.
+    """A family of periodic vibrations of a nonlinear structure, at growing amplitude.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class NonlinearModes(InHertz):
 
     @property
     def growth(self) -> NDArray[np.float64]:
-        """Rate in 1/ms at which a disturbance grows, shape (points,); zero where the vibration is stable."""
+        """Rate in 1/ms at which a disturbance grows, shape (points,); zero if the vibration is stable."""
         size = abs(self.multipliers[:, :-2]).max(axis=1, initial=1.0)
         return np.where(size > 1 + LASTS, np.log(size) * self.omega / (2 * np.pi), 0.0)
 
@@ -73,23 +73,23 @@ class NonlinearModes(InHertz):
 
 @takes(*STIFF)
 def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, points: int = 20) -> NonlinearModes:
-    """Follow one mode of a finite structure, or of a supercell, from small amplitudes on.
+    """Follow one mode of a finite structure, or of a supercell, from a small to a large amplitude.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
         At rest, with PairCalculator.
     mode : int
-        Its number in `magphonon.modes`, from zero.
+        Number of the mode in `magphonon.modes`, counted from zero.
     amplitude : float
         Largest displacement in mm at which to stop.
     points : int
-        Number of points on the way there; up to three times as many where the family turns back.
+        Number of points up to this amplitude; up to three times as many if the family turns back.
 
     Raises
     ------
     PhysicsError
-        A ValueError: the family ends before that, because particles come too close to each other.
+        A ValueError: the family ends before this amplitude, because particles come too close to each other.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
                          'smaller patch, whose rim does not affect local modes')
     squares, vectors = system.spectrum
     if not (mode < n and squares[mode] > 0):
-        raise ValueError(f'mode must be the number of one that vibrates, from 0 to {n - 1}, not {mode}')
+        raise ValueError(f'mode must be the number of a mode that vibrates, from 0 to {n - 1}, not {mode}')
     largest = np.linalg.norm((system.shapes @ vectors[:, mode]).reshape(len(system), -1), axis=1).max()
     balance = _Balance(system, float(np.sqrt(squares[mode])), amplitude / largest)
     z, tangent = np.append(np.zeros(n * (HARMONICS + 1)), 1.0), np.zeros(n * (HARMONICS + 1) + 1)
@@ -148,7 +148,7 @@ class _Balance:
         return self.system.shapes.T @ self.system.calc.hessian_at(u) @ self.system.shapes
 
     def residual(self, c, W):
-        """R of all harmonics in a row."""
+        """The residuals R_h of all harmonics, as one vector."""
         y = self.cosines.T @ c
         u = (self.system.shapes @ y.T).T.reshape(len(y), len(self.system), -1)
         f = (self.system.shapes.T @ forces_at(self.system.calc, u).reshape(len(y), -1).T).T
@@ -159,7 +159,7 @@ class _Balance:
         return self.size * z[:-1].reshape(HARMONICS + 1, -1), z[-1] * self.w
 
     def corrected(self, z, tangent):
-        """The solution in the plane through z across the tangent, and the tangent there; None if Newton's method finds none."""
+        """The solution in the plane through z normal to the tangent, and its own tangent; None if Newton's method fails."""
         n, plane = self.system.directions, tangent @ z
         for _ in range(NEWTON):
             c, W = self.parts(z)

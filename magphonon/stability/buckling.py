@@ -48,9 +48,9 @@ class SoftMode:
     Attributes
     ----------
     lowest, highest : float
-        Eigenvalues in N/mm, or in rad^2/ms^2 where masses enter.  Of a large structure `highest` is an upper bound.
+        Eigenvalues in N/mm, or squared frequencies in rad^2/ms^2.  For a large structure `highest` is an upper bound.
     q : ndarray, shape (3,)
-        Wavevector of the lowest one in fractions of the reciprocal vectors; zero for a finite structure.
+        Wavevector of the lowest eigenvalue in fractions of the reciprocal vectors; zero for a finite structure.
     """
 
     lowest: float
@@ -96,10 +96,10 @@ def _over_zone(matrix, cell, pbc, particles, steps):
 @takes('all neighbours', *STIFF)
 def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> SoftMode:
-    """`softest` of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
+    """Softest mode of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
 
-    The part of the calculator's foundation that is common to all particles, `common_spring`, is not included, but replaced by
-    `foundation` in N/mm; the additional stiffness of stiffer springs is.  If `weighted`, eigenvalues are squared frequencies.
+    The part of the foundation that is common to all particles, `common_spring`, is replaced by `foundation` in N/mm; the
+    additional stiffness of stiffer springs is kept.  If `weighted`, eigenvalues are squared frequencies.
     """
     if isinstance(atoms, Atoms):
         if not atoms.calc.pairwise:
@@ -113,14 +113,14 @@ def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: f
 
 
 def on_the_verge(spring: float, needed: float) -> bool:
-    """Whether a foundation is just what is `needed`, both in N/mm, so that it neither holds the structure nor fails to."""
+    """Whether a foundation equals the `needed` one within round-off, both in N/mm, so that stability cannot be decided."""
     return needed > 0 and abs(spring - needed) <= VERGE * needed
 
 
 def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
-    """Rate in 1/ms of the wave that grows fastest with the matrix B of the velocities, and its wavevector; zero if all are held.
+    """Rate in 1/ms of the wave that grows fastest with velocity-dependent forces B, and its wavevector; zero if none grows.
 
-    Of the complete model, on a mesh over the zone, with the wave that is softest for B = 0 among its points.
+    It is computed for the complete model on a mesh over the zone, to which the softest wave for B = 0 is added.
     """
     along = [np.arange(TURNED) / TURNED if periodic else np.zeros(1) for periodic in system.atoms.pbc]
     q = np.stack(np.meshgrid(*along, indexing='ij'), axis=-1).reshape(-1, 3)
@@ -130,7 +130,7 @@ def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
 
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
-    """The softest spring of the foundation of any particle that is not held, or least curvature of its law, in N/mm."""
+    """Stiffness of the softest spring of all free particles in N/mm; for other site laws their smallest curvature."""
     springs = atoms.calc.site_stiffness
     springs = np.linalg.eigvalsh(springs) if np.ndim(springs) == 3 else springs
     return _softest_spring(atoms, np.broadcast_to(springs, (len(atoms), atoms.calc.dim)))
@@ -142,7 +142,7 @@ def _softest_spring(atoms, springs):
 
 
 def _softest_of_sums(atoms, model, foundation, weighted, steps):
-    """The softest mode of a cell whose calculator sums over all neighbours, which it can do only at the present spacing."""
+    """The softest mode of a cell with AllNeighbours, whose sums are known only at the present spacing."""
     calc = atoms.calc
     root = np.repeat(1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms)), calc.dim)
     weights, other = root * root[:, None], np.eye(len(root)) * (foundation - common_spring(atoms))
@@ -153,7 +153,7 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
 def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> SoftMode:
     """Softest wave out of the plane of a flat layer; there the motions along z and in the plane are independent.
 
-    `foundation` in N/mm is what the supports of all particles have in common, in place of the calculator's own `common_support`.
+    `foundation` in N/mm replaces the stiffness that the supports of all particles have in common, `common_support`.
     If `weighted`, eigenvalues are squared frequencies.
     """
     calc, other = atoms.calc, foundation - common_support(atoms)
@@ -169,7 +169,7 @@ def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, w
 
 
 def flat_layer(atoms: Atoms) -> bool:
-    """Whether the atoms are a layer, whose particles may move out of the plane, at rest in one plane."""
+    """Whether the atoms are a layer at rest in one plane, whose particles may move out of the plane."""
     calc: Any = atoms.calc
     if not (isinstance(calc, Repulsion) and calc.layer):
         return False
@@ -180,14 +180,14 @@ def flat_layer(atoms: Atoms) -> bool:
 
 
 def common_support(atoms: Atoms | LinearSystem) -> float:
-    """The softest support along z of any particle of a layer that is not held, in N/mm."""
+    """Stiffness along z of the softest support of all free particles of a layer, in N/mm."""
     return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), 3))[:, 2])
 
 
 def highest_squared(atoms: Atoms | LinearSystem) -> float:
-    """Highest squared frequency over the zone of a periodic cell, of the calculator's model and with its foundation.
+    """Highest squared frequency in rad^2/ms^2 over the zone of a periodic cell, with the model and foundation of its calculator.
 
-    In rad^2/ms^2.  Atoms, in place of a LinearSystem, only with AllNeighbours.
+    Atoms are accepted only with AllNeighbours; otherwise pass a LinearSystem.
     """
     calc = atoms.calc
     if isinstance(atoms, LinearSystem):
@@ -206,7 +206,7 @@ def _steps_of_sums(calc):
 
 
 class CriticalFoundation(NamedTuple):
-    """What holds a structure against its static forces.
+    """Foundation stiffness that a structure needs against its static forces, and the mode that needs it.
 
     Attributes
     ----------
@@ -224,18 +224,18 @@ class CriticalFoundation(NamedTuple):
 def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
-    A flat layer is judged by its motion in the plane alone, whatever its supports along z; for these use `softest_out_of_plane`.
+    For a flat layer only motion in the plane counts, whatever its supports along z; for these use `softest_out_of_plane`.
 
     If springs differ, the result is the stiffness needed for the softest one, `common_spring`, while the
     differences between the springs are kept.
 
-    For a periodic cell of more than 200 degrees of freedom only waves that fit into one or two cells are examined, see `softest`.
+    In a periodic cell of more than 200 degrees of freedom only waves that fit into one or two cells are examined (`softest`).
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell, or a finite structure, with its PairCalculator or AllNeighbours.  Of its own foundation only the differences
-        between springs matter. Constraints remain in force, and the springs are assumed slack at the present positions.
+        One cell, or a finite structure, with its PairCalculator or AllNeighbours.  Only the differences between the springs of
+        its foundation matter. Constraints remain in force, and the springs are assumed slack at the present positions.
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
         The conventional model never needs a foundation, because it does not show buckling.
@@ -307,7 +307,7 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) ->
 
 
 def _settled(atoms):
-    """The linear system of the atoms; a cell with AllNeighbours unchanged, if it is at rest."""
+    """The linear system of the atoms; a cell with AllNeighbours is checked to be at rest and returned unchanged."""
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
         refuse(atoms, all_but('critical_foundation with AllNeighbours', 'constraints'))
         return LinearSystem.of(atoms).atoms
@@ -315,7 +315,7 @@ def _settled(atoms):
 
 
 class CriticalSupport(NamedTuple):
-    """Stiffness out of the plane, N/mm.
+    """Stiffness out of the plane that supports must provide, N/mm.
 
     Attributes
     ----------
@@ -417,7 +417,7 @@ def stability_boundary_of_exponents(atoms: Atoms, exponents: ArrayLike) -> Stabi
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its PairCalculator by `InversePower`, in balance by its symmetry.
+        One cell with a PairCalculator whose law is an `InversePower`, in balance by its symmetry.
     exponents : array_like, shape (values,)
         Ascending.
 

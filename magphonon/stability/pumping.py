@@ -1,8 +1,8 @@
-"""Waves that grow because the foundation is modulated: the fastest one of the whole zone.
+"""Waves that grow because the foundation is modulated: finds the fastest one in the whole zone.
 
-Two waves grow together near w_a(q) + w_b(n kap - q) = n W, in bands of wavevectors that are the narrower the shallower the
-modulation: a mesh would miss them.  So the condition is solved for the waves of the mean lattice along the lines of a mesh, and
-from each solution the growth rate of Floquet theory is maximised.
+Two waves grow together near w_a(q) + w_b(n kap - q) = n W. A shallow modulation makes these bands of wavevectors so narrow that a
+mesh would miss them.  So the condition is solved for the waves of the mean lattice along the lines of a mesh, and the growth rate
+of Floquet theory is maximised from each solution.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ SMALL = 60  # largest number of free directions of a finite structure whose grow
 
 @dataclass(frozen=True)
 class ParametricGrowth:
-    """The wave that grows fastest.
+    """Growth rate and wavevector of the wave that grows fastest on a modulated foundation.
 
     Attributes
     ----------
     rate : float
-        In 1/ms; negative or zero, up to round-off, if none grows.
+        Growth rate in 1/ms; negative or zero, up to round-off, if no wave grows.
     q : ndarray, shape (3,)
-        Its wavevector in fractions of the reciprocal vectors.
+        Wavevector of this wave in fractions of the reciprocal vectors.
     """
 
     rate: float
@@ -89,7 +89,7 @@ def parametric_growth(atoms: Atoms, model: Model | None = None, damping: ArrayLi
 
 
 def _settled(hill, q, harmonics):
-    """The growth at a wavevector with as many harmonics as it needs."""
+    """The growth rate at a wavevector, with as many harmonics as it needs to converge."""
     rate, before = hill.growth(q[None], harmonics)[0], np.inf
     while abs(rate - before) > SETTLED * hill.W and harmonics < MOST:
         harmonics += 1

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 LONG = 2.0**-11
-"""Wavenumber of the ring, as a fraction of the shortest reciprocal vector: k^4 is about 1e-5 of k^2 there, and round-off 1e-9 of
-it."""
+"""Wavenumber of the ring, as a fraction of the shortest reciprocal vector: terms in k^4 are about 1e-5 of those in k^2 there, and
+round-off is 1e-9 of them."""
 DIRECTIONS = {1: 1, 2: 36, 3: 100}
 """Number of points of the ring, by the number of periodic directions.  The ring is half a circle or half a sphere, because -k is
 equivalent to k."""
@@ -38,9 +38,9 @@ def softest_wave(matrix: Callable[[Any], NDArray[Any]], cell: NDArray[np.float64
                  steps: int) -> tuple[float, float, NDArray[np.float64]]:
     """Lowest and highest eigenvalue of `matrix(q)` over the zone, and the wavevector of the lowest.
 
-    The matrices are Hermitian, of wavevectors of the shape (wavevectors, 3) in fractions of the reciprocal vectors.  `steps` is
-    the number of wavevectors along each of them on a mesh, of which the highest eigenvalue is; the lowest is that of a mesh
-    point, unless a lower one was found near it.
+    `matrix` takes wavevectors of the shape (wavevectors, 3), in fractions of the reciprocal vectors, and returns Hermitian
+    matrices.  `steps` is the number of mesh points along each reciprocal vector.  The highest eigenvalue is that on the mesh;
+    the lowest is that of a mesh point, unless a lower one was found near it.
     """
     axes = np.eye(3)[np.asarray(pbc)]
     x, lowest, highest = _mesh(lambda x: np.linalg.eigvalsh(matrix(x @ axes)), len(axes), steps)
@@ -63,7 +63,7 @@ def softest_wave(matrix: Callable[[Any], NDArray[Any]], cell: NDArray[np.float64
 
 
 def _mesh(spectrum, dim, steps):
-    """Points of the mesh, shape (points, dim), the lowest eigenvalue on it, shape (steps, ...), and the highest of all."""
+    """Points of the mesh, shape (points, dim), the lowest eigenvalue at each, shape (steps, ...), and the highest of all."""
     index = np.stack(np.unravel_index(np.arange(steps**dim), (steps,) * dim), axis=-1)
     opposite: Any = np.ravel_multi_index(tuple((-index % steps).T), (steps,) * dim)
     half = np.flatnonzero(np.arange(steps**dim) <= opposite)
@@ -74,7 +74,7 @@ def _mesh(spectrum, dim, steps):
 
 
 def _minima_of_mesh(lowest, flat):
-    """Flat indices of the local minima whose refinement may fall below the lowest point, one of each pair q and -q."""
+    """Flat indices of the local minima that may fall below the lowest mesh point when refined, one of each pair q and -q."""
     dims = range(lowest.ndim)
     shifts = [shift for shift in product((-1, 0, 1), repeat=lowest.ndim) if any(shift)]
     minimum = np.all([lowest <= np.roll(lowest, shift, dims) + flat for shift in shifts], axis=0)
@@ -167,7 +167,7 @@ def _descend(f, x, step, flat):
 
 
 def _vertex(values, dim, pairs, flat):
-    """Lowest points of the parabolas through the values on stencils, in steps and within the stencils, and the gain expected."""
+    """Lowest points, within the stencils, of the parabolas through the values on stencils, in steps; and the expected gain."""
     here, ahead, behind = values[:, :1], values[:, 1 : dim + 1], values[:, dim + 1 : 2 * dim + 1]
     diagonal = values[:, 2 * dim + 1 :].reshape(len(values), 2, -1).sum(axis=1)
     second = ahead + behind - 2 * here

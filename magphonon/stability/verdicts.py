@@ -61,7 +61,7 @@ ROUND_OFF = 5e-17
 proportional to the displacement."""
 GROWS = 1e-9  # rate of growth, as a fraction of the frequency of the modulation, up to which it is round-off
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
-DENSEST = 50e-3  # mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
+DENSEST = 50e-3  # mass divided by the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
 
 CHECKS = Findings()  # the checks of a `Case` by name
@@ -72,10 +72,10 @@ REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
 class Verdict:
     """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
-    Each check is an attribute that holds what it found, and runs when this is first read: `residual` (N),
+    Each check is an attribute that holds its result, and runs when the attribute is first read: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
     `supercell`, `displacements` (mm), `pumping` (Growth), `supports` (Supports), `amplitude` (mm), `gyration` (rad/ms),
-    `density` (g/mm^3).  A check is None where its question does not arise, or was not judged.
+    `density` (g/mm^3).  The attribute is None if the check does not apply to the structure, or was not computed.
     """
 
     case: Case
@@ -94,8 +94,8 @@ class Verdict:
 
     @property
     def stable(self) -> bool:
-        """Whether the foundation holds the structure, in its plane and out of it; False if it is only just what the structure
-        needs.
+        """Whether the foundation holds the structure, in its plane and out of it; False also if it is only just as
+        stiff as the structure needs.
         """
         return self.case.stable
 
@@ -118,12 +118,12 @@ class Verdict:
         if self.unjudged:
             *others, last = self.unjudged
             named = f'{", ".join(others)} and {last}' if others else last
-            said.append(f'Not computed for so many particles: {named}. Check the lattice without its patch, or a smaller patch.')
+            said.append(f'Not computed for so many particles: {named}. Check a smaller patch, or the lattice without [patch].')
         return tuple(said)
 
     @property
     def unjudged(self) -> tuple[str, ...]:
-        """What was not judged because it would take too long for so many particles; a tuple of str."""
+        """What was not computed because it would take too long for so many particles; a tuple of str."""
         return tuple(left for name in CHECKS if (left := self.finding(name).unjudged))
 
     def __str__(self) -> str:
@@ -138,15 +138,15 @@ class Verdict:
 @takes('all neighbours', 'modulation', *LINEAR)
 def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
             distance: float | None = None, damping: ArrayLike = 0.0) -> Verdict:
-    """Judge a structure before it runs.
+    """Check a structure before a run: whether it is at rest and stable, its time step, its supports and its linear range.
 
-    A periodic cell is judged as an infinite lattice, by its whole zone; a cell of more than 200 degrees of freedom only by waves
-    that fit into one or two cells along each vector; its notes say so.  A finite structure is judged as given.  Quantities
-    that take too long are not judged, and are listed in `Verdict.unjudged`: the spacing above 2000 degrees of freedom, and for a
-    periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours neither spacing, supports nor linear
-    amplitude are judged.
+    A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
+    freedom only waves that fit into one or two cells along each vector are examined; the notes say so.  A finite structure is
+    checked as given.  Quantities that take too long are not computed, but listed in `Verdict.unjudged`: the spacing at buckling
+    above 2000 degrees of freedom, and in a periodic cell above 200 also the supports and the linear amplitude.  With
+    AllNeighbours this spacing, supports and linear amplitude are never computed.
 
-    The structure is judged at rest: about the reference of its calculator, or about its present positions if they are another
+    The structure is checked at rest: about the reference of its calculator, or about its present positions if they are another
     equilibrium.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
 
     Parameters
@@ -154,15 +154,15 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     atoms : ase.Atoms
         With their PairCalculator, or a cell with AllNeighbours.
     drives : sequence of drives
-        Drives of the run; `Constant` ones may balance static forces, in addition to the dead load of the calculator.  A drive of
-        a particle that the structure does not have is refused.
+        Drives of the run; `Constant` drives may balance static forces, in addition to the dead load of the calculator.  A drive
+        on a particle that does not exist raises ValueError.
     supercell : three ints, optional
         Supercell for phonopy's finite displacements.
     distance : float, optional
-        Displacement of these in mm; by default that of `finite_displacements`.
+        Displacement for phonopy's finite displacements in mm; by default that of `finite_displacements`.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
-        Everything else is judged with the mean springs of that foundation.
+        Damping rate in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
+        Everything else is computed with the mean springs of that foundation.
 
     Examples
     --------
@@ -203,7 +203,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A structure at its rest, or where the forces are nearest to balance, and what several checks ask of it."""
+    """A structure at its rest, or where the forces are closest to balance, with intermediate results that checks share."""
 
     atoms: Atoms  # the structure at this rest; of a flat layer its motion in the plane
     system: Any  # argument of the linear tools
@@ -254,7 +254,7 @@ class Case:
 
     @property
     def touching(self) -> bool:
-        """Whether particles are in contact; at other spacings they would not be."""
+        """Whether particles are in mechanical contact, which they would lose at other spacings."""
         return any(isinstance(law, Hertz) for law in laws_of(self.calc.laws))
 
     @cached_property
@@ -273,12 +273,12 @@ class Case:
 
     @property
     def verge(self) -> bool:
-        """Whether the foundation is just what the structure needs."""
+        """Whether the foundation is exactly as stiff as the structure needs, within round-off."""
         return on_the_verge(self.spring, self.softest.needed) or self.flat
 
     @cached_property
     def flat(self) -> bool:
-        """Whether a wave of finite length costs nothing in a lattice that nothing ties down, on a mesh over the zone."""
+        """Whether a wave of finite length costs no energy, in a lattice without foundation, on a mesh over the zone."""
         if self.spring or self.softest.needed or self.large or not self.atoms.pbc.any():
             return False
         along = [np.arange(6) / 6 if periodic else np.zeros(1) for periodic in self.atoms.pbc]
@@ -288,8 +288,8 @@ class Case:
 
     @cached_property
     def grows(self) -> tuple[float, NDArray[np.float64]]:
-        """Rate of the motion that grows fastest, 1/ms, and its wavevector: zero if the foundation or gyration holds it, or on the
-        verge.
+        """Rate of the motion that grows fastest, 1/ms, and its wavevector; zero if the foundation or gyration holds the
+        structure, or if it is on the verge of buckling.
         """
         if self.held or self.verge:
             return 0.0, self.softest.q
@@ -312,7 +312,7 @@ class Case:
 
     @cached_property
     def growth(self) -> ParametricGrowth | None:
-        """The wave that the modulation makes grow fastest; None without one, or if it is not judged."""
+        """The wave that grows fastest due to a modulation; None if there is no modulation, or if it was not computed."""
         return parametric_growth(self.pumped, 'complete', self.damping) if self.pumped is not None and self.balanced else None
 
     @property
@@ -321,7 +321,7 @@ class Case:
 
     @property
     def unstable(self) -> bool:
-        """Whether something grows; on the verge a structure is neither stable nor unstable."""
+        """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
         return bool(self.grows[0] or self.pumps or (self.above is not None and self.above[0].growth))
 
     @property
@@ -345,9 +345,9 @@ class Buckling:
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
     spacing : float or None
         Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
-        length, or if it is not judged, such as for balls in contact.
+        length, or if it was not computed, such as for balls in contact.
     flat : bool
-        Whether nothing ties a lattice down, and a wave of finite length costs no energy.
+        Whether a lattice has no foundation and a wave of finite length costs no energy.
     """
 
     spring: float
@@ -364,8 +364,8 @@ class Buckling:
 
     @property
     def verge(self) -> bool:
-        """Whether the foundation is just what is needed, to within 1e-9 of it, so that round-off would decide whether motion
-        grows.
+        """Whether the foundation equals the needed one to within a fraction of 1e-9, so that round-off would decide whether
+        motion grows.
         """
         return self.flat or on_the_verge(self.spring, self.needed)
 
@@ -382,7 +382,7 @@ class Supports(NamedTuple):
 
 @check
 def residual(case: Case) -> Finding:
-    """Largest static force that nothing balances on a free particle, in N."""
+    """Largest unbalanced static force on a free particle, in N."""
     if case.balanced:
         return Finding(0.0, 'The static forces balance on every free particle.')
     left, share, many = float(case.pushes.max()), case.pushes.max() / case.force, np.count_nonzero(case.pushes)
@@ -395,11 +395,11 @@ def residual(case: Case) -> Finding:
 
 @check
 def buckling(case: Case) -> Finding:
-    """Stability in the plane, or in space: of the complete model, because the others do not show buckling."""
+    """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
     search = case.balanced and case.listed and not case.touching
     searched = search and case.large <= (SPACED if case.finite else 0)
     scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
-    unjudged = 'the spacing at which they buckle' if search and case.large > (SPACED if case.finite else 0) else ''
+    unjudged = 'the spacing at which the structure buckles' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
@@ -410,13 +410,13 @@ def buckling(case: Case) -> Finding:
         words = (f'It is on the verge of buckling{where}: waves of finite length cost no energy, so round-off would decide. Give '
                  'it a foundation.')
     elif found.verge:
-        words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, '
-                 'and round-off would decide. Take a stiffer one.')
+        words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, and '
+                 'round-off would decide. Take a stiffer foundation.')
     elif not found.stable:
         room = f' A spacing above {at} would also make it stable.' if at else ''
         words = f'It buckles{where}{_growth(found)}. It needs a foundation of {needed} and has {spring}{own}.{room}'
         if case.gyrating is not None:
-            words += (' Whether gyration holds so many particles was not judged.' if case.large else
+            words += (' Whether gyration holds so many particles was not computed.' if case.large else
                       ' Gyration is too slow to hold it.')
     elif not case.held:
         words = (f'Stable{where} only without losses: without gyration it would need a foundation of {needed} and '
@@ -424,13 +424,13 @@ def buckling(case: Case) -> Finding:
     elif found.needed:
         room = f' It would be stable down to a spacing of {at}.' if at else ''
         more = _times(found.spring / found.needed)
-        words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} that it needs.{room}'
+        words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} needed.{room}'
     elif uneven:
         words = f'Stable{where}, and it would stay so if all springs were softer by {spring}, the stiffness of the softest one.'
     else:
         words = f'Stable{where}, even without a foundation.' + (f' It would buckle below a spacing of {at}.' if at else '')
     if case.large and case.atoms.pbc.any():
-        words += (' The periodic cell is so large that only waves that fit into one or two cells were judged; another wave may '
+        words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
                   'be softer. Check a smaller cell of the same lattice, or another number of repeats.')
     return Finding(found, words, not found.stable, unjudged)
 
@@ -443,11 +443,11 @@ def out_of_plane(case: Case) -> Finding:
     found, _ = case.above
     have, need = _stiffness(found.spring), _stiffness(found.needed)
     if found.stable:
-        margin = f'{_times(found.spring / found.needed)} the {need} that they need' if found.needed else 'more than they need'
+        margin = f'{_times(found.spring / found.needed)} the {need} needed' if found.needed else 'stiffer than needed'
         return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
     if found.verge:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
-                       'just what it needs, and round-off would decide. Take stiffer ones.', True)
+                       'just what it needs, and round-off would decide. Take stiffer supports.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
 
 
@@ -459,15 +459,15 @@ def pumping(case: Case) -> Finding:
     found, law = case.growth, case.pumped.calc.tie  # pyright: ignore[reportOptionalMemberAccess]  it has one
     if found is None:
         return Finding(unjudged='waves that the modulation of the foundation makes grow')
-    what = f'The modulation of the foundation, {law.eps:.4g} of it at {u.hertz(law.W):.4g} Hz,'
+    what = f'The modulation of the foundation, by {100 * law.eps:.4g} % at {u.hertz(law.W):.4g} Hz,'
     if not case.pumps:
         against = f' against a damping of {np.max(case.damping) * u.s:.4g} per s' if np.any(case.damping) else ''
         return Finding(found, f'{what} makes no wave grow{against}.')
     where = f' with the wavevector ({", ".join(f"{x:.4f}" for x in found.q)})' if case.pumped.pbc.any() else ''
     needed = np.max(case.damping) + 2 * found.rate
-    return Finding(found, f'{what} makes waves grow, fastest{where} by {found.rate * u.s:.4g} per s: linear waves have no bound. '
-                   f'Take a damping of more than about {needed * u.s:.4g} per s, a shallower modulation or another frequency.',
-                   fault=True)
+    return Finding(found, f'{what} makes waves grow, fastest{where} by {found.rate * u.s:.4g} per s, without bound in linear '
+                   f'theory. Take a damping of more than about {needed * u.s:.4g} per s, a shallower modulation or another '
+                   'frequency.', fault=True)
 
 
 @check
@@ -481,7 +481,7 @@ def model(case: Case) -> Finding:
 
 @remark
 def guided(case: Case) -> Finding:
-    """Foundation needed if FixedLine and FixedPlane guided nothing, N/mm; None without them."""
+    """Foundation needed without the guides FixedLine and FixedPlane, N/mm; None if there are no guides."""
     fixed = [constraint for constraint in case.atoms.constraints if isinstance(constraint, FixAtoms)]
     if len(fixed) == len(case.atoms.constraints):
         return Finding()
@@ -497,8 +497,8 @@ def guided(case: Case) -> Finding:
 
 @check
 def timestep_limit(case: Case) -> Finding:
-    """2/omega_max in ms, infinite if no mode vibrates: of the structure, or of all waves of a lattice with a small cell; less
-    where the damping asks for shorter steps.
+    """Longest stable time step in ms: 2/omega_max of the structure, or of all waves of a lattice with a small cell, or less if
+    the damping requires it; infinite if no mode vibrates.
     """
     waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
     whole: Any = case.gyrating if gyrates else case.system
@@ -519,7 +519,7 @@ def timestep_limit(case: Case) -> Finding:
     losses = SPLITTINGS[2].damped / max(float(np.max(case.damping)), np.finfo(float).tiny)
     if losses < 2 / highest:
         return Finding(losses, f'Time steps up to {u.in_words("s", losses / u.s)} are accepted with this damping, and a third of '
-                       f'that is accurate to 0.3 %; up to {u.in_words("s", 2 / highest / u.s)} they would be stable.')
+                       f'that is accurate to 0.3 %. Steps up to {u.in_words("s", 2 / highest / u.s)} would still be stable.')
     of = u.in_words('Hz', u.hertz(highest)) + ' without gyration' * (gyrates and case.held)
     return Finding(2 / highest, f'Time steps up to {u.in_words("s", 2 / highest / u.s)} are stable (2/omega_max, with the '
                    f'highest frequency of {of}); a tenth of that is accurate.')
@@ -540,8 +540,8 @@ def contact(case: Case) -> Finding:
     """Shortest present distance of bonded particles, as a fraction of that in the reference."""
     if case.closest >= CONTACT:
         return Finding(case.closest)
-    return Finding(case.closest, f'Particles are in contact: two of them are at {case.closest:.3g} times their distance at rest. '
-                   'Start with a larger distance.', fault=True)
+    return Finding(case.closest, f'Particles are in contact: the distance of two of them is {case.closest:.3g} times that at '
+                   'rest. Start with a larger distance.', fault=True)
 
 
 @check
@@ -557,8 +557,8 @@ def supercell(case: Case) -> Finding:
 
 @check
 def displacements(case: Case) -> Finding:
-    """Smallest and largest displacement for accurate finite differences, mm: from round-off to the curvature
-    of a law, which is phi'''' d^2/6 of its stiffness.
+    """Smallest and largest displacement d for accurate finite differences, mm: round-off limits it from below, and from above the
+    curvature of the law, whose relative error of the stiffness phi'' is phi'''' d^2/(6 phi'').
     """
     lengths = case.calc.bonds.lengths
     nearest = [(law, lengths[own].min()) for law, own in groups(case.calc.law, len(lengths))]
@@ -590,8 +590,8 @@ def supports(case: Case) -> Finding:
         return Finding(found)
     if wave is None or alone is None or np.isclose(wave, found.central, rtol=SAME):  # or charges, whose energy obeys Laplace too
         return Finding(found, f'{need}{_stiffness(found.central)}.')
-    return Finding(found, f'{need}{_stiffness(wave)} for upright magnets ({_stiffness(alone)} if only one of them can move), '
-                   f'{_stiffness(found.central)} if forces are along the lines between the particles.')
+    return Finding(found, f'{need}{_stiffness(wave)} for upright magnets ({_stiffness(alone)} if only one of them can move). '
+                   f'For particles whose forces are along the lines between them {_stiffness(found.central)} is enough.')
 
 
 @remark
@@ -628,7 +628,7 @@ def gyration(case: Case) -> Finding:
 
 @remark
 def density(case: Case) -> Finding:
-    """Mass over the cube of the spacing, g/mm^3."""
+    """Mass divided by the cube of the spacing, g/mm^3."""
     heaviest = case.atoms.get_masses().max()
     found = float(heaviest / case.spacing**3)
     if found <= DENSEST:

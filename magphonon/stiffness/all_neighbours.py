@@ -44,7 +44,7 @@ class AllNeighbours(Repulsion):
     It replaces `PairCalculator` for periodic cells and long-range laws, with the sums of `magphonon.stiffness.ewald`: bands,
     speeds of sound and phonopy's finite displacements work with both calculators.  The energy is the absolute energy of one
     cell.  If the sum over all neighbours diverges (r^-s with s <= d in d dimensions, such as Coulomb's), it includes a uniform
-    neutralising background; for s = d its zero is arbitrary.
+    neutralising background; for s = d the zero of the energy is arbitrary.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class AllNeighbours(Repulsion):
 
 @dataclass(frozen=True)
 class LawDifference(Composed):
-    """What a law has more than its tail, up to the distance `end` in mm, where both have the same force and slope; 0 beyond."""
+    """A law minus its tail, up to the distance `end` in mm, where both have the same force and slope; zero beyond."""
 
     law: PairLaw
     tail: PairLaw
@@ -250,7 +250,7 @@ class LawDifference(Composed):
 
 
 def nearest_distance(atoms: Atoms) -> float:
-    """Distance in mm of the nearest particles of a structure."""
+    """Distance in mm between the two nearest particles of a structure."""
     own = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
     return float(distances_within(atoms, np.linalg.norm(own, axis=1).min() * (1 + 1e-9)).min())
 
@@ -258,7 +258,7 @@ def nearest_distance(atoms: Atoms) -> float:
 def tail_of(law: PairLaw, atoms: Atoms, spacings: float = TAIL) -> GaussianMixture | None:
     """The law itself if it is a mixture of Gaussians, or the inverse power with its force and slope at a number of spacings.
 
-    None where the law is not known so far, or has no repulsion or hardly any left there, so that no tail is needed.
+    None if the law is not known at that distance, or if its repulsion there is zero or negligible, so that no tail is needed.
     """
     if isinstance(law, GaussianMixture):
         return law

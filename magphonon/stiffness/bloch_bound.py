@@ -1,10 +1,10 @@
-"""Lower bound of the stiffness of a patch of a perfect lattice, from Bloch waves, at a cost that grows with its size alone.
+"""Lower bound of the stiffness of a patch of a perfect lattice, from Bloch waves, at a cost proportional to its size.
 
-Where every particle that can move has all bonds that it has in the endless lattice, displacements of the patch, with zero
-elsewhere, are displacements of the endless lattice with the same energy: holding particles, or guiding them, is a compression of
-its Hessian.  By Rayleigh's principle no eigenvalue lies below the lowest one of all Bloch matrices,
+Suppose that every particle that can move has all the bonds that it has in the infinite lattice.  Displacements of the patch,
+continued by zero outside, are then displacements of the infinite lattice with the same energy.  By Rayleigh's principle no
+eigenvalue of the patch lies below the lowest one of all Bloch matrices; holding or guiding particles cannot lower it either.
 
-    H(q) = k + sum_b (2 - 2 cos q.R_b) K_b        over half of the bonds of a particle
+    H(q) = k + sum_b (2 - 2 cos q.R_b) K_b        summed over half of the bonds of a particle
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ SAME_VECTOR = 1e-6  # of a bond: farther apart, two vectors lead to different pl
 FIRST = {1: 256, 2: 48, 3: 16}  # wavevectors along each axis before the mesh is refined, by the dimension of the lattice
 MOST = 5 * 10**5  # wavevectors beyond which the refinement is given up: lattices that are floppy along whole lines of wavevectors
 ALONG = np.array([1.0, np.sqrt(2) / 3, np.sqrt(3) / 7])
-"""Direction along which no two bonds of a lattice look alike, so that one component tells them apart."""
+"""Direction along which no two bonds of a lattice have the same component, so that this component distinguishes them."""
 HALVINGS = 24  # of the mesh, until its error is round-off of the stiffness
 
 
 def proves_stable(system: LinearSystem) -> bool:
-    """Whether Bloch waves prove that no stiffness of a patch is below zero by more than round-off of the highest one.
+    """Whether Bloch waves prove that no eigenvalue of the stiffness of a patch is negative, apart from round-off.
 
-    False where they do not: the structure is not cut from one lattice with one particle per cell, has free rims, or is unstable.
+    False if they prove nothing: the structure is unstable, has free rims, or is not cut from a lattice of one particle per cell.
     """
     star = _star(system)
     return star is not None and no_wave_grows(*star)
@@ -40,8 +40,8 @@ def proves_stable(system: LinearSystem) -> bool:
 def no_wave_grows(springs: NDArray[np.float64], c: NDArray[np.float64], K: NDArray[np.float64], error: float) -> bool:
     """Whether `springs + sum_b (2 - 2 cos theta.c_b) K_b` has no eigenvalue below zero at any theta, apart from round-off.
 
-    Shapes: springs (dim, dim), whole numbers c (bonds, axes), K (bonds, dim, dim).  By `error` the eigenvalues of what this
-    stands for may be lower.
+    Shapes: springs (dim, dim), whole numbers c (bonds, axes), K (bonds, dim, dim).  The eigenvalues of the structure for which
+    this matrix stands may be lower by `error`.
     """
     size = 2 * np.linalg.norm(K, axis=(1, 2))  # each bond stands for itself and for the one backward
     allowed = -ROUND_OFF * float(np.linalg.norm(springs) + 2 * size.sum()) + error
@@ -68,10 +68,10 @@ def no_wave_grows(springs: NDArray[np.float64], c: NDArray[np.float64], K: NDArr
 
 
 def _star(system):
-    """The bonds that every particle has that can move, or None if they differ.
+    """The bonds that all movable particles have in common, or None if they differ.
 
     Returns the softest springs, shape (dim, dim); half of the bonds as whole multiples of base vectors, shape (bonds, axes), and
-    their stiffness; and by how much the scatter of these may lower an eigenvalue.
+    their stiffness; and by how much the scatter of this stiffness may lower an eigenvalue.
     """
     calc = system.calc
     if np.ndim(calc.site_stiffness) == 3:
@@ -99,7 +99,7 @@ def _star(system):
 
 
 def multiples(vectors: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Vectors as whole multiples of the shortest independent ones, shape (vectors, axes), or None."""
+    """Vectors as whole multiples of the shortest independent ones, shape (vectors, axes); None if they are no multiples."""
     base, size = np.zeros((0, vectors.shape[1])), np.linalg.norm(vectors, axis=1)
     for v in vectors[np.argsort(size)]:
         longer = np.vstack([base, v])

@@ -1,7 +1,7 @@
 """The interaction of two particles as a function of the vector R between them: energy, gradient, stiffness D0 + D* (Eq. 4).
 
-`Central` is the force along the bond, from a law of the distance: Eq. 4 is its `stiffness`.  If forces depend on more than the
-distance, as between upright magnets that leave their plane, the law itself is a function of the vector (`PairInteraction`).
+`Central` is the force along the bond, from a law of the distance: its method `stiffness` is Eq. 4.  If forces depend on more than
+the distance, as between upright magnets that leave their plane, the law itself is a function of the vector (`PairInteraction`).
 `Mixed` holds the interactions of bonds that differ. Calling code uses one of these three, and need not know which.
 """
 
@@ -44,7 +44,7 @@ class Central:
         return D0.T, Dstar.T
 
     def central(self, dim: int) -> PairLaw:
-        """The law of the distance."""
+        """The pair law, a function of the distance."""
         return self.law
 
 
@@ -89,7 +89,7 @@ class Mixed:
 
 
 def interaction_of(law: Law, dim: int) -> PairInteraction:
-    """What answers for vectors of `dim` components: the law as a force along the bond where it is one, else the law itself."""
+    """The interaction for vectors of `dim` components: `Central` if the force is along the bond, else the law itself."""
     given: Any = law
     found = given.central(dim) if hasattr(given, 'central') else given
     return given if found is None else Central(found)
@@ -139,7 +139,7 @@ def model_stiffness(vectors: NDArray[Any], law: Law, model: Model = 'complete') 
 
 def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], law: Law,
                      model: Model = 'complete') -> NDArray[np.float64]:
-    """Derivative of the stiffness as the vectors change, by a complex step: exact to round-off, for any interaction.
+    """Derivative of the stiffness of bonds along a change of their vectors, by a complex step: exact to round-off.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], 
 
 
 def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size of the force of each bond in N and of its stiffness against stretching in N/mm: of a central law |phi'|, |phi''|."""
+    """Size of the force of each bond in N and of its stiffness against stretching in N/mm; for a central law |phi'|, |phi''|."""
     acting = interaction_of(law, vectors.shape[1])
     if isinstance(acting, Central):
         r = _lengths(vectors)
@@ -166,7 +166,7 @@ def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], 
 
 
 def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete') -> NDArray[np.float64]:
-    """Stiffness of each bond in N/mm without its negative eigenvalues, shape (bonds, dim, dim): no motion finds it less stiff."""
+    """Upper bound of the stiffness of each bond in N/mm, shape (bonds, dim, dim): its negative eigenvalues are set to zero."""
     acting = interaction_of(law, vectors.shape[1])
     if not isinstance(acting, Central):
         values, n = np.linalg.eigh(model_stiffness(vectors, acting, model))
@@ -179,10 +179,10 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
 
 def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64],
               model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """The vectors at which an interaction is asked, and the directions to which a model of the forces confines its gradient.
+    """The bond vectors at which an interaction is evaluated, and the directions of its gradient in the conventional model.
 
-    In the complete model the vectors are `R + moved`. In the conventional model they are the projections of these on the
-    directions n at rest, which are returned too.
+    In the complete model the vectors are `R + moved`, and the directions are None. In the conventional model the vectors are
+    projected on the directions n at rest, and n is returned too.
     """
     vectors = R + moved
     r0 = lengths_of(R) if model == 'conventional' else 1.0
@@ -199,12 +199,12 @@ def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64],
 
 
 def _product(a: Any, b: Any) -> Any:
-    """Scalar products of vectors in rows, column by column: faster, and rounded alike however they lie in memory."""
+    """Scalar products of vectors in rows, summed by columns: this is faster, and rounding does not depend on memory layout."""
     return sum(x * y for x, y in zip(a.T, b.T, strict=True))
 
 
 def _lengths(R):
-    """Lengths of vectors, which may be complex; ValueError for a vector that joins nothing."""
+    """Lengths of vectors, which may be complex; ValueError if a length is zero or infinite."""
     r = np.sqrt(_product(R, R))
     for k in np.flatnonzero(~((r.real > 0) & (r.real < np.inf)))[:1]:
         raise ValueError(f'bond {k} has the vector {R[k]} mm; a bond joins two particles at a finite distance')

@@ -1,8 +1,8 @@
 """ASE calculator of particles that repel each other and are tied to an elastic foundation; its cell may change.
 
 Without a foundation the energy depends on the bonds alone: as the cell changes, the bonds join the same pairs of particles across
-the same periods, and the energy has a stress.  A foundation or a dead load is refused then, because it is not known whether it
-follows the cell.
+the same periods, and the energy has a stress.  With a foundation or a dead load, a changed cell is refused, because it is not
+known whether these follow the cell.
 """
 
 from __future__ import annotations
@@ -63,10 +63,9 @@ class PairCalculator(Repulsion):
     vector: of R + du in the complete model, of R (r0 + n.du)/r0 in the conventional one.
 
     Particles that share one z are planar, unless the structure is periodic in all three directions: no force acts along z.
-    (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
-    `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of their supports along z.  The repulsion then
-    acts along the line between two particles, or as `magphonon.interactions.UprightMagnets` describes. All other structures move
-    in three dimensions.
+    (Real magnets are unstable out of the plane, and supports hold them.)  A foundation `[[k, k, kz]]` with three components lets
+    them move out of the plane: kz is the stiffness of their supports along z.  The repulsion then acts along the line between two
+    particles, or as `magphonon.interactions.UprightMagnets` describes. All other structures move in three dimensions.
 
     Parameters
     ----------
@@ -98,10 +97,10 @@ class PairCalculator(Repulsion):
     bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
         The interacting pairs, instead of `shells` and `cutoff`.  Their vectors are computed at the reference.
     gyration : float or array_like, shape (particles,), or in space (3,) or (particles, 3)
-        g in rad/ms, of all particles or of each: the force `m u' x g` turns velocities about the vector g, or about z, as
-        gyroscopes, a rotating bench (twice its rate) or a magnetic field on charges do.  In the plane it is `m g J u'`,
-        J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work and is not among the `forces` that ASE asks for:
-        tools of this package either include it, as `DrivenVerlet` does, or refuse it; ASE's own dynamics ignores it.
+        g in rad/ms, for all particles or for each.  The force `m u' x g` turns velocities about the vector g, or about z if g
+        is a number: the force on gyroscopes, on a rotating bench (g is twice its rate) or on charges in a magnetic field.  In
+        the plane it is `m g J u'`, J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work and is not part of the ASE
+        `forces`: tools of this package include it, as `DrivenVerlet` does, or refuse it; ASE's own dynamics ignores it.
     dim : {2, 3}, optional
         Number of components of a displacement; by default it follows from the positions, the cell and the foundation.
 
@@ -262,7 +261,7 @@ class PairCalculator(Repulsion):
 
     @cached_property
     def _energy_at_rest(self):
-        """Of each bond."""
+        """Energy of each bond at rest in mJ."""
         return self.interaction.forces(self.bond_vectors)[0]
 
     @cached_property
@@ -300,7 +299,7 @@ class PairCalculator(Repulsion):
         return forces
 
     def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:
-        """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm; of the calculator's own model if none is given."""
+        """Stiffness of each bond at rest in the given model or the calculator's own, in N/mm, shape (bonds, dim, dim)."""
         return model_stiffness(self.bond_vectors, self.interaction, model or self.model)
 
     def rest_hessian(self, model: Model | None = None) -> sparse.csr_array:
@@ -344,7 +343,7 @@ class PairCalculator(Repulsion):
         return sparse.csr_array(to_space @ H @ to_space.T)
 
     def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
-        """`get_hessian` at displacements `u` from rest in mm, shape (particles, dim), of these components alone."""
+        """Like `get_hessian`, but at displacements `u` from rest in mm, shape (particles, dim), with `dim` components each."""
         vectors, _ = self._displaced(u)
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
@@ -391,7 +390,7 @@ def carried(calc: PairCalculator, atoms: Atoms) -> tuple[Atoms, Bonds]:
     for b in np.flatnonzero(bonds.lengths > STRETCHED * calc.bonds.lengths)[:1]:
         raise Unstable(f'the cell has grown until the particles {bonds.i[b]} and {bonds.j[b]} are {bonds.lengths[b]:.4g} mm '
                        f'apart instead of {calc.bonds.lengths[b]:.4g} mm and no longer neighbours: only a pressure holds a '
-                       'lattice of repelling particles together; give one, as scalar_pressure= to FrechetCellFilter')
+                       'lattice of repelling particles together; give a pressure, as scalar_pressure= to FrechetCellFilter')
     return rest, bonds
 
 
@@ -409,12 +408,12 @@ def stress_per_volume(calc: PairCalculator, atoms: Atoms) -> NDArray[np.float64]
     """
     if not (atoms.pbc.any() and atoms.cell.rank == 3):
         raise ValueError('a stress as defined by ASE is a force per area of a periodic cell with a volume; give the cell three '
-                         'vectors (the length of the one across a planar lattice only divides the stress)')
+                         'vectors (the length of the vector normal to a planar lattice only divides the stress)')
     before, after = (abs(np.linalg.det(at.cell.array)) / measure(at) for at in (calc.reference, atoms))
     if abs(after - before) > ACROSS * before:
-        raise ValueError(f'across its periodic directions the cell changes from {before:.6g} to {after:.6g} mm (mm^2 for '
-                         'a chain), which has no meaning and would change the stress. Keep these vectors: give filters of ASE '
-                         'mask=(1, 1, 0, 0, 0, 1) for a planar lattice, (1, 0, 0, 0, 0, 0) for a chain along x, and no '
+        raise ValueError(f'perpendicular to its periodic directions the cell changes from {before:.6g} to {after:.6g} mm (mm^2 '
+                         'for a chain), which has no meaning and would change the stress. Keep these vectors: give filters of '
+                         'ASE mask=(1, 1, 0, 0, 0, 1) for a planar lattice, (1, 0, 0, 0, 0, 0) for a chain along x, and no '
                          'hydrostatic_strain')
     here = calc if same_cell(calc, atoms) else calc.about(atoms)
     stress = np.zeros((3, 3))

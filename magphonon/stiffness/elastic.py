@@ -6,8 +6,8 @@ measure V (length, area or volume) gives
     Cauchy stress     sigma_ij  = 1/V dE/d eta_ij           = 1/V sum g R_i R_j
     moduli, clamped   C_ijkl    = 1/V d2E/d eta_ij d eta_kl = 1/V sum (phi'' - g)/r^2 R_i R_j R_k R_l
 
-The particles of a basis follow the strain by -Phi^-1 Lambda, with Lambda = d2E/du d eta and the Hessian Phi of the cell, and
-soften it: C -> C - Lambda^T Phi^-1 Lambda/V.  Under static stress three tensors must be distinguished:
+The particles of a basis follow the strain by -Phi^-1 Lambda, with Lambda = d2E/du d eta and the Hessian Phi of the cell. This
+softens the lattice: C -> C - Lambda^T Phi^-1 Lambda/V.  Under static stress three tensors must be distinguished:
 
     C        the curvature of the energy in the Lagrangian strain
     B        the change of the stress with a small strain, d sigma_ij = B_ijkl d epsilon_kl (Birch, Wallace):
@@ -219,8 +219,8 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     along = np.eye(calc.dim)[0]
     if calc.pairwise:
         if calc.load.any() or calc.spring_forces.any():
-            raise ValueError('a dead load or stretched springs of the foundation hold the particles, and the lattice has no '
-                             'moduli without them; relax it with a calculator that has neither')
+            raise ValueError('a dead load or stretched springs of the foundation hold the particles here, so the lattice has '
+                             'no moduli of its own; relax it without them')
         slopes = _of_bonds(calc, calc.law)
     elif calc.singular(along).any():
         raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '

@@ -55,7 +55,7 @@ def lattice_sum(lattice: ArrayLike | Atoms, law: float | GaussianMixture, offset
         The exponent s > 0 of phi = r^-s, or a law such as Yukawa(c, kappa).  Where s <= d and the wave is uniform (q = 0)
         the sum diverges; its value is then that with a uniform neutralising background, Epstein's zeta function.
     offset : array_like, shape (dim,), optional
-        Offset of the particles from the origin, in the unit of the lattice vectors; it may point out of the lattice.
+        Offset of the particles from the origin, in the unit of the lattice vectors; it may point out of their line or plane.
     q : array_like, shape (d,), optional
         In fractions of the reciprocal vectors.
     split : float
@@ -223,7 +223,7 @@ class EwaldSums:
         return total
 
     def _sideways(self, offsets):
-        """The different offsets across the lattice, and where each occurs; not zero only in chains of some breadth."""
+        """The different offsets across the lattice, and where each occurs; all are zero except in chains of some breadth."""
         x, which = np.unique((offsets @ self.across / self.radius).round(14), axis=0, return_inverse=True)
         return [(self.radius * x[k], np.flatnonzero(which.ravel() == k)) for k in range(len(x))]
 
@@ -266,7 +266,7 @@ class EwaldSums:
     def far_series(self, along: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
         """Far stiffness to second order in the wavevector k `along`, with the phase of each particle, e^{ik.(R + offset)}.
 
-        The terms of order 1, k and k^2, shape (3, offsets, dim, dim); those that exceed k^2 (see `singular`) are omitted.
+        Returns the terms of order 1, k and k^2, shape (3, offsets, dim, dim), without those that exceed k^2 (see `singular`).
         """
         alpha, beta = self.mixture(part)
         G = self.waves(np.zeros((1, self.d)))[0]

@@ -17,16 +17,16 @@ BACKWARD = 1e-13  # residual by |A| |x| + |b| above which diagonal pivots are gi
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """A matrix whose columns are eliminated in the same order as its rows, for the x of A x = b.
+    """Factors of a matrix A, whose columns are eliminated in the same order as its rows; they solve A x = b.
 
     Attributes
     ----------
     rows : int
     by : callable
-        From a real b to x, or from a complex one where A is not `real`.
+        Function that returns x for b; b must be real if A is `real`, and may be complex otherwise.
     real : bool
     lu : SuperLU or None
-        None where CHOLMOD has proved that the matrix is definite.
+        None if CHOLMOD has proved that the matrix is definite.
     order : ndarray of int, shape (rows,), or None
         The order of elimination, for matrices of the same pattern.
     """
@@ -38,7 +38,7 @@ class Factors:
     order: NDArray[np.int_] | None = None
 
     def solve(self, b: NDArray[Any]) -> NDArray[Any]:
-        """The x of A x = b, for one right side or for columns of them."""
+        """The solution x of A x = b, for one right side b or for several in columns."""
         if self.real and np.iscomplexobj(b):
             return self.by(np.real(b)) + 1j * self.by(np.imag(b))
         return self.by(b)
@@ -49,8 +49,8 @@ class Factors:
         return sparse.linalg.LinearOperator((self.rows, self.rows), self.solve, dtype=float if self.real else complex)
 
     def negative(self) -> int | None:
-        """Number of negative eigenvalues of a Hermitian matrix, that of negative pivots (Sylvester); None where a pivot on the
-        diagonal was zero.
+        """Number of negative eigenvalues of a Hermitian matrix, which is that of negative pivots (Sylvester); None if a pivot on
+        the diagonal was zero.
         """
         if self.lu is None:
             return 0
@@ -58,10 +58,10 @@ class Factors:
 
 
 def factorised(A: sparse.csr_array, order: NDArray[np.int_] | None = None, definite: bool = False) -> Factors:
-    """Factors of a matrix of symmetric pattern with its diagonal as pivots; `order` is that of factors of the same pattern.
+    """Factors of a matrix of symmetric pattern with pivots on its diagonal; `order` reuses that of factors of the same pattern.
 
-    Pivots off the diagonal would fill the factors and hide the signs of eigenvalues; a matrix that is `definite`, as is tried
-    then, needs none.  RuntimeError if the matrix is singular.
+    Pivots off the diagonal would fill the factors and hide the signs of eigenvalues.  With `definite`, a Cholesky factorisation
+    is tried first, which succeeds only for definite matrices.  RuntimeError if the matrix is singular.
     """
     A, rows, real = sparse.csr_array(A), A.shape[0], not np.iscomplexobj(A)
     by = _cholesky(A) if definite and real and rows > LARGE else None
@@ -100,7 +100,7 @@ def _cholesky(A):
 
 @dataclass(frozen=True, eq=False)
 class Inverse:
-    """The function b -> x of A x = b, refined."""
+    """The function b -> x that solves A x = b, with one step of iterative refinement."""
 
     A: sparse.csr_array
     factors: Factors
@@ -115,9 +115,9 @@ class Inverse:
 
 
 def inverse(A: sparse.csr_array, order: NDArray[np.int_] | None = None) -> Inverse:
-    """The inverse of a matrix of symmetric pattern that need not be definite; `order` is that of factors of the same pattern.
+    """The inverse of a matrix of symmetric pattern, definite or not; `order` reuses that of factors of the same pattern.
 
-    One step of refinement recovers the digits that diagonal pivots cost; where it fails, others are taken.  RuntimeError if the
+    One step of refinement recovers the digits lost by diagonal pivots; if it fails, other pivots are used.  RuntimeError if the
     matrix is singular.
     """
     return Inverse(A, factorised(A, order, definite=True))

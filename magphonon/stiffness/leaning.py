@@ -1,4 +1,4 @@
-"""A lattice whose magnets lean with their pillars: `magphonon.interactions.leaning` along its bonds and at its sites."""
+"""A lattice whose magnets lean with their pillars: applies `magphonon.interactions.leaning` to its bonds and its foundation."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ EQUAL = 1e-9  # relative difference of what leaning takes from the springs of tw
 
 
 def leaning(calc: Any, height: float) -> Repulsion:
-    """The calculator of a perfect planar lattice of upright magnets, if they lean with pillars of this height (mm).
+    """The calculator of a perfect planar lattice of upright magnets that lean with pillars of this height (mm).
 
-    It raises ValueError if the sites differ in what leaning takes from their springs, or it is not the same along x and y
-    (kagome), or more than they have.
+    Leaning reduces the stiffness of each spring. ValueError if the reduction differs between sites or between x and y (kagome),
+    or if it exceeds the stiffness.
     """
     law = leaning_law(calc.laws, calc.bonds.lengths.min(), height)
     springs = each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) - _taken(calc, law.charges)
@@ -33,7 +33,7 @@ def leaning(calc: Any, height: float) -> Repulsion:
 
 
 def _taken(calc, charges) -> NDArray[np.float64]:
-    """What leaning takes from the spring of each site, sum of 3 c nn over its bonds, along x and y: shape (1, 2), N/mm."""
+    """Reduction of the spring of a site by leaning, sum of 3 c nn over its bonds, along x and y: shape (1, 2), N/mm."""
     if isinstance(calc, AllNeighbours):
         if len(calc.reference) > 1 or not hasattr(calc.laws, 'gaussians'):
             raise ValueError('the sum over all neighbours of leaning magnets is known for one magnet in a cell and laws in '

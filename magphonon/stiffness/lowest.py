@@ -42,9 +42,9 @@ eigenvalue."""
 
 
 def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]:
-    """Lowest eigenvalue of a symmetric matrix to round-off, the highest, and the eigenvector of the lowest, of norm one.
+    """Lowest and highest eigenvalue of a symmetric matrix, and the eigenvector of the lowest, of norm one.
 
-    For a large matrix the highest is an upper bound; both are zero for a matrix of size zero.
+    The lowest is exact to round-off. For a large matrix an upper bound replaces the highest. Both are zero for size zero.
     """
     size = D.shape[0]
     if not size:
@@ -156,7 +156,7 @@ def _by_lanczos(D, count, shift, factors):
 
 
 def _none_missed(D, values, vectors, error, order):
-    """Whether these are eigenvalues, and all that are below the last one by more than an error."""
+    """Whether these are eigenvalues, and include all that lie below the last one by more than `error`."""
     residuals = np.linalg.norm(D @ vectors - vectors * values, axis=0)
     below = values[-1] - error
     return residuals.max() <= error and count_below(D, below, order) == (values < below).sum()
@@ -197,8 +197,8 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
             values, vectors = sparse.linalg.eigsh(D, k=count, sigma=middle, OPinv=inverse, v0=_start(size))
             order = np.argsort(values)
             if not ((low <= values) & (values <= high)).all():
-                raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but those found do not '
-                                      'match; move the ends of the range')
+                raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but the eigenvalues found '
+                                      'do not match; move the ends of the range')
             return values[order], vectors[:, order]
     values, vectors = np.linalg.eigh(D.toarray())
     within = (low <= values) & (values <= high)
@@ -209,7 +209,7 @@ def count_below(D: sparse.csr_array, value: float, order: NDArray[np.int_] | Non
     """Number of eigenvalues of a symmetric or Hermitian sparse matrix below a number.
 
     It equals the number of negative pivots of D - value (Sylvester).  An eigenvalue equal to it within round-off counts as above.
-    `order` is that of factors of the same pattern.
+    `order` reuses that of factors of the same pattern.
     """
     highest = float(abs(D).sum(axis=1).max(initial=0.0))
     while True:

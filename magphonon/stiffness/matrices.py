@@ -30,9 +30,9 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
             q: ArrayLike = (0.0, 0.0, 0.0)) -> sparse.csr_array:
     """Hessian `C^T K C + k` of a structure, or the Bloch matrix `C(q)^+ K C(q) + k` of one wavevector, as a sparse matrix.
 
-    Of K, shape (bonds, dim, dim), and of the springs k that tie the particles to their anchors, a number or shape (particles,
-    dim) or (particles, dim, dim), in N/mm; of q in fractions of the reciprocal vectors.  It is real where all components of q are
-    multiples of 1/2, and complex elsewhere.
+    K, in N/mm, has the shape (bonds, dim, dim).  The springs k that tie the particles to their anchors, in N/mm, are a number
+    or have the shape (particles, dim) or (particles, dim, dim).  q is in fractions of the reciprocal vectors.  The matrix is
+    real if all components of q are multiples of 1/2, otherwise complex.
     """
     dim, n, i, j = K.shape[1], bonds.particles, bonds.i, bonds.j
     phase: Any = np.exp(2j * np.pi * (bonds.shift @ np.asarray(q, float)))[:, None, None] if np.any(q) else 1.0
@@ -100,7 +100,7 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
                  R: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
     """Bloch matrix to second order in the wavevector, `D(k) = A + k B + k^2 C`: A, B, C in N/mm, N and N mm.
 
-    R, shape (bonds,), is the component along k of the lattice vector to the cell of j in mm.
+    R, shape (bonds,), is the component in mm, along k, of the lattice vector that leads to the cell of particle j.
     """
     powers = np.stack([np.ones_like(R), 1j * R, -(R**2) / 2], axis=1)  # e^{ikR} = 1 + ikR - (kR)^2/2
     A, B, C = _bloch_sum(bonds, K, own_stiffness(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
@@ -141,9 +141,9 @@ def mass_weighted(D: NDArray[Any], masses: NDArray[np.float64]) -> NDArray[Any]:
 def hermitian_eigenvalues(D: NDArray[Any]) -> NDArray[np.float64]:
     """Eigenvalues of a stack of Hermitian matrices, ascending.
 
-    Those of 2 x 2 in closed form, for all matrices at once, which takes a quarter of LAPACK's time.  It is the form of LAPACK's
-    own DLAE2: the eigenvalue of lesser modulus is the determinant over the other one, so that a soft mode beside a stiff one
-    keeps its figures, which the mean minus half of the distance loses.
+    Matrices of 2 x 2 are solved in closed form, all at once, in a quarter of LAPACK's time.  The formula is that of LAPACK's own
+    DLAE2: the eigenvalue of smaller modulus is the determinant divided by the other one. So a soft mode beside a stiff one keeps
+    its digits, which would be lost as the mean minus half of the distance.
     """
     if D.shape[-1] != 2:
         return np.linalg.eigvalsh(D)
@@ -162,10 +162,10 @@ def eigenvalues_of_two(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDA
 
 
 def poles(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
-    """All s of det(s^2 + s B + K) = 0, the rates of motion e^{st} of `y'' + B y' + K y = 0`; shape (..., 2 n), in no order.
+    """All roots s of det(s^2 + s B + K) = 0, the rates of motion e^{st} of `y'' + B y' + K y = 0`; shape (..., 2 n), unordered.
 
-    From the companion matrix, whose size is twice that of K; B and K are dense, broadcast, and in coordinates that absorb the
-    masses.
+    They are the eigenvalues of the companion matrix, whose size is twice that of K; B and K are dense, broadcast, and in
+    coordinates that absorb the masses.
     """
     return np.linalg.eigvals(companion(B, K)).astype(complex)
 
@@ -186,9 +186,9 @@ def companion(B: NDArray[Any], K: NDArray[Any]) -> NDArray[Any]:
 
 
 def first_order(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
-    """The Hermitian H of `y'' + B y' + K y = 0` without losses, K = L L^+ and B real and antisymmetric: (L^+ y, y') ~ e^{-iHt}.
+    """The Hermitian H for which (L^+ y, y') ~ e^{-iHt} solves `y'' + B y' + K y = 0`, with K = L L^+ and antisymmetric real B.
 
-    LinAlgError where K is not positive.
+    LinAlgError if K is not positive.
     """
     L, n = np.linalg.cholesky(K), K.shape[-1]
     H = np.zeros((*K.shape[:-2], 2 * n, 2 * n), complex)
@@ -199,9 +199,9 @@ def first_order(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
 def lossless_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     """Frequencies and modes e^{-iwt} of `y'' + B y' + K y = 0` without losses: K Hermitian, B real and antisymmetric.
 
-    They are the lower halves, the velocities, of the eigenvectors of `first_order`.  Where K is not positive, so that only
-    B can hold the particles, they are those of the `poles`, and a mode that grows has minus its rate as frequency.
-    Frequencies ascend, one of each pair of opposite ones; modes, in columns of norm one, are not orthogonal.
+    The modes are the lower halves, the velocities, of the eigenvectors of `first_order`.  If K is not positive, so that only
+    B can hold the particles, they are computed from the `poles`, and a mode that grows has minus its rate as frequency.
+    Of each pair of opposite frequencies one is returned, ascending; modes, in columns of norm one, are not orthogonal.
     """
     n = K.shape[-1]
     try:

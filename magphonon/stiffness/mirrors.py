@@ -27,7 +27,7 @@ NEAR = 1e-6  # distance of a particle from its image, as a fraction of the size 
 def symmetric_parts(system: LinearSystem) -> list[sparse.csr_array]:
     """Orthonormal bases of the motions that the mirrors of a structure keep or reverse, shape (free, some) each.
 
-    Together they span all motions, and K couples none of one basis to one of another.
+    Together they span all motions, and K does not couple one basis to another.
     """
     one: sparse.csr_array = sparse.eye_array(system.K.shape[0], format='csr')  # pyright: ignore[reportAssignmentType]
     mirrors = list(_mirrors(system)) if one.shape[0] >= SMALLEST else []

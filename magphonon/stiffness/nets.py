@@ -1,6 +1,7 @@
 """Nets of members: springs, bars and cables with their own rest lengths, and the forces with which they balance each other.
 
-A net is a structure whose bonds are listed, each with its law. Every node is a kind of its own, so that all tools accept a net.
+A net is a structure with a list of bonds, each with its own law. All tools accept it, because each node has its own kind, and
+laws are given for pairs of kinds.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms
                              f'{shown(member)}') from None
         if laws.setdefault((min(i, j), max(i, j)), law) != law:
             raise ValueError(f'two members of different laws join the nodes {i} and {j}; a pair of nodes has one law: repeat the '
-                             'cell, or put a node between')
+                             'cell, or put a node between them')
     nodes.calc = PairCalculator(nodes, laws, bonds=[member[:-1] for member in members], **sites)
     return nodes
 

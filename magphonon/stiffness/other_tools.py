@@ -1,12 +1,12 @@
 """Atoms for tools that assume eV, Angstrom and atomic mass units: the numbers that they call Angstrom are in mm, and THz are Hz.
 
-A frequency is the root of a stiffness by a mass, and a tool prints `15.633 sqrt(K/m)` for numbers K in eV/Angstrom^2 and m in
-amu, whatever they mean.  With K in N/mm it is that of Hz if 1 g counts as `GRAM`; stiffness and mass may be multiplied by any
-one number besides.  It is chosen so that the masses are those of the chemical symbols, which some tools take from a table of
-their own.
+A frequency is the root of a stiffness divided by a mass, and a tool prints `15.633 sqrt(K/m)` for numbers K in eV/Angstrom^2 and
+m in amu, whatever they mean.  If K is in N/mm and 1 g is written as `GRAM`, this is the frequency in Hz.  Stiffness and mass may
+also be multiplied by a common number.  It is chosen so that the masses are those of the chemical symbols, which some tools look
+up in a table of their own.
 
-Hz and not kHz: thresholds of tools are absolute, and a mode is imaginary for them below -0.01 THz, a structure at rest below 0.01
-eV/Angstrom.  At 10 Hz and 1e4 N the first would accept lattices that buckle, the second any forces at all.
+The unit is Hz, not kHz, because tools have absolute thresholds: to them a mode is imaginary below -0.01 THz, and a structure is
+at rest below 0.01 eV/Angstrom.  In kHz these would mean 10 Hz and 1e4 N: lattices that buckle, and any forces, would pass.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SAME_MASS = 1e-9  # relative spread of the ratio of masses to those of the symbo
 
 
 class _Rescaled(Calculator):
-    """Energies and forces of a calculator times a number, and a stress."""
+    """A calculator whose energies and forces are those of another one, multiplied by a number; it also has a stress."""
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress']
 
@@ -65,8 +65,8 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     Use them with any tool that takes ASE's atoms with a calculator and computes vibrations, bands or a relaxation from its
     forces: ASE itself, janus-core, matcalc, phonopy and programs built on it. Such a tool may make supercells of its own.
 
-    Times given in ps are in s, speeds in Angstrom/ps in mm/s.  Masses are those of the chemical symbols, so that tools
-    which look masses up are right too, and energies are scaled to match. Heat capacities and everything else that involves
+    What tools call ps is s, and what they call Angstrom/ps is mm/s.  Masses are those of the chemical symbols, so that tools
+    that look masses up are right too, and energies are scaled to match. Heat capacities and everything else that involves
     Planck's constant come out wrong: use `magphonon.bands.thermal_properties`.  The stress is that of the bonds alone.
 
     Tools that impose the acoustic sum rule erase the foundation.
@@ -95,7 +95,7 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     --------
     >>> from magphonon import for_ase_tools, read_scene, ready_scene
     >>> magnets = for_ase_tools(read_scene(ready_scene('prototype')).atoms())
-    >>> magnets.get_masses().round(3)  # of Nd
+    >>> magnets.get_masses().round(3)  # amu, the mass of Nd
     array([144.242])
     >>> magnets.positions[0, 0] += 1e-4  # all magnets at once, against the pillars
     >>> stiffness = -magnets.get_forces()[0, 0] / 1e-4
@@ -110,8 +110,8 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     scales = atomic_masses[atoms.numbers] / masses
     if np.ptp(scales) > SAME_MASS * scales[0]:
         warnings.warn('the masses are not in the ratio of those of the symbols: tools that look masses up by symbol, such as '
-                      'matcalc, are wrong until you set theirs to atoms.get_masses(); others are '
-                      'right', UserWarning, stacklevel=2)
+                      'matcalc, are wrong until you give them atoms.get_masses(); other tools '
+                      'are right', UserWarning, stacklevel=2)
     found = atoms.copy()
     found.set_masses(scales[0] * masses)
     found.calc = _Rescaled(calc, scales[0])

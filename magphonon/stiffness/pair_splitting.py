@@ -1,6 +1,6 @@
 """D0 and D* of a structure with any ASE calculator that sums over pairs: its pair law is read off two atoms.
 
-An energy that is written in lengths of pairs, `E = sum phi(r_ij)`, has the stiffness D0 + D* of each pair (Eq. 4).  A many-body
+An energy that is a sum over pairs, `E = sum phi(r_ij)`, has the stiffness D0 + D* for each pair (Eq. 4).  A many-body
 energy has no unique D*: the six distances among four points in a plane obey one equation. A multiple of this equation, added to
 the energy, changes the force in each pair and so D*, but no force on any point.
 """
@@ -37,9 +37,10 @@ FARTHEST = 30.0  # shortest distances within which the force of a pair must have
 
 @dataclass(frozen=True, eq=False)
 class PairOf:
-    """The pair law of two atoms as a calculator of ASE has it, in mm and mJ; its slopes are forces, its curvature differences.
+    """The pair law of two atoms according to an ASE calculator, in mm and mJ.
 
-    No difference is taken across the distance `end`, beyond which they do not act on each other.
+    Its slope is a force of the calculator, its curvature a difference of two forces. No difference is taken across the distance
+    `end`, beyond which the atoms do not act on each other.
     """
 
     calculator: Calculator
@@ -93,8 +94,8 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
     Raises
     ------
     ValueError
-        If the forces on the shaken structure are not the sum over its pairs, as those of embedded-atom, bond-order and
-        machine-learned potentials; the message says by how much.  If no cutoff is given, and the force of two atoms has no end.
+        If the forces on the shaken structure are not a sum over its pairs, as with embedded-atom, bond-order and
+        machine-learned potentials; the message says by how much.  Also if no cutoff is given and the force never ends.
 
     Examples
     --------
@@ -105,11 +106,11 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
     >>> argon = bulk('Ar', 'fcc', a=5.256)
     >>> argon.calc = LennardJones(sigma=3.4, epsilon=0.0103, rc=7.5)
     >>> both = [analytic_bands(split(argon), 'GX', model).frequencies_Hz[-1, 0] / 1e12 for model in ('complete', 'conventional')]
-    >>> [round(float(f), 3) for f in both]  # the transverse branch at X in THz: D* takes 3 % of it
+    >>> [round(float(f), 3) for f in both]  # the transverse branch at X in THz: D* lowers it by 3 %
     [1.389, 1.431]
     """
     if atoms.calc is None:
-        raise ValueError('the atoms carry no calculator to split; attach one of ASE that is a sum over pairs')
+        raise ValueError('the atoms carry no calculator to split; attach a calculator of ASE that is a sum over pairs')
     symbols = atoms.get_chemical_symbols()
     kinds = sorted(set(symbols))
     finite('positions', atoms.positions)
@@ -132,7 +133,7 @@ def split(atoms: Atoms, cutoff: float | None = None) -> Atoms:
 
 
 def _shortest(atoms):
-    """The shortest distance in Angstrom."""
+    """The shortest distance between two atoms in Angstrom."""
     cutoff = 1.0
     while not len(found := neighbor_list('d', atoms, cutoff)):
         cutoff *= 2
@@ -184,6 +185,6 @@ def _refuse_many_bodies(atoms, tags, laws, reach):
     largest, apart = abs(forces).max(), abs(forces - sums)[probed].max()
     if apart > SAME * largest:
         raise ValueError(f'{type(atoms.calc).__name__} is not a sum over pairs: when the atoms are shaken by {SHAKEN:.0%} of '
-                         f'their '
-                         f'distance, its forces differ from those of all pairs within {reach / MM:.4g} Angstrom by up to '
-                         f'{apart / largest:.2g} of the largest. D* is defined for energies written in lengths of pairs only')
+                         f'their distance, its forces differ from those of all pairs within {reach / MM:.4g} Angstrom by up to '
+                         f'{apart / largest:.2g} of the largest. D* is defined only for energies that are functions of the '
+                         'distances of pairs')

@@ -42,7 +42,7 @@ def _stiffest(calc: Repulsion) -> tuple[float, float]:
 
 
 def frequency_scale(calc: Repulsion) -> float:
-    """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
+    """Estimate of the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
     return units.hertz(np.sqrt(sum(_stiffest(calc)) / calc.reference.get_masses().min()))
 
 
@@ -56,7 +56,7 @@ def warn_of_units(calc: Repulsion) -> None:
                       'magphonon.units', stacklevel=3)
     if (ratio := heaviest / lightest) > UNEQUAL:
         warnings.warn(f'masses of {lightest:.3g} and {heaviest:.3g} g: the low frequencies, those of the heavy particles, are '
-                      f'accurate only to {EPS * ratio:.0e}; hold these with FixAtoms, or take masses of at most '
+                      f'accurate only to {EPS * ratio:.0e}; hold the heavy particles with FixAtoms, or take masses of at most '
                       f'{UNEQUAL * lightest:.3g} g',
                       stacklevel=3)
     bond, spring = _stiffest(calc)
@@ -71,7 +71,7 @@ def warn_of_units(calc: Repulsion) -> None:
 
 
 def warn_of_symbols(atoms: Atoms) -> None:
-    """Warn of masses that nobody gave: ASE takes those of the symbols, of which the numbers would be grams."""
+    """Warn of masses that were not given: ASE then uses those of the symbols, whose numbers would be taken as grams."""
     if not atoms.has('masses') and len(atoms):
         mass, symbol = atoms.get_masses()[0], atoms.symbols[0]
         warnings.warn(f'the particles have only the masses of their symbols, {mass:.6g} for {symbol}, which count as grams; '
@@ -80,7 +80,7 @@ def warn_of_symbols(atoms: Atoms) -> None:
 
 
 def asked_frequencies(calc: Repulsion, omega: ArrayLike) -> NDArray[np.float64]:
-    """The angular frequencies at which a tool is asked, in rad/ms, shape (frequencies,); warns if they are Hz by their size."""
+    """The angular frequencies given to a tool, in rad/ms, as an array of shape (frequencies,); warns if they look like Hz."""
     omega = np.atleast_1d(finite('omega', omega))
     finite('omega', omega, (len(omega),))
     warn_of_hertz(calc, omega)
@@ -88,7 +88,7 @@ def asked_frequencies(calc: Repulsion, omega: ArrayLike) -> NDArray[np.float64]:
 
 
 def warn_of_hertz(calc: Repulsion, omega: NDArray[np.float64]) -> None:
-    """Warn of angular frequencies in rad/ms that are far above those of a structure, and among them if Hz were typed."""
+    """Warn of angular frequencies in rad/ms that are far above those of a structure, but would be within their range in Hz."""
     if omega.size and (w := float(np.median(abs(omega)))):
         hertz = 2 * np.pi * units.Hz
         scale = hertz * frequency_scale(calc) + np.max(abs(calc.rate))

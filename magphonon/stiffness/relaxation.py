@@ -53,7 +53,7 @@ class Relaxation:
         The structure at rest, whose positions are the reference of its calculator.  The anchors of the foundation do not move
         (pillars); its springs balance the remaining forces between the particles.
     before, after : float
-        Largest force on a free particle in N.
+        Largest force on a free particle in N, before and after relaxation.
     shift, rms : float
         Largest and root mean square displacement of the free particles in mm.
     steps : int
@@ -89,9 +89,9 @@ class Relaxation:
         if self.before <= nothing:
             force = 'No force is left on any particle'
         else:
-            left = f'{self.after:.3g} N' if self.after > nothing else 'balanced'
-            force = f'The largest force on a particle was {self.before:.3g} N before, and is {left} now'
-        return f'The structure {moved}{off}. {force}; the lowest frequency is {lowest:.4g} Hz.'
+            left = f'it is {self.after:.3g} N' if self.after > nothing else 'all forces balance'
+            force = f'The largest force on a particle was {self.before:.3g} N before; now {left}'
+        return f'The structure {moved}{off}. {force}. The lowest frequency is {lowest:.4g} Hz.'
 
 
 
@@ -149,13 +149,13 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
 def _refuse_verge(lowest, highest, atoms):
     """Refuse a foundation so close to the buckling limit that the buckled rest cannot be distinguished from the saddle."""
     if -VERGE * highest < lowest < 0:
-        raise Unstable('the structure is on the verge of buckling, with a lowest squared frequency of '
-                         f'{lowest:.3g} rad^2/ms^2: its buckled state is so close to the present positions that '
-                         f'round-off hides it; {-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation hold it there')
+        raise Unstable(f'the structure is on the verge of buckling, with a lowest squared frequency of {lowest:.3g} rad^2/ms^2: '
+                         'its buckled state is so close to the present positions that round-off hides it; '
+                         f'{-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation would hold it at these positions')
 
 
 class _Descent:
-    """The energy of a structure as a function of the free displacements `y` in shortest bonds, with its derivatives."""
+    """The energy of a structure and its derivatives, as functions of the free displacements `y` in shortest bond lengths."""
 
     def __init__(self, atoms, calc):
         self.calc = calc.about(atoms, model='complete')
@@ -195,7 +195,7 @@ class _Descent:
         return self.force * np.linalg.norm((self.P @ self.slope(y)).reshape(len(self.atoms), -1), axis=1).max()
 
     def stiffness(self, y):
-        """Hessian of the free directions, in force over shortest bond."""
+        """Hessian of the free directions, in units of the largest bond force divided by the shortest bond."""
         if self._at is None or not np.array_equal(y, self._at[0]):
             u = self.displacements(y)
             R = self.calc.bond_vectors + self.calc.bonds.incidence @ u
@@ -243,7 +243,7 @@ class _Descent:
                              'more neighbours (shells= or cutoff=)')
 
     def softest(self, y):
-        """Lowest and a bound of the highest squared frequency, rad^2/ms^2, and the softest mode, its largest component one."""
+        """Lowest squared frequency and a bound of the highest, rad^2/ms^2, and the softest mode, whose largest motion is 1."""
         root = sparse.diags_array(np.sqrt(self.force / self.length / self.masses))
         K = sparse.csr_array(root @ self.stiffness(y) @ root)
         self._at = None  # factors need its memory
@@ -256,7 +256,7 @@ class _Descent:
         rest.calc = self.given
         if steps:
             rest.positions[:, : self.calc.dim] += u
-        rest.calc = LinearSystem.of(rest).calc  # statics know nothing of it
+        rest.calc = LinearSystem.of(rest).calc  # statics are the same in both models
         moved = np.linalg.norm(u, axis=1) if steps else np.zeros(len(u))
         rms = np.sqrt((moved[freedom(self.source)[0]] ** 2).mean())
         return Relaxation(rest, before, self.residual(y), float(moved.max()), float(rms), steps, saddles, float(lowest))
@@ -268,7 +268,7 @@ def _near(atoms, reach):
 
 
 def _pairs(bonds):
-    """Each pair (i, j, shift) from its lower end."""
+    """The set of bonded pairs (i, j, shift), each with the lower index first."""
     backward = bonds.i > bonds.j
     i, j = np.where(backward, bonds.j, bonds.i), np.where(backward, bonds.i, bonds.j)
     shift = np.where(backward[:, None], -bonds.shift, bonds.shift)

@@ -41,8 +41,8 @@ class Repulsion(Restartable):
     interaction : PairInteraction
         Energy, gradient and stiffness of every bond, by its vector.
     pairwise : bool
-        Whether the listed bonds are the complete repulsion.  Only then is the stiffness known bond by bond: for finite
-        structures, at other positions or other spacings.
+        Whether the listed bonds are the complete repulsion.  Only then is the stiffness known bond by bond, as finite
+        structures, other positions and other spacings require.
     dim : int
         Number of components of a displacement: 2 in the plane, 3 in space.
     model : str
@@ -168,7 +168,7 @@ class Repulsion(Restartable):
 
     @property
     def rate(self) -> Any:
-        """Velocity-dependent forces, -m times these matrices, in 1/ms: shape (1 or particles, dim, dim), or zero."""
+        """Matrices B of the velocity-dependent forces -m B u', in 1/ms: shape (1 or particles, dim, dim), or zero."""
         return sum((term.rate() for term in self.terms), 0.0)
 
     @property
@@ -218,7 +218,7 @@ class Repulsion(Restartable):
         raise NotImplementedError
 
     def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
-        """Gradient of the Bloch matrix over Cartesian wavevectors in N.
+        """Derivative of the Bloch matrix with respect to the Cartesian wavevector, in N.
 
         Its shape is (dim, wavevectors, particles * dim, particles * dim).
         """
@@ -235,7 +235,7 @@ class Repulsion(Restartable):
 
 
 def repulsion_of(atoms: Atoms) -> PairCalculator:
-    """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are checked too."""
+    """The calculator of `atoms`, whose repulsion must be known bond by bond; the masses are checked too."""
     calc: Any = atoms.calc
     if not getattr(calc, 'pairwise', False):
         if not isinstance(calc, Repulsion):

@@ -46,7 +46,8 @@ class LinearSystem:
         M u'' + H u = f        u = S y        S = M^-1/2 P
         y'' + K y = S^T f      K = S^T H S
 
-    and of a periodic structure K(q) with the Bloch matrix in place of H.  Losses c and gyration g of the sites (1/ms, rad/ms) add
+    and for a periodic structure K(q), with the Bloch matrix in place of H.  Losses c and gyration g of the sites (1/ms, rad/ms)
+    add a term:
 
         y'' + B y' + K y = S^T f      B = P^T (c - g (x) J) P      J = [[0, 1], [-1, 0]]
 
@@ -73,7 +74,7 @@ class LinearSystem:
 
     @classmethod
     def of(cls, atoms: Atoms | LinearSystem, *also: str) -> LinearSystem:
-        """The system about the present positions; a system is returned unchanged.
+        """The system about the present positions of the atoms; a LinearSystem is returned unchanged.
 
         Traits that the calling tool does not declare (`magphonon.traits.takes`) are refused. A caller without a declaration
         accepts structures described by masses and stiffness, and the traits that it names in `also`, such as 'gyration'.
@@ -105,21 +106,21 @@ class LinearSystem:
 
     @classmethod
     def _of_sums(cls, atoms):
-        """With AllNeighbours, whose sums hold at its reference only."""
+        """The system for AllNeighbours, whose sums hold at its reference only."""
         freedom(atoms)
         sums: Any = atoms.calc
         away = np.linalg.norm(sums.displacements(atoms), axis=1).max()
         if away > ROUND_OFF * sums.bonds.lengths.min():
-            raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold '
-                            'only there; make another one at these positions')
+            raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
+                            'there; make a new AllNeighbours at these positions')
         return cls.about(sums, atoms).balanced()
 
     @classmethod
     def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None, *also: str) -> LinearSystem:
         """The system about the equilibrium of a moving structure, at whose positions the forces need not balance.
 
-        The rest is the reference if the forces balance there. It is the present positions if the forces are smaller there, or if
-        these are another equilibrium, well away from the reference.
+        The rest is the reference if the forces balance there. The rest is the present positions if the forces are smaller there,
+        or if the present positions are another equilibrium, well away from the reference.
 
         Parameters
         ----------
@@ -170,7 +171,7 @@ class LinearSystem:
         if self.atoms.constraints:
             freedom(self.atoms)  # refuses those that are not supported
         if not self.directions:
-            raise ValueError('the constraints hold every particle; free one')
+            raise ValueError('the constraints hold every particle; free at least one')
         return self
 
     def without_B(self) -> LinearSystem:
@@ -193,7 +194,7 @@ class LinearSystem:
 
     @cached_property
     def masses(self) -> NDArray[np.float64]:
-        """In g, shape (particles,)."""
+        """Masses of the particles in g, shape (particles,)."""
         warn_of_symbols(self.atoms)
         return masses_of(self.atoms)
 
@@ -224,7 +225,7 @@ class LinearSystem:
 
     @cached_property
     def _largest(self):
-        """Largest force of a bond in N, and largest stiffness in N/mm; with AllNeighbours of the nearest ones."""
+        """Largest force of a bond in N, and largest stiffness in N/mm; with AllNeighbours only the nearest bonds count."""
         calc: Any = self.atoms.calc
         force, stiffness = sizes(calc.bonds.vectors[:, : self.dim], calc.interaction)
         return force.max(initial=0.0), stiffness.max(initial=0.0)
@@ -254,7 +255,7 @@ class LinearSystem:
 
     @cached_property
     def _freedom(self):
-        """The `freedom` of the particles; all of it where a constraint is not known."""
+        """What `freedom` returns; if it refuses a constraint, all particles count as free."""
         try:
             return freedom(self.atoms)
         except ValueError:
@@ -339,7 +340,7 @@ class LinearSystem:
         return proves_stable(self) or none_negative(self.K)
 
     def growth(self, damping: ArrayLike = 0.0) -> float:
-        """Rate in 1/ms of the mode that grows fastest, zero if none does: gyration may hold what stiffness alone does not.
+        """Rate in 1/ms of the mode that grows fastest, zero if none does; gyration may hold a structure that stiffness does not.
 
         Losses (1/ms, of all sites or of each), however small, destroy such stability by gyration.
         """
@@ -368,7 +369,7 @@ def on_foundation(atoms: Atoms, foundation: Any) -> Atoms:
 
 
 def static_forces(calc: PairCalculator, push: Any = 0.0) -> NDArray[np.float64]:
-    """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
+    """Sum of the forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero in balance.
 
     The round-off of forces that cancel is set to zero; a load or push (N, shape (particles, 3)) on balanced particles is kept,
     however small.
@@ -401,8 +402,8 @@ def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:
 
 
 def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[np.float64]]:
-    """Which particles FixAtoms does not hold, which ones FixedLine or FixedPlane guides, and for each of these the projector on
-    the directions that are blocked, shape (guided, dim, dim); other constraints are refused.
+    """Mask of the particles that FixAtoms does not hold, indices of those that FixedLine or FixedPlane guides, and for each of
+    these the projector on its blocked directions, shape (guided, dim, dim); other constraints are refused.
     """
     mobile, dim = np.ones(len(atoms), bool), getattr(atoms.calc, 'dim', 2)
     barred = {}
@@ -418,7 +419,7 @@ def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[
                 mobile[constraint.index] = False
             continue
         if d[dim:].any() or set(constraint.index) & set(barred):
-            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that is guided already')
+            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that another constraint already guides')
         d = d[:dim]
         dd = np.outer(d, d)
         barred |= dict.fromkeys(constraint.index.tolist(), np.eye(dim) - dd if isinstance(constraint, FixedLine) else dd)
@@ -429,8 +430,8 @@ def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[
 def refuse_held(forces: NDArray[Any], atoms: Atoms, what: str) -> None:
     """Refuse forces on particles, shape (particles, 3), that FixAtoms, FixedLine and FixedPlane block completely.
 
-    A force that is blocked in part is accepted, such as a push on the rim too; only one without any effect is a mistake.
-    The message names `what` pushes, and the particles.
+    Only a force without any effect is a mistake: forces of which a part acts are accepted, such as a push that also hits a held
+    rim. The message names the pushing object, `what`, and the particles.
     """
     left = np.array(forces)
     for constraint in atoms.constraints:

@@ -37,7 +37,7 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     parameters : dict, optional
         Parameters of the calculator; by default those that ASE's reader left on `atoms.calc`.
     laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
-        Replaces the one in the file; needed for a law that is not of this package.
+        Replaces the law in the file; needed if that law is not part of this package.
 
     Examples
     --------
@@ -58,8 +58,8 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     calc: Any = atoms.calc
     found = getattr(calc, 'parameters', None) if parameters is None else parameters
     if not isinstance(found, dict) or 'calculator' not in found:
-        raise ValueError('these atoms were written without a calculator of magphonon; from an ase.db give the row, '
-                         'restored(db.get(1)); for other files attach PairCalculator(atoms, law, ...) again')
+        raise ValueError('these atoms were written without a calculator of magphonon; from an ase.db pass the row, as in '
+                         'restored(db.get(1)); otherwise attach PairCalculator(atoms, law, ...) again')
     cls = CALCULATORS[one_of('the calculator', found['calculator'], tuple(CALCULATORS))]
     atoms = atoms.copy()
     atoms.calc = cls.fromdict(found, laws)

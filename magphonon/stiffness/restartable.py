@@ -25,7 +25,7 @@ class Shared(Calculator):
     """An ASE calculator that several threads may use at once.
 
     A lock prevents other threads from calculating between a calculation and the copy of its results.  Each copy of the
-    calculator has its own lock, and none takes the supercells along to which this one was given.
+    calculator has its own lock, and starts without the supercells that the original has stored.
     """
 
     atoms: Any  # of ASE, which declares them as None
@@ -69,7 +69,7 @@ class Restartable(Shared):
     saved : tuple of str
         Keywords of the constructor that the forces depend on; each is an attribute of the same name, or one of `sites`.
     seldom : tuple of str
-        Those that are saved only where they are not zero, and read as zero from where they are not.
+        Keywords that are saved only if they are not zero, and are zero if a file lacks them.
     """
 
     saved: ClassVar[tuple[str, ...]]
@@ -97,7 +97,7 @@ class Restartable(Shared):
         parameters : dict
             As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
         laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
-            Replaces those in the dictionary; needed for a law that is not of this package.
+            Replaces the laws in the dictionary; needed for a law that is not part of this package.
         """
         name = cls.__name__
         of = parameters.get('calculator') if isinstance(parameters, dict) else None
@@ -118,7 +118,7 @@ class Restartable(Shared):
 
 
 def _table(name, given, entries):
-    """A dictionary with some entries."""
+    """The given dictionary, or ValueError unless it has these entries."""
     if not isinstance(given, dict):
         raise ValueError(f'{name} must be a table of {", ".join(entries)}, not {shown(given)}')
     if missing := [entry for entry in entries if entry not in given]:
@@ -155,7 +155,7 @@ def _reference_from_dict(given):
         constraints = [dict2constraint(constraint) for constraint in parts['constraints']]
         for constraint in constraints:
             _wholes('the particles of a constraint', getattr(constraint, 'index', []), None, 0, n - 1)
-    except Exception as error:  # ASE's reader meets damage by errors of all kinds
+    except Exception as error:  # ASE's reader raises errors of all kinds for damaged data
         raise ValueError('reference.constraints cannot be read; write the calculator again') from error
     atoms.set_constraint(constraints)
     return atoms

@@ -1,6 +1,6 @@
 """The ties of particles to their places: springs, springs modulated by a wave, and other laws of the site.
 
-A foundation is a number, an array of spring constants, or a law; `tie_of` makes a law of each, `Springs` or one derived from it.
+A foundation is a number, an array of spring constants, or a law. `tie_of` turns each into a law, of `Springs` or a derived class.
 A calculator does not know the time, so it uses the constant part of the law; time steps add the forces that are `pumped`. Code
 that assumes constant springs uses `calc.foundation`, which refuses other laws with a message; code that accepts any site uses
 `calc.site_stiffness`.
@@ -35,8 +35,8 @@ class Modulation(NamedTuple):
 class Springs:
     """Constant springs, and the base of all laws of the sites: the energy V of a particle by its displacement d from its anchor.
 
-    Displacements d and u are in mm, shape (particles, dim).  A law that depends on time overrides `beyond`, and says that it
-    `changes`; one that is not linear, `gain`, `pull` and `stiffness` too.
+    Displacements d and u are in mm, shape (particles, dim).  A law that depends on time overrides `beyond` and sets `changes`.
+    A nonlinear law also overrides `gain`, `pull` and `stiffness`.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ class Springs:
 
     k: Any
     changes: bool | ClassVar[bool] = False
-    modulated: ClassVar[bool] = False  # whether `modulation` is all that time does to it
-    known: ClassVar[str] = ''  # what knows such a law, for a message; nothing where everything does
-    saved: ClassVar[tuple[str, ...]] = ()  # what files hold of it; nothing of what they cannot hold
+    modulated: ClassVar[bool] = False  # whether `modulation` is its only dependence on time
+    known: ClassVar[str] = ''  # which tools support such a law, for a message; empty if all do
+    saved: ClassVar[tuple[str, ...]] = ()  # attributes that files hold; empty if they cannot hold the law
 
     def __init__(self, k: Any) -> None:
         self.k = k
@@ -58,9 +58,9 @@ class Springs:
         return self.k
 
     def beyond(self, d: NDArray[np.float64], t: float | None = None, anchors: Any = None) -> Any:
-        """What V' is beyond k d, in N, shape (particles, dim), at the time t in ms, or of the law that stays the same.
+        """The part of V' that exceeds k d, in N, shape (particles, dim), at the time t in ms.
 
-        Anchors are in mm, shape (particles, 3).
+        Without t it is that of the constant part of the law. Anchors are in mm, shape (particles, 3).
         """
         return 0.0
 
@@ -69,34 +69,34 @@ class Springs:
         return self.beyond(d) + self.k * d
 
     def gain(self, slack: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What displacements u add to V where d = slack at rest, in mJ, shape (particles,)."""
+        """Change of V by displacements u from rest, where d = slack, in mJ, shape (particles,)."""
         return np.einsum('ix,ix->i', self.k * (0.5 * u + slack), u)
 
     def pull(self, slack: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What displacements u add to V' where d = slack at rest, in N, shape (particles, dim)."""
+        """Change of V' by displacements u from rest, where d = slack, in N, shape (particles, dim)."""
         return self.k * u
 
     def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> Any:
-        """What the time t adds to the force -V' in N, shape (particles, dim)."""
+        """Part of the force -V' that depends on the time t, in N, shape (particles, dim)."""
         return self.beyond(d) - self.beyond(d, t, anchors)
 
     def modulation(self, anchors: NDArray[np.float64]) -> Modulation | None:
-        """How the springs swing, if that is all that time does to them."""
+        """The modulation of the springs, if they depend on time in this way only; otherwise None."""
         return None
 
     @property
     def stiffest(self) -> Any:
-        """A foundation that stays the same and is as stiff as this one ever is, as far as that is known."""
+        """A constant foundation as stiff as this one ever becomes, as far as that is known."""
         return self.k if self.changes else self
 
     def springs(self, what: str = 'this') -> Any:
-        """The constant springs, or ValueError for another law, of which `what` knows nothing."""
+        """The constant springs, or ValueError for another law, which the tool `what` does not support."""
         if self.known:
             raise ValueError(f'{what} needs a foundation of constant springs, not {self!r}: {self.known}')
         return self.k
 
     def of(self, particles: int, dim: int) -> Self:
-        """The same law, checked for so many particles."""
+        """The same law, checked for a structure of `particles` particles."""
         return self._on(site_springs(self.k, particles, dim))
 
     def on(self, image: NDArray[np.intp]) -> Self:
@@ -114,12 +114,12 @@ class Springs:
 
 
 def tie_of(foundation: Any) -> Springs:
-    """The law of a foundation: itself, or that of springs of so many N/mm."""
+    """The law of a foundation: the foundation itself if it is a law, or `Springs` with these constants in N/mm."""
     return foundation if isinstance(foundation, Springs) else Springs(foundation)
 
 
 def kept(law: Springs) -> Any:
-    """A law as the sites keep it: of springs their constants alone."""
+    """The form in which sites store a law: springs as their constants, other laws as they are."""
     return law if law.known else law.k
 
 
@@ -157,7 +157,7 @@ def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.
 
 
 def site_blocks(stiffness: Any, particles: int, dim: int) -> NDArray[np.float64]:
-    """Stiffness of each site as a tensor, shape (particles, dim, dim), from that or from springs along the components."""
+    """Stiffness of each site as a tensor, shape (particles, dim, dim), from tensors or from springs along the components."""
     if np.ndim(stiffness) == 3:
         return np.broadcast_to(stiffness, (particles, dim, dim))
     return each_spring(stiffness, particles, dim).reshape(particles, dim, 1) * np.eye(dim)
@@ -274,7 +274,7 @@ class OnSite(Springs):
     @classmethod
     def along(cls, direction: ArrayLike, V: Callable[[Any], Any], dV: Callable[[Any], Any], d2V: Callable[[Any], Any],
               k: Any = 0.0, g: Callable[[float], Any] | None = None) -> Self:
-        """V(u), V'(u) and V''(u) of the displacement u along a direction, functions of arrays in mJ, N and N/mm."""
+        """A law from V(u), V'(u) and V''(u) of the displacement u along a direction, functions of arrays in mJ, N and N/mm."""
         n = finite('direction', direction)
         n = n / np.linalg.norm(n)
         nn = np.outer(n, n)
@@ -282,7 +282,7 @@ class OnSite(Springs):
 
     @classmethod
     def tensor(cls, K: ArrayLike, g: Callable[[float], Any] | None = None) -> Self:
-        """V = d.K.d/2 with a symmetric K for all or for each particle, shape (dim, dim) or (particles, dim, dim), in N/mm."""
+        """A law V = d.K.d/2 with a symmetric K for all or each particle, shape (dim, dim) or (particles, dim, dim), in N/mm."""
         K = finite('K', K)
         if K.ndim not in (2, 3) or K.shape[-1] != K.shape[-2] or abs(K - K.swapaxes(-1, -2)).max() > 1e-12 * abs(K).max():
             raise ValueError(f'K must be a symmetric matrix, shape (dim, dim), or one for each particle, not of shape {K.shape}')
@@ -322,7 +322,7 @@ class OnSite(Springs):
             for name, shape in (('energy', (particles,)), ('slope', (particles, dim)), ('curvature', (particles, dim, dim))):
                 finite(f'{name} of the law of the sites at their anchors', getattr(self, name)(zero), shape)
         except (IndexError, TypeError) as error:
-            raise ValueError(f'the law of the sites does not take displacements of shape {zero.shape}: {error}') from None
+            raise ValueError(f'the law of the sites does not accept displacements of shape {zero.shape}: {error}') from None
         return super().of(particles, dim)
 
     def on(self, image: NDArray[np.intp]) -> Self:
@@ -334,7 +334,7 @@ class OnSite(Springs):
 
 
 def foundation_to_dict(given: Any) -> Any:
-    """A foundation as files of ASE hold it; of a law made of functions its name alone."""
+    """A foundation in the form that files of ASE can hold; for a law made of functions, only its name."""
     law: Any = tie_of(given)
     if getattr(law, 'K', None) is not None and not law.changes:  # a tensor
         return {'kind': 'tensor', 'K': law.K, 'k': law.k, 'share': law.share}

@@ -34,11 +34,11 @@ def _by(checked: Callable[[Any, Atoms, int], Any], settable: bool = False, seldo
 
 @dataclass(frozen=True, eq=False)
 class Sites:
-    """What each site of a structure has of its own, each property an array whose first axis is that of the sites.
+    """The individual properties of the sites of a structure, each as an array whose first axis is that of the sites.
 
-    Where all sites are alike a property may be one number; the foundation may be a law of the site.  A new property is one more
-    field, and one more keyword of the calculator: supercells, defects, replicas, copies and files carry it.  The masses are those
-    of `ase.Atoms`.
+    If all sites are alike a property may be one number; the foundation may be a law of the site.  A new property needs only a
+    field here and a keyword of the calculator: supercells, defects, replicas, copies and files then carry it.  The masses are
+    those of `ase.Atoms`.
     """
 
     strengths: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_strengths(given, len(atoms))))
@@ -58,7 +58,7 @@ class Sites:
         return replace(self, **{f.name: f.metadata['checked'](getattr(self, f.name), reference, dim) for f in fields(self)})
 
     def has(self, name: str) -> bool:
-        """Whether a property of any site is other than zero."""
+        """Whether a property differs from zero at some site."""
         return bool(np.any(getattr(self, name)))
 
     def __len__(self) -> int:
@@ -70,7 +70,7 @@ class Sites:
         return tie_of(self.foundation)
 
     def __getitem__(self, image: Any) -> Self:
-        """The properties at other sites, of which `image` (indices, mask or slice) tells which one each was."""
+        """The properties at the sites that `image` (indices, mask or slice) selects from these."""
         return replace(self, **{name: _at(name, value, image) for name, value in vars(self).items()})
 
     def joined(self, others: Sequence[Sites]) -> Self:
@@ -169,13 +169,13 @@ def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
     """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError."""
     given = finite('damping', damping)
     if given.shape not in ((), (particles,)):
-        raise ValueError(f'damping must be one number or one for each of the {particles} particles, not {given.shape}')
+        raise ValueError(f'damping must be one number or one for each of the {particles} particles, not the shape {given.shape}')
     not_negative('damping', float(given.min(initial=0.0)), '1/ms')
     return np.broadcast_to(given, particles)
 
 
 def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
-    """Refuse different z of planar particles (`dim` 2), or if forces are not `central`; periodic images count."""
+    """Raise ValueError for particles at different z if they are planar (`dim` 2) or forces are not `central`; images count."""
     z = height(atoms, bonds)
     if z <= FLAT * bonds.lengths.min(initial=np.inf):
         return
@@ -188,11 +188,11 @@ def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
 
 
 def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
-    """Vectors from the reference of a calculator to the positions of `atoms` in mm, shape (particles, 3), in any image."""
+    """Vectors from the reference of a calculator to the positions of `atoms`, mm, shape (particles, 3), not by minimum image."""
     reference = calc.reference
     if len(atoms) != len(reference):
-        raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; '
-                         'make one for this structure, or use calculator.on(supercell)')
+        raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; make a calculator for this '
+                         'structure, or use calculator.on(supercell)')
     if not (np.array_equal(atoms.cell.array, reference.cell.array) and np.array_equal(atoms.pbc, reference.pbc)):
         raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; make a '
                          'calculator for this cell, or, where neither foundation nor load holds them, atoms.calc.about(atoms)')

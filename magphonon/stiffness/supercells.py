@@ -1,8 +1,8 @@
-"""Supercells made by other tools: finds the lattice site of each particle, in any order, displaced, wrapped into the cell or not.
+"""Supercells made by other tools: finds the lattice site of each particle, whatever their order, displaced or wrapped or not.
 
-Tools of phonons give the calculator of a cell to displaced supercells whose particles are in an order of their own, without
-masses, tags and constraints.  A cell that is a whole multiple T of the reference, with as many times as many particles, is such a
-supercell: each particle is matched to the site nearest to it, one to one.
+Phonon programs attach the calculator of a cell to displaced supercells whose particles are in an order of their own, without
+masses, tags and constraints.  A cell that is a whole multiple T of the reference, with the same multiple of its particles, is
+such a supercell: each particle is matched to the site nearest to it, one to one.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ KEPT = 4  # supercells for which a calculator is kept: tools have one or two
 
 
 def whole_multiple(reference: Atoms, atoms: Atoms) -> NDArray[np.int_] | None:
-    """The whole matrix T with `cell = T reference.cell` up to a strain, if there are as many times as many particles; else None.
+    """The integer matrix T with `cell = T reference.cell` up to a strain, or None if there is none.
 
-    Directions without periods are not repeated.
+    The number of particles must be the same multiple. Directions that are not periodic are not repeated.
     """
     if reference.cell.rank < 3 or atoms.cell.rank < 3:
         return None
@@ -76,12 +76,12 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
 
 
 def strayed(calc: Repulsion, atoms: Atoms) -> bool:
-    """Whether some particle is too far from the site of the same index for it to be its own, apart from a strain."""
+    """Whether some particle, apart from a strain, is too far from the site of the same index to belong to it."""
     return bool(lengths_of(calc.displacements(own_cell(calc, atoms))).max(initial=0.0) > calc.near)
 
 
 def own_cell(calc: Repulsion, atoms: Atoms) -> Atoms:
-    """The atoms without the strain of their cell."""
+    """A copy of the atoms, scaled to the cell of the calculator's reference."""
     here = atoms.copy()
     here.set_cell(calc.reference.cell, scale_atoms=True)
     return here
@@ -91,10 +91,10 @@ OTHERS = Tool('a tool that displaces particles of its own supercells', __name__,
 
 
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
-    """The calculator for `atoms` and these with its periodicity: `calc` itself, or one for the supercell that they are."""
+    """The calculator for `atoms`, which is `calc` or its copy on this supercell; and the atoms with its periodicity."""
     own = calc.reference
-    if len(atoms) == len(own) or not (atoms.pbc >= own.pbc).all():  # every step asks; the cheap questions come first
-        return calc, atoms  # which refuses what differs
+    if len(atoms) == len(own) or not (atoms.pbc >= own.pbc).all():  # this runs at every step, so cheap checks come first
+        return calc, atoms  # the calculator refuses other atoms
     T = whole_multiple(own, atoms)
     if T is None:
         return calc, atoms
@@ -110,10 +110,10 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
 
 
 def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
-    """Refuse the particles of the reference in another order, such as sorted by symbol, at the first call with them.
+    """Raise ValueError if the particles are in another order than in the reference, such as sorted by symbol.
 
-    Particles may change places in the course of many calls; those that are all at the sites of others from one call to the next
-    are another list, unless they moved together.
+    Particles may change places over many calls. But if all are at sites of the lattice, some at those of others, from one call
+    to the next, they were reordered, unless all moved together.
     """
     own, before = calc.reference, calc.seen
     if before is None or len(before) != len(own):
@@ -138,5 +138,5 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
     if len(others) and not together and away.max() <= AT_SITE * calc.near and len(np.unique(site)) == len(own):
         k = others[0]
         raise ValueError(f'the particles are in another order than in the calculator: particle {k} is at the site of particle '
-                         f'{site[k]}; put them into its order, or make a calculator for these, PairCalculator(atoms, law, ...)'
-                         ', or for a periodic cell atoms.calc.on(atoms)')
+                         f'{site[k]}; put the particles into the order of the calculator, or make a calculator for these '
+                         'positions, PairCalculator(atoms, law, ...), or for a periodic cell atoms.calc.on(atoms)')

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Term:
-    """What one property of the sites of a calculator does; what it does not do is zero.  u are displacements from rest in mm."""
+    """Contribution of one property of the sites to forces and matrices, zero by default; u are displacements from rest in mm."""
 
     def __init__(self, calc: Repulsion) -> None:
         raise NotImplementedError
@@ -26,11 +26,11 @@ class Term:
         return 0.0
 
     def force(self, u: NDArray[np.float64]) -> Any:
-        """What displacements add to the force at rest, in N, shape (particles, dim)."""
+        """Change of the force by displacements u from rest, in N, shape (particles, dim)."""
         return 0.0
 
     def energy(self, u: NDArray[np.float64]) -> Any:
-        """Energy from rest in mJ, shape (particles,)."""
+        """Energy relative to that at rest in mJ, shape (particles,)."""
         return 0.0
 
     def stiffness(self, u: NDArray[np.float64] | float) -> Any:
@@ -42,7 +42,7 @@ class Term:
         return 0.0
 
     def pumped(self, u: NDArray[np.float64], t: float) -> Any:
-        """What the time t in ms adds to the force, in N, shape (particles, dim)."""
+        """Part of the force that depends on the time t (ms), in N, shape (particles, dim)."""
         return 0.0
 
 
@@ -60,7 +60,7 @@ class Load(Term):
 
 
 class Tie(Term):
-    """The law V of the displacement of each site from its anchor, from which it is `slack` away at rest."""
+    """The law V of the displacement of each site from its anchor; at rest this displacement is `slack`."""
 
     def __init__(self, calc: Repulsion) -> None:
         self.law, self.slack, self.anchors = calc.tie, calc.slack[:, : calc.dim], calc.sites.anchors
@@ -82,7 +82,7 @@ class Tie(Term):
 
 
 class Gyration(Term):
-    """The force m u' x g of the vector g of each site; one number is that along z."""
+    """The force m u' x g with the vector g of each site; a single number is the component along z."""
 
     def __init__(self, calc: Repulsion) -> None:
         g = np.asarray(calc.gyration)

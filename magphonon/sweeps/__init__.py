@@ -1,6 +1,6 @@
-"""Sweeps evaluate a question about a scene, or a function, at many values of its parameters; the answers are an xarray Dataset.
+"""Sweeps: questions about a scene, or a function, evaluated at many values of its parameters; the answers are an xarray Dataset.
 
-`dataset` spreads the points over processes and keeps the journal; `questions` holds what can be asked of a scene.
+`dataset` distributes the points to processes and keeps the journal; `questions` holds what can be asked about a scene.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
 """Sweeps: questions about a scene, or a function, evaluated at every point of a grid; the answers are an xarray Dataset.
 
-The journal of a sweep is a text of lines: the first tells what was asked, each further one is the answer at one point.  Each
-begins with a checksum of itself, and a line whose checksum is wrong is not believed: its point is computed again.
+The journal of a sweep is a text file. Its first line says what was asked, and each further line is the answer at one point.  Each
+line begins with its checksum; if the checksum is wrong, the line is ignored and its point computed again.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     ask : str or sequence of str
         The questions about a scene: see `magphonon.sweeps.observables()`.
     workers : int, optional
-        Processes on this machine, -1 for one on each core; by default all is computed in this process, or where
-        `joblib.parallel_config` says, such as ``with joblib.parallel_config(backend='dask')``.
+        Number of processes on this machine, -1 for one on each core. By default all is computed in this process, unless
+        `joblib.parallel_config` says otherwise, such as ``with joblib.parallel_config(backend='dask')``.
     executor : Executor, optional
         Any executor of `concurrent.futures` to use in place of workers, such as `mpi4py.futures.MPIPoolExecutor`.
     journal : path-like or file, optional
@@ -76,7 +76,7 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     -------
     xarray.Dataset
         One variable for each answer, NaN at bad points, with the axes as coordinates; `fault` holds the reason why answers are
-        missing, or ''.  `units` are among the attributes of each.
+        missing, or ''.  Each variable has its `units` as an attribute.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     ImportError
         Without joblib, threadpoolctl or xarray; `pip install 'magphonon[sweep]'`.
     RuntimeError
-        If a process dies, mostly for want of memory.
+        If a process dies, usually because memory runs out.
 
     Examples
     --------
@@ -106,8 +106,8 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     answers, about, told = _question(asked, axes, (ask,) if isinstance(ask, str) else tuple(ask))
     about = {'magphonon': __version__} | about | ({} if name is None else {'name': name})
     if journal is not None and callable(asked) and name is None:
-        raise ValueError('a journal cannot tell functions apart; give it a name=, and a new name whenever the function changes '
-                         'its numbers')
+        raise ValueError('a journal cannot tell functions apart; give a name=, and a new one whenever the results of the '
+                         'function change')
     head = about | {'over': {key: values.tolist() for key, values in axes.items()}}
     points = [dict(zip(axes, values, strict=True)) for values in product(*(values.tolist() for values in axes.values()))]
     with (nullcontext(({}, None)) if journal is None else _journal(journal, head, len(points)) as (known, file),
@@ -197,7 +197,7 @@ def _computed(tasks: Iterable[Callable[[], Any]], workers: int | None, executor:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Compute with one thread meanwhile, as workers do: sums in another order differ in their last bits."""
+    """Context in which linear algebra uses one thread, as in workers: sums in another order would differ in their last bits."""
     global _limited
     before = _limited
     with _limits():
@@ -226,7 +226,7 @@ def _checksum(text: bytes) -> str:
 
 @contextmanager
 def _journal(journal: Any, head: Any, points: int) -> Iterator[tuple[dict[int, tuple[dict[str, Any], str]], Any]]:
-    """The answers that a journal holds, and the file to which more are added."""
+    """Context with the answers that a journal holds, and the open file to which more are added."""
     if hasattr(journal, 'write'):
         journal.write(_line(head))
         yield {}, journal
@@ -254,9 +254,9 @@ def _read(path, text, head, points):
     first, *lines = text.splitlines(keepends=True) or [b'']
     if first != head:
         another = first[:16].decode(errors='replace') == _checksum(first[17:].rstrip(b'\n'))
-        raise ValueError(f'{path} is the journal of another sweep: of another scene or function, other axes or questions, or by '
-                         'another version; give that sweep again, or name another place' if another else
-                         f'{path} is no journal of a sweep; name another place for it')
+        raise ValueError(f'{path} is the journal of a different sweep: its scene or function, axes, questions or version differ; '
+                         'repeat that sweep, or name another place' if another else
+                         f'{path} is not the journal of a sweep; name another place for the journal')
     known, damaged = {}, 0
     for line in lines:
         try:
@@ -275,7 +275,7 @@ def _read(path, text, head, points):
 
 def _variables(axes: Mapping[str, NDArray[np.float64]], answers: Sequence[tuple[dict[str, Any], str]],
                told: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """The answers on the grid; an array has more axes of its own."""
+    """The answers arranged on the grid, as variables of a Dataset; an answer that is an array has further axes of its own."""
     shape = tuple(len(values) for values in axes.values())
     asked = [name for name in told if name not in axes]
     variables: dict[str, Any] = {}

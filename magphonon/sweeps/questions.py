@@ -1,7 +1,7 @@
 """The quantities that a sweep can compute for a scene: each has a name, a unit and a function of the scene.
 
 Frequencies are computed for stable lattices only, because a lattice that buckles leaves the positions about which it would
-vibrate.  Quantities that show where it buckles are computed on both sides of the border.
+vibrate.  Quantities that show where a lattice buckles are computed for unstable lattices too.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Situation:
 
     @cached_property
     def needed(self) -> float:
-        """Foundation that the lattice needs, N/mm."""
+        """Smallest foundation stiffness with which the lattice is stable, N/mm."""
         return critical_foundation(self.atoms, 'complete')[0]
 
     @property
@@ -60,7 +60,7 @@ class Situation:
 
     @cached_property
     def judged(self) -> tuple[Verdict, ...]:
-        """What `magphonon check` finds: of the lattice, and of the patch if it has defects or disorder."""
+        """The verdicts of `magphonon check` on the lattice, and on the patch if it has defects or disorder."""
         imperfect = not self.scene.finite and self.scene.relaxation()
         return tuple(map(verdict, (self.atoms, *((imperfect.atoms,) if imperfect else ()))))
 
@@ -86,7 +86,7 @@ class Situation:
         return float(u.hertz(found.omega[amplitude.argmax()])), float(amplitude.max() / (u.m / u.N))
 
     def refuse_buckling(self) -> None:
-        """Raise ValueError if the lattice buckles; whether forces by the velocity hold it, the verdict knows."""
+        """Raise ValueError if the lattice buckles; with velocity-dependent forces, the verdict decides."""
         if np.any(self.atoms.calc.rate):  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]  scenes attach one
             if not self.judged[0].stable:
                 raise ValueError(f'the lattice buckles: {self.judged[0].finding("buckling").words}')
@@ -124,7 +124,7 @@ def _faults(situation: Situation) -> float:
 def _spacing(situation: Situation) -> float:
     scale = critical_spacing(situation.atoms, 'complete')
     if scale is None:
-        raise ValueError('no spacing from a tenth to ten times the present one is at the border of buckling')
+        raise ValueError('between a tenth and ten times the present spacing, the lattice neither begins nor ceases to buckle')
     return float(scale * situation.atoms.calc.bonds.lengths.min() / u.m)
 
 
@@ -157,7 +157,7 @@ def _branch(scene, text, above):
 
 
 class Question(NamedTuple):
-    """A question of the list."""
+    """A quantity that a sweep can compute: its unit, its meaning and its function of the scene."""
 
     unit: str
     meaning: str
@@ -171,7 +171,7 @@ class Question(NamedTuple):
 QUESTIONS = {
     'bands.gap.BRANCH': Question('Hz', 'gap above a branch along the path of [bands], negative where branches overlap', _gap,
                                  'gap above branch {}', _branch_below),
-    'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch at a special point, counted from 1', _frequency,
+    'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch, counted from 1, at a special point', _frequency,
                                    'frequency at {}, branch {}', _point_and_branch),
     'stability.needed': Question('N/m', 'foundation that the perfect lattice needs',
                                  lambda situation: situation.needed / (u.N / u.m),
@@ -180,7 +180,7 @@ QUESTIONS = {
                                  lambda situation: situation.margin / (u.N / u.m), 'foundation minus what is needed'),
     'stability.growth': Question('1/s', 'rate of the fastest growing motion of the perfect lattice, zero where it and its '
                                  'defects are stable', _growth, 'growth rate'),
-    'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
+    'stability.spacing': Question('m', 'spacing at which the lattice just buckles', _spacing, 'spacing at buckling'),
     'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
                                  'amplitude for an error of 1 %'),
     'timestep.limit': Question('s', 'longest stable time step',
@@ -193,7 +193,7 @@ QUESTIONS = {
     'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1], 'peak',
                                  lambda scene: scene.wanted('frf')),
 }
-"""Words in capitals stand for any word; the first match in the list counts."""
+"""Words in capitals stand for any word; the first matching question is used."""
 
 
 def observables() -> dict[str, str]:
@@ -202,7 +202,7 @@ def observables() -> dict[str, str]:
 
 
 def question(name: str) -> tuple[Question, tuple[str, ...]]:
-    """The question that a name such as 'bands.M.1' asks, and its arguments, here 'M' and '1'."""
+    """The question for a name such as 'bands.M.1', and its arguments, here 'M' and '1'."""
     words = name.split('.')
     for pattern, known in QUESTIONS.items():
         places = pattern.split('.')
@@ -215,7 +215,8 @@ def question(name: str) -> tuple[Question, tuple[str, ...]]:
 class SceneAnswers:
     """The answers to some questions about a scene, as a function of some of its keys; it can be sent to other processes.
 
-    `tables` is the scene as its file has it; if its lattice is a file, `particles` are those in it and `contents` its checksum.
+    `tables` are the tables of the scene file. If the lattice comes from a file, `particles` are its particles, and `contents` is
+    its checksum.
     """
 
     tables: dict[str, Any]
@@ -225,7 +226,7 @@ class SceneAnswers:
 
     @classmethod
     def of(cls, scene: Scene, over: Mapping[str, NDArray[np.float64]], asked: Sequence[str]) -> SceneAnswers:
-        """The function for a scene."""
+        """The answers to the questions `asked` about a scene, as a function of the keys in `over`."""
         if not asked:
             raise ValueError("ask names no question; give at least one, such as ask=['bands.M.1']")
         tables = scene.model_dump(mode='json')
@@ -271,7 +272,7 @@ LABELS = {'law.a': 'exponent a', 'law.force_N': 'force between neighbours', 'law
 
 
 def _label(key):
-    """Of foundation.pillar.height_m 'pillar height'."""
+    """The label of a key, such as 'pillar height' for foundation.pillar.height_m."""
     if key in LABELS:
         return LABELS[key]
     *_, table, name = ['', *key.split('.')]
@@ -293,7 +294,7 @@ def _replaced(tables, point):
 
 
 def _warn_of_force(scene, over):
-    """An exponent that varies at constant b gives forces over decades, which is hardly meant."""
+    """Warn if the exponent varies at constant b, because the forces then span decades, which is hardly intended."""
     law, spacing = scene.law, scene.lattice.spacing_m
     if 'law.a' not in over or {'law.b_N_m_a', 'law.force_N'} & over.keys() or getattr(law, 'b_N_m_a', None) is None:
         return

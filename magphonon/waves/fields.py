@@ -4,12 +4,12 @@ With windows h over the points and g over time, the motion u_j of the point on t
 
     G(k, omega) = sum_j h_j e^{i k.R_j} sum_t g_t u_j(t) e^{-i omega t}
 
-and each branch contributes its component e.G with the polarisation e(k). On lines of symmetry this is transverse or longitudinal
-whatever the law. If a cell has several particles, each kind has its own sum, and e spans all of them.  The points need no grid: a
+and each branch contributes its component e.G with the polarisation e(k), which on lines of symmetry is transverse or longitudinal
+for every law. If a cell has several particles, each of them has its own sum, and e spans all sums.  The points need no grid: a
 direct sum over a thousand of them takes a second.  The record is cut into segments whose powers are added (Welch 1967), so that
-bands are visible even in noise, from the base or thermal. Waves in both directions, k and -k, count.
+bands are visible even in noise of the base or thermal noise. Waves in both directions, k and -k, count.
 
-A cell of the map collects power from its surroundings, whose centre of gravity follows from (Auger and Flandrin 1995):
+A cell of the map collects power from its surroundings. The centre of gravity of this power is (Auger and Flandrin 1995)
 
     omega_centre = omega - Im(sum G_g' G^*)/sum |G|^2        k_centre = k + Im(sum G_h' G^*)/sum |G|^2
 
@@ -55,12 +55,12 @@ BENT = 0.25
 Gamma and where branches meet."""
 DOUBT = 0.5  # share of this shift that is uncertain: so well are the bands of the scene and the powers within the lobe known
 UNEVEN = 0.005
-"""Share of a frequency by which a specimen is uneven: its rim lacks neighbours and widens the lattice by some 0.2 %, so that
-what a window sees is neither the middle nor the mean."""
+"""Relative unevenness of frequencies within a specimen: its rim lacks neighbours and widens the lattice by about 0.2 %, so that
+a window sees neither the value of the middle nor the mean."""
 PURE = 0.98  # share of a branch in the one component that was measured, from which that component shows this branch alone
 UNCHECKED = 0.25
-"""Distance in bins by which power may shift the wavevector of a point if it leaks from moving waves to others at rest, and no
-neighbours on both sides of the point show it."""
+"""Possible shift of the wavevector of a point, in bins, by power that leaks from strong waves to weak ones, if no neighbours on
+both sides of the point reveal it."""
 OTHER = 1.25  # factor between a frequency and the bands of both models of the scene beyond which it is another branch
 LASTS = 0.6  # share of the segments with power from which it is noise, not a burst
 FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
@@ -70,26 +70,26 @@ NORMAL_MEDIAN = 0.455  # median of the square of a normal variable
 
 @dataclass(frozen=True)
 class Field:
-    """Motion of points of a lattice over the plane.
+    """Measured motion of points that cover the plane of a lattice.
 
     Attributes
     ----------
     sites : ndarray, shape (points, 2)
-        In mm, from any origin.
+        Lattice sites of the points in mm, from any origin.
     motions : ndarray, shape (frames, points, 2)
-        In mm; zero along an axis that was not measured.
+        Displacements in mm; zero along an axis that was not measured.
     measured : tuple of bool
-        Which axes, x and y, were.
+        Which of the axes x and y were measured.
     dt : float
-        In ms.
+        Time between frames in ms.
     frames : int
         Number of frames in one segment.
     member : ndarray of int, shape (points,)
-        Which particle of its cell each point is.
+        Index of each point within its cell.
     spacing : float
-        In mm.
+        Distance of neighbouring cells in mm.
     across : float
-        Least width of the field in spacings.
+        Smallest width of the field in spacings.
     notes : tuple of str
         What was found about the points, in words.
     """
@@ -106,20 +106,20 @@ class Field:
 
     @property
     def bin_k(self) -> float:
-        """Resolution in rad/mm."""
+        """Resolution in wavenumber, in rad/mm."""
         return 2 * np.pi / (self.across * self.spacing)
 
     @property
     def bin_omega(self) -> float:
-        """Resolution in rad/ms."""
+        """Resolution in angular frequency, in rad/ms."""
         return 2 * np.pi / (self.frames * self.dt)
 
     def window(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The `hull_window` of the points."""
+        """The `hull_window` of the points, and its gradient."""
         return hull_window(self.sites, self.spacing)
 
     def transforms(self, top: float) -> Iterator[tuple[NDArray[np.float64], list[NDArray[np.complex128]]]]:
-        """For each segment: angular frequencies up to `top`, and the motions with a Hann window and with its derivative.
+        """Yield for each segment the angular frequencies up to `top`, and the transforms with a Hann window and its derivative.
 
         They are divided by half the sum of the window, so that a wave of the amplitude A has the peak A.
         """
@@ -137,7 +137,7 @@ class FieldMap(InHertz, Saved, kind='field maps', units={
     'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
     'power': ('mm^2', 'branches', 'wavevectors', 'frequencies'),
 }):
-    """Power of each branch over wavevector and frequency.
+    """Power of each branch as a function of wavevector and frequency.
 
     Attributes
     ----------
@@ -163,13 +163,13 @@ def hull_window(sites: NDArray[np.float64], spacing: float) -> tuple[NDArray[np.
 
 
 def is_field(places: NDArray[np.float64], cell: Atoms) -> bool:
-    """Whether points, shape (points, 2) in mm, cover the plane of a lattice; else they are one row of it, or a few."""
+    """Whether points, shape (points, 2) in mm, cover the plane of a lattice, rather than one or a few of its rows."""
     away = places - places.mean(axis=0)
     return bool(cell.pbc[:2].all()) and np.ptp(away @ np.linalg.svd(away, full_matrices=False)[2][1]) > ROWS * _spacing(cell)
 
 
 def field_of(scan: Scan, cell: Atoms) -> Field:
-    """The points of a scan on the sites of a lattice, and its record in segments that resolve as much as the points do.
+    """Assign the points of a scan to the sites of a lattice, and cut the record into segments of matching resolution.
 
     Parameters
     ----------
@@ -194,17 +194,17 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
         raise ValueError('the record holds no motion along x or y, in the plane; name its columns u_x_m and u_y_m')
     sites, member, notes = _sites(np.asarray(scan.places), cell)
     if len(lacking := np.setdiff1d(np.arange(len(cell)), member)):
-        raise ValueError(f'no point is particle {lacking[0] + 1} of a cell of {len(cell)}; measure all kinds of sites')
+        raise ValueError(f'no point lies on particle {lacking[0] + 1} of the {len(cell)} in a cell; measure points of every kind')
     faces, spacing = ConvexHull(sites).equations[:, :2], _spacing(cell)
     across = float(np.ptp(sites @ faces.T, axis=0).min() / spacing + 1)
     if across < FEWEST:
         raise ValueError(f'the points are {across:.2g} spacings wide at their narrowest, and a map of the plane needs {FEWEST}; '
-                         'measure more rows, or give one row alone')
+                         'measure more rows, or only one row')
     top = bloch_modes(cell, _zone(12), 'complete')[0].max()
     frames, wanted = len(scan.times), int(np.ceil(across * 2 * np.pi / top / scan.dt))
     if frames < max(wanted, FEWEST):
         raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; record '
-                         f'{scan.dt * max(wanted, FEWEST) / units.s:.3g} s to resolve frequencies as well as its points '
+                         f'{scan.dt * max(wanted, FEWEST) / units.s:.3g} s to resolve frequencies as well as the points '
                          'resolve wavenumbers')
     own = Field(sites, np.stack([scan.motions.get(axis, np.zeros((frames, len(sites)))) for axis in 'xy'], axis=2),
                 ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), member,
@@ -212,9 +212,9 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     _refuse_ghosts(own, cell)
     half = np.pi / own.dt
     notes += [_half_seen(own).removeprefix('. ')] * (not all(own.measured))
-    notes += [f'{len(sites)} points, {across:.1f} spacings across: wavenumbers to 2 pi/{across:.1f} per spacing; '
-              f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s: frequencies '
-              f'to {units.hertz(own.bin_omega):.3g} Hz']
+    notes += [f'{len(sites)} points, {across:.1f} spacings across, resolve wavenumbers to 2 pi/{across:.1f} per spacing; '
+              f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s resolve '
+              f'frequencies to {units.hertz(own.bin_omega):.3g} Hz']
     if half < top:
         notes.append(f'sampled at {units.hertz(2 * half):.4g} Hz: the bands of the scene reach {units.hertz(top):.4g} Hz, and '
                      f'waves above {units.hertz(half):.4g} Hz appear at wrong frequencies, unless the instrument has a filter')
@@ -222,7 +222,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
 
 
 def _sites(places, cell):
-    """Lattice sites of points, shape (points, 2) in mm, which particle of its cell each is, and what they say of the lattice."""
+    """Lattice sites of points, shape (points, 2) in mm, the index of each within its cell, and a note on the lattice."""
     vectors, basis, near = cell.cell.array[:2, :2], _basis(cell), _nearest(cell)
     apart = np.median(cKDTree(places).query(places, 2)[0][:, 1]) / near
     if not 1 / MOST_APART < apart < MOST_APART:
@@ -241,14 +241,14 @@ def _sites(places, cell):
     turn, stretch = np.arctan2(A[0, 1] - A[1, 0], A[0, 0] + A[1, 1]), np.sqrt(abs(np.linalg.det(A)))
     if abs(turn) > TURNED or abs(stretch - 1) > STRETCHED:
         raise ValueError(f'the points stand on a lattice turned by {np.degrees(turn):.3g} degrees against that of the scene, '
-                         f'with {stretch:.4g} times its spacing; give positions in its frame (R1 lies along x), and its spacing')
+                         f'with {stretch:.4g} times its spacing; give positions in its frame (R1 along x), and its spacing')
     return n @ vectors + basis[member], member, [
-        f'the points say that the spacing is {stretch * near:.4g} mm (scene: {near:.4g} mm); they are '
+        f'the points say that the spacing is {stretch * near:.4g} mm (scene: {near:.4g} mm); they lie '
         f'{np.sqrt(np.mean(off**2)):.2g} mm off their sites (root mean square)']
 
 
 def _indexed(places, vectors, basis, first):
-    """Cell and particle of each point, the measured lattice vectors, and distances from sites, if the middle one is `first`."""
+    """Cell and particle of each point, the measured lattice vectors, and distances from sites; `first` is the middle particle."""
     order, own = np.argsort(np.linalg.norm(places - places.mean(axis=0), axis=1)), vectors.copy()
     within = basis @ np.linalg.inv(vectors)  # in fractions of the lattice vectors
     origin = places[order[0]] - basis[first]
@@ -260,7 +260,7 @@ def _indexed(places, vectors, basis, first):
         which = off.argmin(axis=1)
         return cells[np.arange(len(points)), which], which, off.min(axis=1)
 
-    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # so that no small turn adds up
+    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # so that small rotations do not add up
         near = order[:count]
         n, which, _ = nearest(places[near])
         if np.linalg.matrix_rank(n - n.mean(axis=0)) == 2:
@@ -281,10 +281,10 @@ def _refuse_ghosts(field, cell):
     ghosts[away < LOBE_bins * field.bin_k] = 0
     if ghosts.max() > GHOST:
         at = q[ghosts.argmax()] - np.rint(q[ghosts.argmax()])
-        raise ValueError(f'{len(h)} points are so far apart that waves look the same when their wavevectors differ '
-                         f'by ({at[0]:.2g}, '
-                         f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the '
-                         f'amplitude, allowed {100 * GHOST:.0f} %); measure particles in between, above all neighbours')
+        raise ValueError(f'{len(h)} points are so far apart that waves look the same when their wavevectors differ by '
+                         f'({at[0]:.2g}, {at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has '
+                         f'{100 * ghosts.max():.0f} % of the amplitude, at most {100 * GHOST:.0f} % are allowed); measure '
+                         'particles in between, some of them next to each other')
 
 
 def _zone(steps):
@@ -293,7 +293,7 @@ def _zone(steps):
 
 
 def _polarisations(cell, q):
-    """Of waves e^{i k.x} at the places x of the particles, whose masses are weights; shape (..., branches, 2 particles)."""
+    """Polarisations of waves e^{i k.x} with the positions x of the particles, mass-weighted, (..., branches, 2 particles)."""
     shapes: Any = bloch_modes(cell, q.reshape(-1, 3), 'complete', vectors=True)[1]
     phases = np.exp(-1j * _k(q, cell).reshape(-1, 2) @ _basis(cell).T)
     shapes = shapes[..., :2] * phases[:, None, :, None]
@@ -305,12 +305,12 @@ def _k(q, cell):
 
 
 def _basis(cell):
-    """Places of the particles of a cell from the first one, shape (particles, 2)."""
+    """Positions of the particles of a cell relative to the first one, shape (particles, 2)."""
     return (cell.positions - cell.positions[0])[:, :2]
 
 
 def _nearest(cell):
-    """Distance of nearest neighbours."""
+    """Distance of nearest neighbours in mm."""
     return _spacing(cell) if len(cell) == 1 else cell.calc.bonds.lengths.min()
 
 
@@ -319,7 +319,7 @@ def _spacing(cell):
 
 
 def _collected(field, cell, q, centres=False):
-    """Of each segment the power of each branch, and its moments: shape (1 or 4, wavevectors, branches, frequencies)."""
+    """Yield for each segment frequencies, power and moments of each branch: (1 or 4, wavevectors, branches, frequencies)."""
     shapes, roots = _polarisations(cell, q), np.sqrt(cell.get_masses() / cell.get_masses().mean())
     h, slope = field.window()
     kinds = [np.flatnonzero(field.member == one) for one in range(len(cell))]
@@ -358,13 +358,13 @@ def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
 
 
 def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field', source: str | None = None) -> RidgePoints:
-    """Points of the bands along a path: at wavevectors that share no noise, the strongest frequency of each branch.
+    """Ridge points along a path: the strongest frequency of each branch at wavevectors so far apart that they share no noise.
 
     A point is kept if its power exceeds the background and that of the other branch at its frequency, and is at most 20 dB below
-    the strongest point, and if its frequency lies within a quarter of the bands of the scene in either model. Its centre of
-    gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The uncertainty is the sum of
-    four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth curve, half
-    of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
+    the strongest point, and if its frequency is at most a quarter beyond the branches of the two models of the scene. Its centre
+    of gravity must lie within a bin, because power that leaks from elsewhere has its centre there. The variance is the sum of the
+    squares of four parts: the scatter between segments (the jackknife), the excess scatter of neighbouring points about a smooth
+    curve, half of the shift due to the curvature of the branch, and half a percent for the unevenness of a specimen.
 
     Parameters
     ----------
@@ -404,14 +404,14 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     found = (height > LEAST_POWER * height.max(axis=0)) & resolved
     branch, at = np.nonzero(found.T)
     if not len(branch):
-        raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct the '
-                         f'scene: crests are sought beside its bands{_half_seen(field)}')
+        raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct '
+                         f'the scene: crests are sought near its bands{_half_seen(field)}')
     three = np.arange(max(len(at) - 2, 0))[:, None] + np.arange(3)
     three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[at][three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
     own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))
 
     def centred(sums):
-        """Frequencies and wavevectors of the centres of gravity, and how far they lie above the branches of the scene."""
+        """Frequencies and wavevectors of the centres of gravity, and their distances in frequency from the scene's branches."""
         centre = start[0] + sums[..., 1, :] / sums[..., 0, :]
         k = start[1] + np.moveaxis(sums[..., 2:, :] / sums[..., :1, :], -2, -1)
         at_k = np.concatenate([k, 0 * k[..., :1]], axis=-1) @ cell.cell.array.T / (2 * np.pi)
@@ -453,7 +453,7 @@ def _apart(path, cell, bin_k):
 
 
 def _bent(field, cell, q, omega):
-    """How far above its branch the centre of gravity of a cell lies, shape (wavevectors, branches), for white power."""
+    """Shift in frequency of centres of gravity due to curvature of the branches, for uniform power; (wavevectors, branches)."""
     beside = LOBE_bins * field.bin_k * np.linspace(-1, 1, GRID)
     offset = np.stack(np.meshgrid(beside, beside), axis=-1).reshape(-1, 2)
     h, _ = field.window()
@@ -474,18 +474,18 @@ def _bent(field, cell, q, omega):
 
 
 def _half_seen(field):
-    """What one component alone hides, in words."""
+    """The end of a message about what a single measured component hides; '' if both were measured."""
     if all(field.measured):
         return ''
     axis = 'xy'[field.measured.index(True)]
     return (f'. The record has the motion along {axis} alone, which shows a branch only where its waves move along {axis}, '
-            'on some lines of the path: measure the other component too, and give both as one record')
+            'on some lines of the path: measure the other component too, and put both into one record')
 
 
 def _scatter(field, off, variance, three):
-    """What points scatter about a smooth curve beyond their variances, by the second differences of each three neighbours.
+    """Excess variance of points about a smooth curve, from the second differences of each three neighbouring points.
 
-    The same pattern in all segments, as uniform noise of the base makes, shows only here.
+    Only this reveals errors that are the same in all segments, such as those from uniform noise of the base.
     """
     if not len(three):
         raise ValueError('no three neighbouring points of a branch rise above the background; record longer, drive harder, '
@@ -500,7 +500,7 @@ def _scatter(field, off, variance, three):
 
 def field_at(field: Field, cell: Atoms,
              omega: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
-    """The motion at one frequency: over wavevectors (isofrequency contour) and over the points (operational shape).
+    """Motion at one frequency: its power at each wavevector (isofrequency contour) and its shape at the points.
 
     Parameters
     ----------

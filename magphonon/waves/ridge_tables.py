@@ -34,26 +34,26 @@ APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of
 gravity lies up to half a line from its own."""
 SHIFT_bins = {'row': 0.05, FIELD: 0.1, 'point': 0.2}
-"""Standard deviation of the shift that all ridges of a branch share, in wavenumber bins, by what sent the waves.  It is in each
-specimen alike, so that no scatter shows it.  That of a point is what remains beside the distance of oblique waves: with 0.2 the
-errors of fits of 16 drawn lattices, in the uncertainties stated, have a root mean square of 0.6 to 1; with 0.1 up to 1.2.
-Noise over the plane: what the middle of a specimen differs from the rest."""
+"""Standard deviation of the shift that all ridges of a branch share, in wavenumber bins, for each kind of source.  The shift is
+the same in each specimen, so that scatter does not reveal it.  For a point source it is what remains besides the distance of
+oblique waves: with 0.2 the errors of fits of 16 drawn lattices, in units of the stated uncertainties, have a root mean square of
+0.6 to 1; with 0.1 up to 1.2.  For noise over the plane it is the difference between the middle of a specimen and the rest."""
 BIN_rad = 0.2  # a bin of a row of 30 points, for tables that do not tell theirs
 RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
-"""Frequencies, and the largest component of a wavevector, of a table; others are in another unit."""
+"""Range of frequencies, and largest component of a wavevector, in a table; values beyond them are in another unit."""
 
 
 @dataclass(frozen=True)
 class RidgePoints(InHertz):
-    """Points of one or more measured branches.
+    """Points of measured ridges, with their uncertainties and sources.
 
     Attributes
     ----------
     names, motions : tuple of str
-        `names` has record and motion of each ridge, `motions` its motion alone: 'transverse', 'longitudinal', or another word if
-        it is neither.
+        `names` says the record and the motion of each ridge, `motions` only the motion: 'transverse', 'longitudinal', or another
+        word if it is neither.
     ridge : ndarray of int, shape (points,)
-        The ridge of each point.
+        Index of the ridge of each point.
     q : ndarray, shape (points, 3)
         Wavevectors in fractions of the reciprocal vectors.
     xi, sigma_xi : ndarray, shape (points,)
@@ -67,7 +67,7 @@ class RidgePoints(InHertz):
     sources : tuple of str, optional
         The source of each ridge, 'row' or 'point'; an unknown source counts as 'point'.
     bin_xi : ndarray, shape (points,), optional
-        Resolution of the row in rad, 2 pi over its number of places; if unknown, that of 30 places is assumed.
+        Resolution of the row in rad, 2 pi divided by its number of points, missing ones included; by default that of 30 points.
     """
 
     names: tuple[str, ...]
@@ -103,16 +103,15 @@ class RidgePoints(InHertz):
 
     @property
     def shift(self) -> np.ndarray:
-        """Standard deviation in rad of the shift that a point shares with the others of its branch and kind of source."""
+        """Standard deviation in rad of the shift that all points of the same branch and kind of source share."""
         return np.array([SHIFT_bins[source] for source in self.sources or ('point',) * len(self.names)])[self.ridge] * self.bins
 
     @property
     def independent(self) -> RidgePoints:
-        """The points that share no noise: the strongest points of each ridge are taken first, each 2.5 lines away from all
-        before.
+        """The points that share no noise: the strongest of each ridge first, each at least 2.5 lines from all those before.
 
-        Through the Hann window neighbouring lines share two thirds of an error: treated as independent, they would make intervals
-        1.6 times too narrow. A third of the points, far apart, contains all but a tenth of the information of all of them.
+        Because of the Hann window neighbouring lines share two thirds of their error: treated as independent, they would make
+        intervals 1.6 times too narrow. A third of the points, far apart, contains nine tenths of the information.
         """
         kept: list[int] = []
         for k in np.argsort(-self.power, kind='stable'):
@@ -123,11 +122,11 @@ class RidgePoints(InHertz):
 
 
 def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]]) -> None:
-    """Table of ridge points in SI, with the branches that the ridge agrees with or 'none'; written completely or not at all.
+    """Write a table of ridge points in SI, with the branches that each ridge agrees with, or 'none'; whole or not at all.
 
-    The columns q1, q2 and q3 are the wavevector of a point in fractions of the reciprocal vectors, bin_Hz is the distance of the
-    frequency lines of the record, bin_xi_rad 2 pi over the number of places of the row, and source ('row' or 'point') what sent
-    the wave.
+    The columns q1, q2 and q3 are the wavevector of a point in fractions of the reciprocal vectors. bin_Hz is the distance of the
+    frequency lines of the record, and bin_xi_rad is 2 pi divided by the number of points of the row, missing ones included.
+    source ('row' or 'point') is the source of the wave.
 
     Parameters
     ----------
@@ -150,13 +149,13 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
 
 
 def write_points(path: str | PathLike[str], points: RidgePoints) -> None:
-    """Write a table of ridge points that were read from a table, or found in a field at wavevectors that lie on no line."""
+    """Write a table of ridge points that were read from a table, or found in a field."""
     columns = columns_of(points)
     write_columns(path, [*columns], [*columns.values()])
 
 
 def columns_of(points: RidgePoints) -> dict[str, Any]:
-    """The columns of such a table in SI by their names."""
+    """The columns of a table of ridge points in SI, by their names."""
     records = [name.removesuffix(f', {motion}') for name, motion in zip(points.names, points.motions, strict=True)]
     words = (np.array(each)[points.ridge] for each in (records, points.motions, points.sources or ('point',) * len(records)))
     record, motion, source = words
@@ -166,7 +165,7 @@ def columns_of(points: RidgePoints) -> dict[str, Any]:
 
 
 def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
-    r"""Read tables of ridge points, as `write_ridges` writes them or from any other analysis.
+    r"""Read tables of ridge points that `write_ridges` or any other program wrote.
 
     Parameters
     ----------
@@ -215,20 +214,20 @@ def _read(path):
 
 
 def _refuse_impossible(table):
-    """Raise ValueError for what no measured wave has."""
+    """Raise ValueError for values that no measured wave can have."""
     least, most = (value * FREQUENCY['Hz'] for value in RANGE_Hz)
     frequency = table['frequency']
     for name in ('frequency', 'sigma_frequency'):
         table.refuse(name, table[name] <= 0, 'be positive')
-        table.refuse(name, (table[name] < least) | (table[name] > most), 'be a frequency in the unit of its name')
+        table.refuse(name, (table[name] < least) | (table[name] > most), f'lie between {RANGE_Hz[0]:g} and {RANGE_Hz[1]:g} Hz')
     table.refuse('xi', (table['xi'] < 1e-9) | (table['xi'] > 2 * np.pi), 'be a positive phase per step, up to 2 pi')
     table.refuse('bin_xi', (table.get('bin_xi', BIN_rad) <= 0) | (table.get('bin_xi', BIN_rad) > 2 * np.pi),
-                 'be 2 pi over the number of places of the row')
+                 'be 2 pi divided by the number of places in the row')
     table.refuse('sigma_xi', (table['sigma_xi'] < 0) | (table['sigma_xi'] > 2 * np.pi), 'lie between 0 and 2 pi')
     for name in ('sigma_frequency', 'bin'):
         table.refuse(name, table.get(name, 0.0) > frequency, 'be less than the frequency (are columns exchanged?)')
     table.refuse('bin', table.get('bin', 0.0) < 0, 'not be negative')
     for name in ('q1', 'q2', 'q3'):
         table.refuse(name, abs(table.get(name, 0.0)) > MOST_q,
-                     f'be a fraction of the reciprocal vectors, of a size up to {MOST_q:g}')
+                     f'be a component in reciprocal vectors, at most {MOST_q:g} in size')
     table.refuse('source', ~np.isin(table.get('source', 'row'), (*SOURCES, FIELD, '')), 'be row, point or field')

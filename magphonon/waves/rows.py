@@ -1,4 +1,4 @@
-"""Straight rows of measured points: which row of the lattice was measured, and at which of its steps each point lies."""
+"""Straight rows of measured points: finds the row of the lattice that was measured, and the step at which each point lies."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST_APART = 50  # number of steps between neighbouring points above which their
 
 @dataclass(frozen=True)
 class Row:
-    """Points on a row of a lattice."""
+    """Measured points on a row of a lattice, with the step of each."""
 
     order: np.ndarray  # shape (points,): the points, one after the other along the row
     steps: np.ndarray  # shape (points,): place of each of them in steps from the first; what is missing is skipped
@@ -44,7 +44,7 @@ class Row:
         ----------
         cell : ase.Atoms
         source : {'row', 'point'}
-            Fronts along R1, or across the measured row.
+            'row' for fronts along R1, 'point' for fronts across the measured row.
         """
         normal = self.vector
         if one_of('source', source, SOURCES) == 'row':
@@ -57,7 +57,7 @@ class Row:
 
 
 def row_of(places: ArrayLike, cell: Atoms) -> Row:
-    """The row of a lattice on which measured points stand, shape (points, 2) in mm, from any origin and in any order."""
+    """The row of a lattice on which measured points lie; `places`, shape (points, 2) in mm, have any origin and any order."""
     places = finite('places', places)
     if places.ndim != 2 or places.shape[1] != 2 or len(places) < 2:
         raise ValueError(f'a row needs the positions of at least two points, shape (points, 2), not {places.shape}')
@@ -70,7 +70,7 @@ def row_of(places: ArrayLike, cell: Atoms) -> Row:
 
 
 def _direction(places, spacing):
-    """Unit vector along the points, upwards or, if level, towards +x; ValueError if they lie on no line."""
+    """Unit vector along the points, upwards or, if horizontal, towards +x; ValueError if they lie on no line."""
     away = places - places.mean(axis=0)
     along, across = np.linalg.svd(away)[2]
     along = along * (1 if (along[1].round(3), along[0]) > (0, 0) else -1)
@@ -84,13 +84,13 @@ def _direction(places, spacing):
                  'points of one of them')
     else:
         k = int(abs(off).argmax())
-        words = (f'point {k + 1} at ({_mm(places[k, 0])}, {_mm(places[k, 1])}) is {_mm(abs(off[k]))} off the line through all; '
-                 'leave out what is not on the row')
+        words = (f'point {k + 1} at ({_mm(places[k, 0])}, {_mm(places[k, 1])}) is {_mm(abs(off[k]))} off the line through all '
+                 'points; omit points that are not on the row')
     raise ValueError(f'the measured points do not lie on one straight row: {words}')
 
 
 def _lattice_row(along, cell):
-    """The lattice vector along the points, the shortest of its direction."""
+    """The shortest lattice vector in the direction of the points."""
     R = cell.cell.array[:2][cell.pbc[:2]]
     vectors = np.array([n for n in product(range(-FARTHEST, FARTHEST + 1), repeat=len(R)) if gcd(*n) == 1]) @ R
     cosines = vectors[:, :2] @ along / np.linalg.norm(vectors, axis=1)
@@ -104,7 +104,7 @@ def _lattice_row(along, cell):
 
 
 def _steps(s, step):
-    """Whole steps of points at ascending distances s, from the first, or ValueError."""
+    """Number of steps of each point from the first, for ascending distances s; ValueError if they are no whole numbers."""
     apart = np.diff(s) / step
     ratio = np.median(apart)
     hint = ('are the positions in mm, under a header in m?' if ratio > MOST_APART else

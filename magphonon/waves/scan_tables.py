@@ -41,7 +41,7 @@ def read_scan(path: str | PathLike[str]) -> Scan:
     path : path-like
         A table has a column `time_s`; `particle`, `point` or `node` with the names of the points, or `x_m` and `y_m`, or both;
         and `u_x_m`, `u_y_m` for displacements or `v_x_m_per_s`, `v_y_m_per_s` for velocities, one component or both; `u_m` or
-        `v_m_per_s` for an unknown direction.  Other units go by the header: `u_y_um`, `v_y_mm_per_s`, `time_ms`, `x_mm`.
+        `v_m_per_s` for an unknown direction.  Other units follow from the header: `u_y_um`, `v_y_mm_per_s`, `time_ms`, `x_mm`.
         Samples may come in any order; blank samples and other columns are ignored.
 
     Returns
@@ -94,7 +94,7 @@ def write_scan(path: str | PathLike[str], motion: Motion) -> None:
 
 
 def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
-    r"""Places of points from a table with the columns particle (or point) and x_m, y_m (or in mm, um): x and y in mm by name.
+    r"""Read x and y of points in mm, by name, from a table with the columns particle (or point) and x_m, y_m (or in mm, um).
 
     Examples
     --------
@@ -109,7 +109,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     table = read_table(path, NAMES | {'x': LENGTH, 'y': LENGTH}, ['x'])
     names = _names(table)
     if names is None:
-        raise ValueError(f'{path} must name each point and its place in the columns particle (or point), x_m and y_m')
+        raise ValueError(f'{path} must have the columns particle (or point), x_m and y_m: name and position of each point')
     found = {}
     for line, name, *place in zip(table.lines, names.tolist(), table['x'].tolist(), table.get('y', 0.0).tolist(), strict=True):
         if found.setdefault(name, tuple(place)) != tuple(place):
@@ -118,7 +118,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
 
 
 def _names(table: Table) -> Any:
-    """The column that names the points, if there is one; ValueError for places and times of no laboratory."""
+    """The column that names the points, if there is one; ValueError for positions and times too large for a laboratory."""
     for name, unit, most in (('x', u.m, '1e6 m'), ('y', u.m, '1e6 m'), ('time', u.s, '1e6 s')):
         table.refuse(name, abs(table.get(name, 0.0)) > 1e6 * unit, f'lie within {most}')
     columns = [name for name in NAMES if name in table]
@@ -183,7 +183,7 @@ def _of_columns(table: Table) -> tuple[dict[str, Samples], bool]:
 def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of datasets as pyuff reads them, by its number, and whether they are velocities.
 
-    A label of the ordinate such as mm/s tells its unit; without one lengths are those of dataset 164, and in m without it.
+    The label of the ordinate, such as mm/s, gives the unit. Without a label the unit of length is that of dataset 164, or else m.
     """
     metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
     places = {}

@@ -2,8 +2,8 @@
 record.
 
 Missing samples, and samples at unequal times, are interpolated by a spline through the samples of the same point, unless the
-gap is too long.  The error of this spline is measured, not assumed: the same interpolation, at the same times, is applied to a
-wave of the highest frequency in the record and to white noise, of which every value is known.
+gap is too long.  The error of this spline is measured, not assumed: the same interpolation, at the same times, is applied to two
+known signals, a wave of the highest frequency in the record and white noise.
 """
 
 from __future__ import annotations
@@ -29,17 +29,18 @@ is larger. If one sample of fifty has this error, the power of the noise grows b
 FOLLOWED = 0.1
 """Largest error of the fastest wave by itself, however large the noise: motion up to the end of the band looks like noise."""
 HELD, ABRUPT = 3, 8.0
-"""A clipped signal stays at its largest value for so many samples in a row, and reaches it by a step of at least so many of the
-least steps: of smooth peaks that are as flat, at most one in five does."""
+"""A clipped signal stays at its largest value for HELD samples in a row, and reaches it by a jump of at least ABRUPT smallest
+steps; of smooth peaks that are equally flat, at most one in five does."""
 MAINS_Hz, MAINS_TIME, MAINS_PARTS, MAINS_STEADY = (50, 60, 100, 120), 0.1 * units.s, 4, 0.9
-"""Frequencies of a hum, a time with whole periods of all, least number of such times, and least share of one phase in a line."""
+"""Frequencies of a hum, a time with whole periods of all, the smallest number of such times, and the smallest share of constant
+phase."""
 DEGREES = 3, 5, 7  # degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap
 NOISES = 32  # number of records of white noise by which it is seen how much of it a spline carries
 
 
 @dataclass(frozen=True)
 class Samples:
-    """What one point of a scan measured."""
+    """Samples that one point of a scan measured."""
 
     times: np.ndarray  # shape (samples,): in ms
     # shape (samples,): by component, 'x', 'y', 'z' or '' for an unknown direction: displacements in mm or velocities in mm/ms;
@@ -57,9 +58,9 @@ class Scan:
     times : ndarray, shape (frames,)
         In ms, in equal steps.
     names : tuple of str
-        The points, as the instrument numbers them.
+        Names of the points, such as the numbers that the instrument gave them.
     places : ndarray, shape (points, 2), or None
-        In mm.
+        Positions of the points in mm.
     motions : dict of str to ndarray, shape (frames, points)
         Displacements in mm by component, 'x', 'y', 'z' or '' for an unknown direction.
     notes : tuple of str
@@ -78,22 +79,22 @@ class Scan:
         return (self.times[-1] - self.times[0]) / (len(self.times) - 1)
 
     def placed(self, places: Mapping[str, tuple[float, float]]) -> Scan:
-        """The points for which `places` gives x and y in mm, by name; the others are left out."""
+        """The scan with positions in mm from `places`, by name; points that `places` lacks are left out."""
         kept = [k for k, name in enumerate(self.names) if name in places]
         if not kept:
-            raise ValueError(f'the positions of the points {_listed(self.names)} are missing; known are those of the points '
-                             f'{_listed(list(places))}')
+            raise ValueError(f'the positions of the points {_listed(self.names)} are missing; only those of the points '
+                             f'{_listed(list(places))} are known')
         names = tuple(self.names[k] for k in kept)
         motions = {part: u[:, kept] for part, u in self.motions.items()}
         left_out = [name for name in self.names if name not in places]
-        notes = (*self.notes, *([f'left out, as their places are unknown: points {_listed(left_out)}'] if left_out else []))
+        notes = (*self.notes, *([f'points of unknown position are left out: {_listed(left_out)}'] if left_out else []))
         return Scan(self.times, names, np.array([places[name] for name in names]), motions, notes)
 
 
 def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> Scan:
-    """One record of all points that moved: at equal times, as displacements.
+    """Make one record of all points that moved: displacements at equal times.
 
-    All `points`, by their names, have the same components; velocities are integrated.  The path is for messages.
+    All `points`, by their names, have the same components; velocities are integrated.  Messages name the path.
     """
     notes = []
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}
@@ -119,9 +120,9 @@ def _refuse_absurd(path, motions):
 
 
 def integrated(velocities: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-    """Displacements in mm of velocities in mm/ms, shape (frames, points), at equal times, about zero mean.
+    """Displacements in mm, with zero mean, from velocities in mm/ms at equal times; both of shape (frames, points).
 
-    Each frequency is divided by i omega.  A mean velocity would be a steady drift, and is left out.
+    Each frequency is divided by i omega.  The mean velocity, a steady drift, is left out.
     """
     V = np.fft.rfft(velocities, axis=0)
     omega = 2 * np.pi * np.fft.rfftfreq(len(velocities), dt)[1:, None]
@@ -139,7 +140,7 @@ def _without_blanks(path, name, point):
 
 
 def _clipped(point):
-    """Which samples of a point stay at a largest or smallest value without coming to it in the small steps of a smooth one."""
+    """Mask of clipped samples: they stay at the largest or smallest value, and reach it by a jump, not in small steps."""
     held = np.zeros(len(point.times), bool)
     for u in point.motions.values():
         found, step, top = 0, np.diff(np.unique(u)).min(initial=np.inf), np.zeros(len(u), bool)  # of an instrument of few digits
@@ -153,7 +154,7 @@ def _clipped(point):
 
 
 def _unclipped(path, times, points, clipped, notes):
-    """The points without their clipped samples, which are interpolated as missing ones are; as they are where that fails."""
+    """The points without their clipped samples, to be interpolated like missing ones; unchanged if these are too many."""
     if not clipped:
         return points
     within = {name: at & (np.arange(len(at)) % (len(at) - 1) > 0) for name, at in clipped.items()}  # first and last stay
@@ -163,17 +164,17 @@ def _unclipped(path, times, points, clipped, notes):
     try:
         _at_equal_times(path, times, kept, [])
     except ValueError:
-        notes.append(f'{told}they are too many to be interpolated, so amplitudes are wrong: drive less, '
-                     'or set a wider range')
+        notes.append(f'{told}these samples are too many to be interpolated, so amplitudes are wrong: drive less, or set a wider '
+                     'range')
         return points
-    notes.append(f'{told}these are taken as missing: drive less, or set a wider range')
+    notes.append(f'{told}these samples are taken as missing: drive less, or set a wider range')
     return kept
 
 
 def _hum(motions, dt):
-    """A line on each frequency of the mains at which most signals keep one phase while they are quiet.
+    """A line about the mains frequency at which most signals have a constant phase in their quiet parts; none if there is no hum.
 
-    All of these have whole periods in the time of a part; a wave that decays, and noise, keep no phase.
+    Each part of the record holds whole periods of all mains frequencies. Noise, and waves that decay, have no constant phase.
     """
     frames, u = round(MAINS_TIME / dt), np.concatenate([*motions.values()], axis=1)
     count = len(u) // max(frames, 1)
@@ -192,7 +193,7 @@ def _hum(motions, dt):
 
 
 def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, Samples]:
-    """The points that were recorded and moved; what is left out is noted."""
+    """The points that were recorded and moved; those left out are listed in `notes`."""
     recorded = {name: np.ptp(point.times) if len(point.times) else 0.0 for name, point in points.items()}
     if not (longest := max(recorded.values())):
         raise ValueError(f'{path} has no point that was sampled at two times or more in every component; a wave needs a record '
@@ -201,11 +202,11 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
     still = [name for name, point in points.items() if name not in short
              and not any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())]
     if short:
-        notes.append(f'left out, as they miss more than {100 * (1 - LEAST_TIME):.0f} % of the record: points {_listed(short)}')
+        notes.append(f'points that miss more than {100 * (1 - LEAST_TIME):.0f} % of the record are left out: {_listed(short)}')
     kept = {name: point for name, point in points.items() if name not in short}
-    if not still or len(still) == len(kept):  # a row at rest is refused by the map
+    if not still or len(still) == len(kept):  # the map refuses a row at rest
         return kept
-    notes.append(f'left out, as they do not move (dead): points {_listed(still)}')
+    notes.append(f'points left out because they do not move (dead): {_listed(still)}')
     return {name: point for name, point in kept.items() if name not in still}
 
 
@@ -225,7 +226,7 @@ def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:
 
 
 def _at_equal_times(path, times, points: Mapping[str, Samples], notes: list[str]):
-    """The points without those that lack too much, and their motions by component at these times, shape (frames, points)."""
+    """The points, without those that lack too many samples, and their motions by component at these times, (frames, points)."""
     from scipy.interpolate import CubicSpline
 
     dt = times[1] - times[0]
@@ -257,7 +258,7 @@ def _at_equal_times(path, times, points: Mapping[str, Samples], notes: list[str]
                              'out, or sample faster')
         off = f'with an error of up to {100 * max(errors, default=0):.2g} % of the largest displacement'
         if left_out:
-            notes.append(f'left out, because too many of their samples are missing: points {_listed(left_out)}')
+            notes.append(f'points left out because too many of their samples are missing: {_listed(left_out)}')
         if filled:
             notes.append(f'{filled} missing samples of {len(errors) - splined} points are interpolated, {off}')
         if splined:
@@ -277,7 +278,7 @@ def _fastest(times, motions):
 
 
 def _interpolated(times, wanted, point, measured, fastest):
-    """The motions of a point with the `wanted` samples filled in; their error and what is allowed, in the largest motion."""
+    """Motions of a point with the `wanted` samples filled in; their error and the allowed one, relative to the largest motion."""
     from scipy.fft import dct
     from scipy.interpolate import make_interp_spline
 

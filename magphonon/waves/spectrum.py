@@ -5,16 +5,16 @@ length enters.  The wave of the paper is e^{i(k.R + omega t)}; here a wave that 
 appears at positive xi (numpy's `fft2` would put it into the quadrant omega > 0, k < 0).
 
 A burst has a source spectrum, and the record ends: at a fixed frequency the peak over xi is pulled towards the
-carrier, by half a bin and more.  For each cell of the map the centre of gravity of the collected power is therefore computed
+carrier, by half a bin or more.  For each cell of the map the centre of gravity of the collected power is therefore computed
 (reassignment, Kodera 1976, Auger and Flandrin 1995).  For window h and transform G_h(xi, omega),
 
     omega_centre = omega - Im(G_h'/G_h)        xi_centre = xi + Im(G_h'/G_h)        h' along time, along the row
 
-Whatever the source spectrum, it weights both centres of a narrow piece of a branch alike, so their point lies on the branch.
+The source spectrum shifts both centres along the branch, so that the point (xi_centre, omega_centre) still lies on the branch.
 
-This holds for a single plane wave. Near a source fronts are curved, a beam of finite width spreads, and a dead particle scatters:
-then the phase per step changes along the row. The row itself shows by how much: its two halves are analysed separately, and where
-they disagree the whole is uncertain by half of their difference (the jackknife with two blocks). Waves reflected from the rim may
+This holds for a single plane wave. If fronts are curved near a source, a beam of finite width spreads, or a dead particle
+scatters, the phase per step changes along the row. The row itself shows by how much: its two halves are analysed separately, and
+half of their difference is the uncertainty of the whole (the jackknife with two blocks). Waves reflected from the rim may
 be too close in wavenumber to be resolved, even in the halves.  They add up at one frequency and cancel at the next, so that the
 ridge jumps from line to line: how far neighbouring points lie from a smooth curve is the other part of the uncertainty.
 """
@@ -44,13 +44,12 @@ LEAST_CONTRAST = 20
 """Ratio of the power of a ridge point to the background of its frequency line below which it is dropped: noise alone exceeds it
 once in 1e6 lines."""
 LEAST_ABOVE_NOISE = 16
-"""Ratio of the power of a ridge point to the background of half of all lines below which it is dropped: the background of one
-line, seen by 30 points, scatters by a third, so that noise passed for a wave in one record of 200.  Of 400 lines with 15 places
-each, noise exceeds this ratio in one record of 1000."""
+"""Ratio of the power of a ridge point to the median background of all lines, below which the point is dropped.  The background of
+one line with 30 points scatters by a third, so that noise was taken for a wave in one record of 200.  In records of 400 lines
+with 15 points each, noise exceeds this ratio in one record of 1000."""
 GHOST = 0.5
-"""Amplitude of a wave at a wrong wavenumber, as a fraction of its own, from which it is an alias: at half, a quarter of
-the power, noise of a tenth of the wave does not make the wrong one stronger.  Points at random on half of 30 places have 0.4.
-"""
+"""Amplitude of a wave at a wrong wavenumber, relative to that at its own, above which it counts as an alias: at a half, noise of
+a tenth of the wave does not make the wrong peak the stronger one.  Points at random on half of 30 places have 0.4. """
 NORMAL = 1.96  # half width of a 95 % interval in standard deviations of a normal distribution
 RESOLVED = 1.0  # distance in bins at which two waves have separate peaks; 2 pi over the number of points is the resolution
 
@@ -62,7 +61,7 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
     'xi_spread': ('rad', 'frequencies', 'wavenumbers'), 'omega_spread': ('rad/ms', 'frequencies', 'wavenumbers'),
     'xi_change': ('rad', 'frequencies', 'wavenumbers'), 'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
 }, missing=('xi_centre', 'omega_centre', 'xi_spread', 'omega_spread', 'xi_change')):
-    """Power over phase per step and frequency.
+    """Power as a function of phase per step and frequency.
 
     Attributes
     ----------
@@ -71,12 +70,12 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
     omega : ndarray, shape (frequencies,)
         Angular frequency in rad/ms, ascending from 0.
     power : ndarray, shape (frequencies, wavenumbers)
-        In mm^2: a plane wave of amplitude A has the peak A^2.
+        Power in mm^2: a plane wave of amplitude A has the peak A^2.
     xi_centre, omega_centre : ndarray, shape (frequencies, wavenumbers)
-        Where the power in each cell comes from; NaN where there is none.
+        Centre of gravity of the power in each cell; NaN if it has no power.
     xi_spread, omega_spread : ndarray, shape (frequencies, wavenumbers)
-        How far noise as strong as the wave would spread these centres: sqrt(2) times their standard deviation, per noise to
-        signal.
+        Spread of these centres by noise as strong as the wave: sqrt(2) times their standard deviation, divided by the ratio of
+        noise to signal.
     xi_change : ndarray, shape (frequencies, wavenumbers)
         How much larger xi_centre is in the second half of the row than in the first; zero for a single plane wave.
     bin_xi, bin_omega : float
@@ -96,7 +95,7 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
 
     @property
     def peak(self) -> float:
-        """Power of the strongest cell, without the cells of offset and drift."""
+        """Power of the strongest cell, apart from the cells of offset and drift."""
         return self.power[FIRST * PAD :].max()
 
     @property
@@ -106,7 +105,7 @@ class Spectrum(InHertz, Saved, kind='spectra', units={
 
 
 def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike | None = None) -> Spectrum:
-    """Wavenumber-frequency map of one displacement component along a row, Hann windows in time and space.
+    """Wavenumber-frequency map of one displacement component along a row, with Hann windows in time and space.
 
     Each particle may be offset from its rest and drift steadily: both are subtracted first, see `without_drift`.
 
@@ -116,12 +115,12 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
     Parameters
     ----------
     displacements : array_like, shape (frames, points)
-        In mm, at equal times, of particles in equal steps.  Project on a direction first, `u @ direction`: then the
-        waves of that polarisation stand alone on the map.
+        In mm, at equal times, of particles in equal steps.  Project them on a direction first, `u @ direction`, so that the
+        map shows only the waves of that polarisation.
     dt : float
         Time between frames in ms.
     steps : array_like of int, shape (points,), optional
-        Place of each point along the row, ascending from 0, where some are missing; by default 0, 1, 2 and so on.
+        Step of each point along the row, ascending from 0, if points are missing; by default 0, 1, 2 and so on.
 
     Examples
     --------
@@ -173,7 +172,7 @@ def _places(steps, points):
 
 
 def _refuse_aliasing(window, there):
-    """Raise ValueError if a wave of one wavenumber would be seen at another one, too: its ghost on the map."""
+    """Raise ValueError if a wave would also appear at a second wavenumber, as a ghost on the map."""
     weights = np.zeros_like(window)
     weights[there] = window[there]
     ghosts = abs(np.fft.rfft(weights, PAD * len(weights))) / weights.sum()
@@ -183,14 +182,14 @@ def _refuse_aliasing(window, there):
         apart = 2 * np.pi * (3 * PAD + ghosts[beyond].argmax()) / (PAD * len(weights))
         raise ValueError(f'the {len(there)} measured points on {len(window)} places of the row are so far apart that waves look '
                          f'the same when their wavenumbers differ by {apart:.2f} rad per step (aliasing; the ghost has '
-                         f'{100 * worst:.0f} % of the amplitude, allowed {100 * GHOST:.0f} %); measure points in between, above '
-                         'all some that are one step apart')
+                         f'{100 * worst:.0f} % of the amplitude, at most {100 * GHOST:.0f} % are allowed); measure points in '
+                         'between, some of them one step apart')
 
 
 def without_drift(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
     """Displacements without the constant and the steady drift of each point, shape (frames, points).
 
-    Both are fitted with the weights of the window, so that the map of what is left vanishes at zero frequency.
+    Both are fitted with the weights of the window, so that the map of the rest vanishes at zero frequency.
     """
     weight = hann(len(displacements))[0]
     t = np.arange(len(displacements)) - (len(displacements) - 1) / 2  # weights are even in t: constant and slope do not mix
@@ -219,7 +218,7 @@ def _wavenumber_shift(over_time, in_space):
 
 
 def _over_space(over_time, window):
-    """Sum of `u e^{-i omega t} e^{+i xi n}` over the row of points, from that over time: zero padded, xi ascending from -pi."""
+    """Sum of `u e^{-i omega t} e^{+i xi n}` over the row, from the transform over time; zero padded, xi ascending from -pi."""
     points = over_time.shape[1]
     from_minus_pi = (-1.0) ** np.arange(points)  # e^{-i pi n}; a shift of the sum itself would take as long as the sum
     return np.fft.ifft(over_time * (window * from_minus_pi), PAD * points, axis=1, norm='forward')
@@ -234,10 +233,10 @@ class Ridge(InHertz):
     xi, omega : ndarray, shape (points,)
         Phase per step in rad, angular frequency in rad/ms.
     sigma_xi, sigma_omega : ndarray, shape (points,)
-        Their standard uncertainties: noise of the record in both; in xi also what differs between the halves of the row, and
-        what jumps from line to line.
+        Standard uncertainties of xi and omega. Both contain noise of the record; that of xi also contains the difference between
+        the halves of the row, and the jumps from line to line.
     power : ndarray, shape (points,)
-        In mm^2.
+        Power of the map at the ridge in mm^2.
     bin_xi, bin_omega : float
         Resolution of the record.
     """
@@ -252,22 +251,22 @@ class Ridge(InHertz):
 
 
 def ridge(spectrum: Spectrum) -> Ridge:
-    """Ridge of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
+    """Ridge of the waves that travel along the row: the strongest xi > 0 at each frequency of the record.
 
     With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity uncertain
-    by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins.  The imaginary part of the ratio is the distance from the cell. The real part
+    by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins.  The imaginary part of G_h'/G_h is the distance from the cell. The real part
     is not zero if the wave grows or decays within the window, as a pulse early or late in the record does.  B is taken from the
     median over the frequency line, so leakage and other waves count as noise too.
 
     If the motion is not a plane wave, the halves of the row disagree by D, and the whole is uncertain by D/2, less the
     contribution of noise to D.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
-    background), so noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each point
-    gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger. The
-    variance of the points about a smooth branch is averaged in the same way, and added. If D is more than a bin, it is no
+    background), so noise alone makes (D/2)^2 four times the variance of the whole.  A single D may be small by chance, so each
+    point gets the mean square over the ridge, enlarged by Student's t if points are few, or its own square if that is larger.
+    The variance of the points about a smooth branch is averaged in the same way, and added. If D is more than a bin, it is no
     uncertainty of one wave: one half has found another wave, which the whole row would resolve.
 
-    For a dispersive wave that runs one way this overestimates the uncertainty: in a long row it reaches the halves at different
-    times, when different parts of its branch are strong.
+    For a dispersive wave without reflections this overestimates the uncertainty: in a long row the wave reaches the two halves at
+    different times, when different parts of its branch are strong.
 
     Examples
     --------
@@ -306,10 +305,11 @@ def ridge(spectrum: Spectrum) -> Ridge:
 
 
 def _jumps(xi, omega, noise_xi, noise_omega, line):
-    """Variances of xi from how far each four points lie from a smooth branch, less what noise makes of it.
+    """Variances of xi from the distances of groups of four points from a smooth branch, minus the part due to noise.
 
-    Smooth is a parabola of cos xi over omega^2: a chain has a straight line there, from long waves to the edge of its zone.
-    The four lie on every other line: neighbours share two thirds of an error through the Hann window, these a sixth.
+    The smooth branch is a parabola of cos xi over omega^2; for a chain this is a straight line, from long waves to the zone edge.
+    The four points lie on every other line: because of the Hann window, neighbouring lines share two thirds of their error, these
+    a sixth.
     """
     four = np.arange(max(len(xi) - 6, 0))[:, None] + 2 * np.arange(4)
     x, y = omega[four] ** 2, np.cos(xi[four])
@@ -322,6 +322,6 @@ def _jumps(xi, omega, noise_xi, noise_omega, line):
 
 
 def _pooled(variances):
-    """Mean of a few variances, widened so that NORMAL of its root are the interval of Student's t; zero where there are none."""
+    """Mean of a few variances, enlarged so that NORMAL times its root is the interval of Student's t; zero if there are none."""
     n = len(variances)
     return max(variances.mean(), 0) * (stdtrit(n, 0.975) / NORMAL) ** 2 if n else 0.0

@@ -1,16 +1,16 @@
 """Stiffness of waves from thermal motion: a wave with the wavevector q has the stiffness k(q) = kT/<|u_q|^2>.
 
-With the window h over the particles and the modes e of the linear lattice, of which D(q) is the Bloch matrix,
+With the window h over the particles, and the modes e and the Bloch matrix D(q) of the linear lattice,
 
     u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
 
-Forces that turn velocities do no work, so <u u> does not depend on them, and these are frequencies without them. Equipartition
-says that harmonic forces have C = kT D^-1 at any temperature; a deviation that grows with kT shows anharmonic forces. Three
-things bias the result, and are subtracted or reported:
+Gyration does no work, so <u u> does not depend on it, and these are frequencies without gyration. By equipartition harmonic
+forces have C = kT D^-1 at any temperature; a deviation that grows with kT shows anharmonic forces. Three effects bias the result,
+and are subtracted or reported:
 
-- few frames: the inverse of a mean of M frames is too large by some n/M.  The frames, in order, are cut into segments longer than
-  they remember, and the record without each of them gives this bias, and the error (jackknife).
-- a window: waves of all q' within 1/width of q take part.  By how much depends on the linear stiffness, which is known.
+- few frames: the inverse of a mean of M frames is too large by a fraction of about n/M.  The frames, in order, are cut into
+  segments longer than the memory of the motion; leaving out one segment at a time gives this bias, and the error (jackknife).
+- a window: waves of all q' within 1/width of q take part.  The bias follows from the linear stiffness, which is known.
 - the time step dt of a run: velocity Verlet samples the stiffness k (1 - (w dt)^2/4).
 """
 
@@ -35,7 +35,7 @@ from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 from .fields import hull_window
 
-SEGMENTS = 20  # of a record: their scatter knows the error to 1/sqrt(2 SEGMENTS) of itself
+SEGMENTS = 20  # number of segments of a record; their scatter gives the error with the relative accuracy 1/sqrt(2 SEGMENTS)
 FITS = 1e-6  # periods by which a wave may miss the supercell
 STEPS, STEP, DAMPED, EVERY = 20_000, 0.3, 0.3, 8
 """Runs take steps of STEP/w_max with a damping of DAMPED w_max, by which slow and fast waves soon lose their memory, and record a
@@ -51,15 +51,15 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     'error': ('rad/ms', 'wavevectors', 'branches'), 'bias': ('rad/ms', 'wavevectors', 'branches'),
     'linear': ('rad/ms', 'wavevectors', 'branches'),
 }):
-    """Frequencies that belong to the stiffness of thermal waves, along the modes of the linear lattice.
+    """Frequencies of the modes of the linear lattice in thermal motion, from the stiffness of thermal waves.
 
     Attributes
     ----------
     q : ndarray, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     omega : ndarray, shape (wavevectors, branches)
-        In rad/ms, after subtracting the bias. They are those for B = 0, because thermal averages do not depend on forces that
-        turn velocities, as in gyroscopes.
+        In rad/ms, after subtracting the bias. They are the frequencies without gyration (B = 0), because thermal averages do not
+        depend on it.
     error : ndarray, shape (wavevectors, branches)
         One standard error of omega.
     bias : ndarray, shape (wavevectors, branches)
@@ -78,7 +78,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
 @takes(*LINEAR)
 def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, temperature_mJ: float, cell: Atoms, q: ArrayLike,
                   dt: float = 0.0, particles: ArrayLike | None = None, still: ArrayLike | None = None) -> ThermalBands:
-    """Stiffness of waves from a record of thermal motion.
+    """Frequencies of thermal waves from a record of thermal motion, whose variance gives their stiffness.
 
     Parameters
     ----------
@@ -87,18 +87,18 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     displacements : array_like, shape (frames, particles, dim)
         Displacements from rest, in mm, in thermal equilibrium from the first frame.
     temperature_mJ : float
-        kT.
+        The thermal energy kT.
     cell : ase.Atoms
         One cell of the lattice, with its PairCalculator.
     q : array_like, shape (wavevectors, 3)
-        In fractions of the reciprocal vectors of the cell; of a periodic supercell those that fit into it.
+        In fractions of the reciprocal vectors of the cell; in a periodic supercell they must fit into it.
     dt : float
         Time step in ms of the velocity Verlet run that made the record; 0 for a measurement.
     particles : array_like of int, optional
         The recorded particles; all if not given. For a patch, or if some are missing, a Hann window extends from edge to edge.
     still : array_like, shape (frames, particles, dim), optional
-        The motion of harmonic forces under the same noise. The effects of chance, window and time step are then the same in both
-        records and cancel, so that only the anharmonic part remains.
+        The motion with harmonic forces under the same noise. The effects of chance, window and time step are then the same in
+        both records and cancel, so that only the anharmonic part remains.
 
     Examples
     --------
@@ -135,11 +135,11 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     kT = positive('temperature_mJ', temperature_mJ, 'mJ')
 
     def squares(C):
-        """Of matrices <u_q u_q^+>, shape (..., wavevectors, rows, rows)."""
+        """Squared frequencies from matrices <u_q u_q^+>, shape (..., wavevectors, rows, rows)."""
         return kT * np.einsum('qbi,...qij,qbj->...qb', shapes.conj(), np.linalg.inv(C), shapes).real
 
     def of_record(u):
-        """Squares by all frames, and without each segment."""
+        """Squared frequencies from all frames, and from the record without each segment."""
         parts = np.array_split(np.einsum('qrp,fp->fqr', waves[:, :, recorded].conj(), u.reshape(len(u), -1)), SEGMENTS)
         sums = zip(*((len(z), z.sum(axis=0), np.einsum('fqr,fqs->qrs', z, z.conj())) for z in parts), strict=True)
         n, mean, C = (np.concatenate([x.sum(axis=0)[None], x.sum(axis=0) - x]) for x in map(np.array, sums))
@@ -162,13 +162,13 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
 
 
 def fits(q: NDArray[np.float64], repeats: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether waves repeat over the vectors of a supercell, in those of the cell, shape (vectors, 3)."""
+    """Whether each wave is periodic over the vectors of a supercell, given in vectors of the cell, shape (vectors, 3)."""
     across = q @ repeats.T
     return abs(across - np.rint(across)).max(axis=1) < FITS
 
 
 def _waves(system, cell, q, particles):
-    """What takes u_q^* from displacements of the particles, shape (wavevectors, rows of the cell, rows of the structure)."""
+    """Matrices that take displacements to u_q^*, shape (wavevectors, rows of the cell, rows of the structure)."""
     atoms, dim = system.atoms, system.dim
     home = image_of(cell, atoms)
     n = (atoms.positions - cell.positions[home]) @ np.linalg.inv(cell.cell.array)
@@ -190,7 +190,7 @@ def _waves(system, cell, q, particles):
 
 
 def _compliant(system, waves):
-    """Static displacements by forces like `waves`, shape (wavevectors, rows, rows of the structure), the last two swapped."""
+    """Static displacements under the forces `waves`, shape (wavevectors, rows, rows of the structure), last two axes swapped."""
     P, forces = system.free, waves.reshape(-1, waves.shape[-1]).T
     moved = P @ factorised(system.stiffness, definite=True).solve(P.T @ forces)
     return moved.T.reshape(waves.shape).swapaxes(1, 2)
@@ -199,10 +199,9 @@ def _compliant(system, waves):
 @takes(*LINEAR)
 def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: ArrayLike, steps: int = STEPS,
                 seed: int = 0) -> ThermalBands:
-    """The thermal bands of a planar lattice, from a run of a supercell in a bath, and a second run in a bath of nearly zero
-    temperature.
+    """Thermal bands of a planar lattice, from a run of a supercell in a heat bath and a second run at nearly zero temperature.
 
-    Both have the same noise, so that most of the statistical error is common to both and cancels.
+    Both runs have the same noise, so that most of the statistical error is common to both and cancels.
 
     Parameters
     ----------
@@ -211,7 +210,7 @@ def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: Array
     repeats : array_like of int, shape (3,)
         Numbers of cells along the lattice vectors in the supercell.
     temperature_mJ : float
-        kT.
+        The thermal energy kT.
     q : array_like, shape (wavevectors, 3)
         Waves that fit into the supercell.
     steps : int

@@ -2,15 +2,15 @@
 
 A row near a point source shows more than the waves that propagate along it. A point source sends waves in all directions, and
 those whose group velocity points along the lattice vector R arrive along the row.  Let xi = k.R be the phase per step, and s a
-shift of the wavevector, in units of the primitive reciprocal vector across R, that leaves xi as it is.  The velocity has no
-component away from the row where
+shift of the wavevector across R, in units of the primitive reciprocal vector, that does not change xi.  The group velocity is
+along the row if
 
     d omega(xi, s) / ds = 0
 
-so that the row shows every extremum of omega over s; by symmetry the wave along the row, s = 0, is one of them.  The others are
-oblique waves, of which only the energy runs along the row. Two waves closer together than the main lobe of the Hann window make
-one peak on a map, somewhere between them.  The ridge is then off at all frequencies in the same sense, so that neither noise, nor
-the halves of the row, nor jumps from line to line show it: `Wave.blur` is how far it may be.
+so that the row shows every extremum of omega over s. By symmetry the wave along the row, s = 0, is one of them.  The others are
+oblique waves: only their energy runs along the row. Two waves closer together than the main lobe of the Hann window make one peak
+on a map, somewhere between them.  The ridge is then shifted in the same direction at all frequencies, so that neither noise, nor
+the halves of the row, nor jumps from line to line reveal it. `Wave.blur` is the largest possible shift.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ LOBE_bins = 2.0  # half width of the main lobe of a Hann window in wavenumber bi
 
 @dataclass(frozen=True)
 class Branch(InHertz):
-    """One branch of the bands over the phase per step.
+    """One branch of the bands as a function of the phase per step.
 
     Attributes
     ----------
@@ -70,9 +70,9 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: Model | None = 
     atoms : ase.Atoms
         One cell with its PairCalculator.
     direction : array_like, shape (3,)
-        Wavevector of xi = 2 pi in fractions of the reciprocal vectors.  In the triangular lattice, along R2:
-        (0, 1, 0) for plane waves from a row of sources along R1 (Gamma-M), (1/2, 1, 0) for the waves from a
-        point source (Gamma-K).
+        The wavevector at which xi = 2 pi, in fractions of the reciprocal vectors.  In the triangular lattice, along R2, it is
+        (0, 1, 0) for plane waves from a row of sources along R1 (Gamma-M), and (1/2, 1, 0) for waves from a point source
+        (Gamma-K).
     mode : int
         Number of the branch, counted from 0 by frequency; in the triangular lattice shear is 0 and longitudinal 1.
     model : {'complete', 'conventional'}, optional
@@ -100,13 +100,13 @@ class Misfit:
     Attributes
     ----------
     omega : float
-        Along the frequency axis, at the wavenumber of each point, in rad/ms.
+        Distance along the frequency axis, at the wavenumber of each point, in rad/ms.
     sigma_omega : float
-        What the uncertainty of the points alone makes of `omega`.
+        The value of `omega` that the uncertainty of the points alone would cause.
     bins : float
-        Along the wavenumber axis, at the frequency of each point, in bins of the record.
+        Distance along the wavenumber axis, at the frequency of each point, in bins of the record.
     within : float
-        Share of the points that are nearer to it along the frequency axis than 1.96 of their uncertainties.
+        Share of the points within 1.96 of their uncertainties from the branch, along the frequency axis.
     points : int
     """
 
@@ -120,8 +120,8 @@ class Misfit:
     def agrees(self) -> bool:
         """Whether the ridge may be a wave of this branch.
 
-        At least half of its points are within 1.96 of their uncertainties, and all together within a bin: two waves a bin
-        apart are seen as two, however uncertain each is.
+        At least half of its points must be within 1.96 of their uncertainties, and the root mean square distance within a bin:
+        two waves a bin apart are resolved, however uncertain each is.
         """
         return self.within >= 0.5 and self.bins <= RESOLVED
 
@@ -173,18 +173,18 @@ class Wave:
     Attributes
     ----------
     motion : str
-        'transverse' or 'longitudinal', across or along the wavevector; of a scan of one component between them its own name.
+        'transverse' or 'longitudinal', across or along the wavevector; or the name of a single measured component between them.
     spectrum : Spectrum
     branches : dict of Branch
-        By model and name, such as ('complete', 'shear').
+        Branches by model and name, such as ('complete', 'shear').
     wavevector : ndarray, shape (3,)
-        That of xi = 2 pi, in fractions of the reciprocal vectors.
+        Wavevector of xi = 2 pi, in fractions of the reciprocal vectors.
     ridge : Ridge or None
         None if no wave rises above the background, because it decays or was not driven.
     source : {'row', 'point'}
-        What sent it.
+        Kind of source that sent the wave.
     blur : ndarray, shape (points,), optional
-        How far its wavenumbers may be off in rad, as oblique waves from a point source blend with it;
+        Possible error of its wavenumbers in rad, because oblique waves from a point source blend with it;
         None for a row of sources.
     """
 
@@ -203,7 +203,7 @@ class Wave:
 
     @property
     def blurred(self) -> int:
-        """Number of ridge points that are more uncertain by oblique waves than by all else."""
+        """Number of ridge points to whose uncertainty oblique waves contribute more than all other causes."""
         return 0 if self.ridge is None or self.blur is None else int((self.blur > self.ridge.sigma_xi).sum())
 
     @property
@@ -218,8 +218,8 @@ class Wave:
     def agrees_with(self) -> tuple[tuple[str, str], ...]:
         """Model and name of the branches that agree with the ridge within its uncertainties, the nearest first.
 
-        Longitudinal waves hardly feel D*, and a force that is 10 % off moves both of their branches past the ridge: if it agrees
-        with one of the two, it agrees with the other too, unless that is more than a bin away.
+        D* hardly changes longitudinal waves, and an error of 10 % in the force moves the branches of both models past the ridge.
+        So if the ridge agrees with one of the two, it also agrees with the other, unless that is more than a bin away.
         """
         misfits = self.misfits
         on = {name for name in misfits if misfits[name].agrees}
@@ -229,11 +229,11 @@ class Wave:
 
 
 def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
-    """The waves along a row, the strongest polarisation first; one that is 20 dB weaker than the other is left out.
+    """The waves along a row, the strongest polarisation first; a polarisation 20 dB weaker than the other is left out.
 
-    Waves from a point source move the row both across and along its line: a ridge of one motion may follow the branch of the
-    other.  A branch that falls with the wavenumber, such as shear in a square lattice on springs, carries backward waves (phase
-    and group velocity of opposite sign): because this row is known to begin at the source, no ridge is found for them.
+    Waves from a point source move the row both across and along its line, so the ridge of one polarisation may follow the branch
+    of the other.  A branch that falls with the wavenumber, such as shear in a square lattice on springs, carries backward waves
+    (phase and group velocity of opposite sign). No ridge is found for them, because the row is known to begin at the source.
 
     Parameters
     ----------
@@ -257,10 +257,10 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     cell : ase.Atoms
         With its PairCalculator.
     source : {'row', 'point'}
-        Fronts along R1, or across the measured row.
+        'row' for fronts along R1, 'point' for fronts across the measured row.
     row : Row, optional
         By default the row of the lattice on which the points lie. It begins at the end from which the phases of the stronger
-        waves come; for backward waves that is the far end, so that their ridge is found, too.
+        waves come. For backward waves this is the far end, so that their ridge is found too.
 
     Examples
     --------
@@ -284,7 +284,7 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
 
 
 def _components(scan, directions):
-    """The motion across and along the wavevector, or that in the one direction which was measured."""
+    """The motion across and along the wavevector; if only one direction was measured, the motion in that direction."""
     if {'x', 'y'} <= scan.motions.keys():
         return {name: x * scan.motions['x'] + y * scan.motions['y'] for name, (x, y) in directions.items()}
     part = next((part for part in ('x', 'y', '') if part in scan.motions), None)
@@ -296,7 +296,7 @@ def _components(scan, directions):
 
 
 def _begun_at_the_source(scan, row):
-    """The row from the end from which the stronger waves come."""
+    """The row, with its beginning at the end from which the stronger waves come."""
     u = max(scan.motions.values(), key=lambda u: np.var(without_drift(u), axis=0).sum())[:, row.order]
     spectrum = wavenumber_frequency(u, scan.dt, row.steps)
     forward, backward = (spectrum.power[:, side].max() for side in (spectrum.xi > 0, spectrum.xi < 0))
@@ -304,7 +304,7 @@ def _begun_at_the_source(scan, row):
 
 
 def _analysed(motions, dt, steps, cell, q, source):
-    """The waves of each of the `motions`, shape (frames, points) by name, of which the wavevector at xi = 2 pi is q."""
+    """The waves in each of the `motions`, shape (frames, points) by name; q is their wavevector at xi = 2 pi."""
     largest = {name: abs(without_drift(u)).max() for name, u in motions.items()}
     moving = [name for name in motions if largest[name] > REST_FRACTION * max(largest.values())]
     moving = moving or motions  # a row at rest is refused by the map
@@ -328,7 +328,7 @@ def _analysed(motions, dt, steps, cell, q, source):
 
 @dataclass(frozen=True)
 class Stationary:
-    """Waves on a grid of the zone of which the energy runs along a row: their phases per step, frequencies and slopes."""
+    """Waves whose energy runs along a row, on a grid of the zone: their phases per step, frequencies and slopes."""
 
     xi: np.ndarray  # in rad, shape (waves,), as the others
     omega: np.ndarray  # in rad/ms
@@ -336,7 +336,7 @@ class Stationary:
     step: float  # distance of the grid in xi
 
     def phases(self, omega: ArrayLike) -> NDArray[np.float64]:
-        """Phases per step in rad at these frequencies of those that run away from the source, shape (frequencies, waves).
+        """Phases per step in rad of the waves that run away from the source, at these frequencies, shape (frequencies, waves).
 
         NaN where a wave does not have this frequency.
         """
@@ -346,9 +346,9 @@ class Stationary:
 
 
 def stationary_waves(cell: Atoms, q: ArrayLike, model: Model | None = None) -> tuple[Stationary, Stationary]:
-    """The waves of a point source of which the energy runs along a row: those along it, and the oblique ones.
+    """The waves of a point source whose energy runs along a row: those along the row, and the oblique ones.
 
-    `q` is the wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
+    `q` is the wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, such as `wavevector(cell, 'point')`.
     """
     q = np.asarray(q, float)
     samples = int(np.ceil(SAMPLES / np.sqrt(len(cell))))
@@ -368,7 +368,7 @@ def stationary_waves(cell: Atoms, q: ArrayLike, model: Model | None = None) -> t
 
 
 def _across(cell, q):
-    """The primitive reciprocal vector across the row, in fractions; zero in a chain, whose waves have one direction."""
+    """The primitive reciprocal vector across the row, in fractions; zero in a chain, which has only one direction."""
     fractions = np.linalg.pinv(cell.cell.array)
     k = fractions @ q
     R = np.rint(k @ fractions / (k @ k))  # the step of the row, in lattice vectors
@@ -376,10 +376,10 @@ def _across(cell, q):
 
 
 def blur(along: Stationary, oblique: Stationary, ridge: Ridge) -> NDArray[np.float64]:
-    """How far each point of a ridge may lie from the wave along the row, where oblique waves blend with it, shape (points,).
+    """Possible distance of each ridge point from the wave along the row, because oblique waves blend with it, shape (points,).
 
-    It is the distance in xi from the nearest wave along the row to the farthest oblique wave that is within the lobe about it and
-    about the point.
+    It is the distance in xi from the nearest wave along the row to the farthest oblique wave. Only oblique waves within a lobe of
+    both this wave and the point count.
     """
     lobe, xi = LOBE_bins * ridge.bin_xi, ridge.xi[:, None]
     own, others = along.phases(ridge.omega), oblique.phases(ridge.omega)

@@ -1,8 +1,8 @@
-"""A tone burst in a patch at rest: where it enters, the row along which it is measured, and the burst sent through.
+"""A tone burst in a patch at rest: where it enters, the row along which it is measured, and the run itself.
 
 It enters at the lowest row inside the held rim, along all of that row or at its middle, and is measured along the
-lattice vector R2.  A row of sources makes plane waves, whose fronts run along R1; from a point the waves spread,
-and along a direction of symmetry those seen run along the measured row.
+lattice vector R2.  A row of sources makes plane waves, whose fronts run along R1.  Waves from a point spread; if the
+measured row is a direction of symmetry, the waves seen there run along it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ STEP_FRACTION = 0.1
 """Time step as a fraction of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, lower ones by less."""
 SAMPLES = 12
 """Number of recorded frames per period of the carrier.  The spectrum of a five-cycle burst ends at 1.4 times its carrier, and
-these resolve harmonics up to the fifth; in a film of fewer, crests seem to run backwards."""
+these resolve harmonics up to the fifth; in a film with fewer frames, crests seem to run backwards."""
 SNAPSHOTS = 24  # number of times at which the whole patch is recorded
 ROUND_OFF = 1e-9  # displacement, as a fraction of the shortest bond, below which a particle is at rest
 
@@ -46,7 +46,7 @@ def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
     ----------
     cell : ase.Atoms
     source : {'row', 'point', 'bench'}
-        Fronts along R1, or across R2; those of a shaken bench leave the lowest row, like those of a row.
+        'row' for fronts along R1, 'point' for fronts across R2; a shaken bench sends waves from the lowest row, like 'row'.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
 
 
 def across_and_along(cell: Atoms, q: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Unit vectors across and along a wavevector q, which is in fractions of the reciprocal vectors."""
+    """Unit vectors across and along the wavevector q, given in fractions of the reciprocal vectors."""
     k = (q @ cell.cell.reciprocal().array)[:2]
     along = k / np.linalg.norm(k)
     return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
@@ -82,13 +82,13 @@ def across_and_along(cell: Atoms, q: NDArray[np.float64]) -> dict[str, NDArray[n
 
 @dataclass(frozen=True)
 class BurstSetup:
-    """Where a burst enters a patch and where it is measured.
+    """The particles at which a burst enters a patch, and the row along which it is measured.
 
     Attributes
     ----------
     driven : ndarray of int, shape (driven,)
     weights : ndarray, shape (driven,)
-        Share of the force on each of them, at most one.
+        Share of the force on each driven particle, at most one.
     row : ndarray of int, shape (points,)
         Particles measured, in equal steps of R2 away from the source.
     """
@@ -98,12 +98,12 @@ class BurstSetup:
     row: np.ndarray
 
     def burst(self, direction: ArrayLike, force: ArrayLike, omega: float, cycles: float = 5) -> ToneBurst:
-        """The ToneBurst of this site; `direction` in the plane, `force` in N, `omega` in rad/ms."""
+        """A ToneBurst on the driven particles; `direction` in the plane, `force` in N, `omega` in rad/ms."""
         return ToneBurst(self.driven, direction, force * self.weights, omega, cycles)
 
 
 def burst_setup(cell: Atoms, patch: Atoms, source: str) -> BurstSetup:
-    """Where to drive a patch and where to measure it.
+    """Choose the particles at which a burst drives a patch, and the row along which it is measured.
 
     The ends of a row of sources send waves of their own, which would move the ridge by more than a wavenumber bin. Therefore
     the force falls off as cos^2 towards the ends, and the measured row crosses the middle of the beam half way up.
@@ -112,10 +112,10 @@ def burst_setup(cell: Atoms, patch: Atoms, source: str) -> BurstSetup:
     ----------
     cell : ase.Atoms
     patch : ase.Atoms
-        Cut from that cell, see `magphonon.lattices`.
+        Patch cut from that cell (see `magphonon.lattices`).
     source : {'row', 'point', 'bench'}
-        With 'bench' the whole patch is shaken, walls and feet of pillars with it: seen from there, a force acts on every particle
-        in proportion to its mass.
+        With 'bench' the whole patch is shaken, with walls and feet of pillars: seen from the bench, a force acts on every
+        particle in proportion to its mass.
 
     Examples
     --------
@@ -175,7 +175,7 @@ class Burst:
 
 @dataclass(frozen=True)
 class BurstRecord:
-    """Recorded motion of a burst."""
+    """Recorded motion of a burst, along the row and in the whole patch."""
 
     row: Motion  # that of the measured row
     field: Motion  # that of all particles at a few moments
@@ -201,13 +201,13 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     engine : str
         Engine as for DrivenVerlet, or 'lammps'.
     ranks : int
-        MPI ranks of LAMMPS.
+        Number of MPI ranks of LAMMPS.
     directory : path-like, optional
         Folder that keeps the files of LAMMPS, see `run_lammps`.
     threads : int, optional
         Number of threads, as for DrivenVerlet.
     film : bool
-        Record the whole patch 12 times a period of the carrier, as a film needs it, instead of 24 times in all.
+        Record the whole patch 12 times per period of the carrier, as a film needs it, instead of 24 times in all.
     tolerance : float, optional
         Error of the displacements, as a fraction of the largest one, as for DrivenVerlet; steps are then as long as it allows.
 
@@ -263,9 +263,9 @@ def _at_rest(patch):
     """A copy of the patch with its calculator."""
     away = np.linalg.norm(repulsion_of(patch).displacements(patch), axis=1)
     for k in np.flatnonzero((away > ROUND_OFF * patch.calc.bonds.lengths.min()) | patch.get_momenta().any(axis=1))[:1]:
-        raise ValueError(f'a burst starts in a patch at rest, but particle {k} is {away[k]:.3g} mm away from the reference of '
-                         'the calculator or moves, as after a run; set atoms.positions = atoms.calc.reference.positions and '
-                         'atoms.set_momenta(0 * atoms.positions)')
+        raise ValueError(f'a burst starts in a patch at rest, but particle {k} is displaced by {away[k]:.3g} mm from the '
+                         'reference of the calculator, or has a velocity, as after a run; set atoms.positions = '
+                         'atoms.calc.reference.positions and atoms.set_momenta(0 * atoms.positions)')
     copy = patch.copy()
     copy.calc = patch.calc
     return copy

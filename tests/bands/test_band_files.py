@@ -45,8 +45,8 @@ def _other_unit(arrays):
 SPOILED = {
     'NaN in the cell': ('cell', lambda a: a['cell'] * np.nan, 'cell holds NaN or infinity'),
     'another unit': ('units', _other_unit, "the unit of omega is 'rad/ms', and not 'THz'"),
-    'units that are none': ('units', lambda a: '[]', 'its units are none'),
-    'units that are no JSON': ('units', lambda a: '{', 'it cannot be read as one'),
+    'units that are none': ('units', lambda a: '[]', 'its units are missing'),
+    'units that are no JSON': ('units', lambda a: '{', 'it cannot be read'),
     'units without one': ('units', lambda a: '{}', "the unit of cell is 'mm', and not None"),
     'a short cell': ('cell', lambda a: a['cell'][:2], r'cell has the shape \(2, 3\)'),
     'wavevectors in the plane': ('kpts', lambda a: a['kpts'][:, :2], r'kpts has the shape \(12, 2\)'),

@@ -87,7 +87,7 @@ def test_waves_that_end_at_once_are_infinite_and_not_round_off():
 
 
 @pytest.mark.parametrize(('change', 'message'), [
-    ({'direction': (0.123, 0.45, 0)}, 'not a fraction with a denominator up to 6'),
+    ({'direction': (0.123, 0.45, 0)}, 'no fraction with a denominator of at most 6'),
     ({'direction': (0, 0, 1)}, 'no bond has a component along the direction'),
     ({'direction': (0, 1)}, r'must have the shape \(3,\)'),
     ({'omega': [0.1, np.nan]}, r'omega\[1\] is nan'),

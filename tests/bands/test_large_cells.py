@@ -171,7 +171,7 @@ def test_bad_numbers_of_branches_are_refused():
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
     path = cell.cell.bandpath('GM', npoints=3, pbc=cell.pbc)
-    with pytest.raises(ValueError, match='the cell has 2 branches, not 3'):
+    with pytest.raises(ValueError, match='the cell has only 2 branches, not 3'):
         analytic_bands(cell, path, branches=3)
     for bad in 0, 1.5, -1:
         with pytest.raises(ValueError, match='branches must be'):

@@ -101,7 +101,7 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, run_of, tmp_pa
     for name, model in zip(NAMES, ('complete', 'conventional'), strict=True):
         own = {line.split(',')[7] for line in table if line.startswith(f'{name},transverse,')}
         assert own == {f'{model} shear'}
-        assert f'{name}, transverse motion: agrees with {model} shear (' in shown
+        assert f'{name}, transverse motion: agrees with the {model} shear branch (' in shown
 
     burst = ridges(out)
     for name in NAMES:
@@ -131,7 +131,7 @@ def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, caps
         told.append([float(value) * {'': 1.0, 'm': 1e-3, 'µ': 1e-6}[prefix] for value, prefix in map(re.Match.groups, read)])
         for u, line in zip(told[-1], lines, strict=True):
             assert f'm, {u:.2%} of the spacing' in line  # of 1 m
-            assert ('WARNING: beyond the linear range (23.7 mm = 1% frequency error)' in line) == (u > 0.0237)
+            assert ('WARNING: beyond the linear range: at 23.7 mm frequencies are already off by 1%' in line) == (u > 0.0237)
     (quiet, stiff), (loud, _) = told
     assert stiff < quiet < 0.0237 < loud
     record = np.loadtxt(out / f'{NAMES[0]}.csv', delimiter=',', skiprows=1)
@@ -191,7 +191,7 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
     assert main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 2  # what grows takes the particles out of their cells
     shown = capsys.readouterr().err
     assert 'UNSTABLE: the static forces buckle this lattice.' in shown
-    assert 'It needs a foundation of 40000 N/m and has 0 N/m. Lowering force_N does not help' in shown
+    assert 'The lattice needs a foundation of 40000 N/m and has 0 N/m. Lowering force_N does not help' in shown
     assert 'lower force_N' not in shown
     assert 'lower burst.force_N' not in shown
     assert not (tmp_path / 'out').exists()
@@ -252,7 +252,7 @@ def swinging(lines):
      'too far apart for motion at [0-9.]+ Hz: all points have gaps of 0.013 s or more'),
     (lambda a, row: [line for line in swinging(a) if not re.match(r'0\.(0[4-9]|1[0-4])', line)],
      'too far apart for motion at [0-9.]+ Hz: all points have gaps of 0.07 s or more'),
-    (lambda a, row: [re.sub(r',(\d+),', r',a\1,', line) for line in a], 'are missing; known are those of the points'),
+    (lambda a, row: [re.sub(r',(\d+),', r',a\1,', line) for line in a], 'are missing; only those of the points'),
     (lambda a, row: [re.sub(r'(,[^,]*){2}$', ',0,0', line) if k else line for k, line in enumerate(a)], 'at rest throughout'),
     (lambda a, row: a[: 1 + 6 * len(row)], 'at least 8 of each'),
 ])

@@ -22,12 +22,12 @@ SCENES = {
     'prototype': ('prototype', {}, FINE, [
         'Lattice: OK\n', 'Patch: OK\n', 'Stable in the plane, even without a foundation.',
         # 9 (a - 1) f/L0 at K, 6 (a - 1) f/L0 alone, 9 f/L0 for a central force, with a = 4.5824 and f/L0 = 23.6895 N/m
-        'at least 763.8 N/m for upright magnets (509.2 N/m if only one of them can move), 213.2 N/m if forces are along the '
-        'lines between the particles.',
+        'at least 763.8 N/m for upright magnets (509.2 N/m if only one of them can move). For particles whose forces are along '
+        'the lines between them 213.2 N/m is enough.',
         'highest frequency of 149.5 Hz',
         'a cut-off frequency of 26.5507 Hz']),  # sqrt(19.6757 N/m / 0.70698 g)/2 pi
     'chain on springs': ('chain', {}, FINE, [
-        'Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m that it needs.',
+        'Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m needed.',
         'down to a spacing of 0.9564 m']),  # 4 f/L0 = 4e4 s^-5 = 5e4
     'chain on too soft springs': ('chain', {'5e4': '3e4'}, BAD, [
         'Lattice: UNSTABLE (1 problem)', 'buckles in the plane, with the softest mode at q = (0.5, 0, 0)',
@@ -41,7 +41,7 @@ SCENES = {
         'needs a foundation of 4e+04 N/m and has 0 N/m']),
     'kagome just held': ('ideal', {'kind = "triangular"': 'kind = "kagome"',
                                    '[bands]': '[foundation]\nstiffness_N_per_m = 6.06e4\n\n[bands]'}, FINE, [
-        '1 % more than the 6e+04 N/m that it needs']),  # 6 f/L0
+        '1 % more than the 6e+04 N/m needed']),  # 6 f/L0
     'supercell of one cell': ('ideal', {'supercell = [3, 3]': 'supercell = [1, 1]'}, BAD, [
         'Lattice: NOT OK (1 problem)', 'Finite differences would be wrong: the supercell (1, 1, 1) repeats every 1000 mm',
         'give supercell=(3, 3, 1)', 'Stable in the plane']),
@@ -101,7 +101,7 @@ def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
     assert main(['check', '--verbose', str(file)]) == FINE
     said = capsys.readouterr().out
     assert 'Lattice: OK\n' in said
-    assert 'particles, more than 20000, and is not judged separately' in said
+    assert 'particles, more than 20000, and is not checked separately' in said
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -130,7 +130,7 @@ def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
     """And a line on neighbours, for who copies a ready scene that omits them."""
     assert main(['check', 'chain']) == FINE
     short = capsys.readouterr().out
-    assert short.startswith('Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m that it needs.')
+    assert short.startswith('Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m needed.')
     assert short.count('\n') == 1
     assert main(['check', '--verbose', 'chain']) == FINE
     assert capsys.readouterr().out.strip().startswith(short.strip())
@@ -138,7 +138,7 @@ def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
     assert main(['check', str(tmp_path / 'my.toml')]) == FINE
     first, second = capsys.readouterr().out.splitlines()
     assert first == short.strip()
-    assert second.startswith('Nearest neighbours only (shells = 1): the others would shift branch 1 at X by -0.91 %')
+    assert second.startswith('Nearest neighbours only (shells = 1): farther ones would shift branch 1 at X by -0.91 %')
 
 
 def test_faults_are_told_without_being_asked_for(tmp_path, capsys):

@@ -31,7 +31,7 @@ def test_it_leaves_a_build_list_and_goes_on_from_it(tmp_path, capsys):
     assert main(['design', str(file), '-o', str(out)]) == 0
     told = capsys.readouterr().out
     assert 'a design with D0 alone promises' in told
-    assert 'of 60 copies reach 30 dB' in told
+    assert 'copies out of 60 that reach 30 dB' in told
     names = {path.name for path in out.iterdir()}
     assert names >= {'design.csv', 'design.npy', 'design.png', 'design_levels.png', 'design_convergence.png',
                      'design_tolerances.png', 'design_60Hz.gif', 'design_80Hz.gif'}

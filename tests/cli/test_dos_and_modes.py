@@ -121,7 +121,7 @@ def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
         monkeypatch.setattr('magphonon.cli.modes.LOWEST', 8)
         assert main(['modes', '--verbose', str(prototype), '-o', str(tmp_path / 'out')]) == 0
         shown = capsys.readouterr().out
-        assert '2 of them lie outside the bands of the lattice' in shown
+        assert 'outside the bands of the lattice: 2' in shown
         found[most] = [line.split(': ')[1] for line in shown.splitlines() if line.startswith('  mode ')]
     assert found[3000] == found[20]
     assert table(tmp_path / 'out' / 'modes.csv')['mode'].tolist() == list(range(1, 11))
@@ -134,7 +134,7 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch
     chain.write_text(ready_scene('chain').read_text())
     for arguments, words in ((['dos', str(oscillator)], 'use "magphonon frf"'),
                              (['modes', str(oscillator)], 'use "magphonon frf"'),
-                             (['modes', str(chain), '--animate', '1'], 'has no patch, so there are no modes to use'),
+                             (['modes', str(chain), '--animate', '1'], 'has no patch whose modes could be computed'),
                              (['modes', str(prototype), '--animate', '99999'], '--animate must be the number of a mode, 1 to ')):
         assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
         assert words in capsys.readouterr().err

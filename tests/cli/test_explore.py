@@ -21,11 +21,11 @@ def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatc
     assert main(['explore', '--verbose', 'vacancy', '-o', 'new/page.html']) == 0
     told, perfect, neighbours = capsys.readouterr().out.splitlines()
     assert told == 'new/page.html is written; open it in a browser'
-    assert perfect == 'The lattice is perfect: [defects] and [disorder] belong to the patch.'
+    assert perfect == 'This lattice is perfect: [defects] and [disorder] belong to a patch.'
     assert neighbours.startswith('Nearest neighbours only')
     first = (tmp_path / 'new/page.html').read_text(encoding='utf-8')
     assert '<h1>Honeycomb of light and heavy magnets, one of them missing</h1>' in first
-    assert 'The lattice is perfect: [defects] and [disorder] belong to the patch.' in first
+    assert 'This lattice is perfect: [defects] and [disorder] belong to a patch.' in first
     assert 'vacancies_m' in first  # the scene itself
     assert main(['explore', 'measured', '-o', 'new/page.html']) == 0
     assert '<h1>Magnets on pillars, force from a table' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')
@@ -79,12 +79,12 @@ def test_other_files_are_not_replaced(few_values, tmp_path, capsys):
         page.write('my title')
     before = (tmp_path / 'edited.html').read_bytes()
     assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 2
-    assert 'is not an unchanged page of "magphonon explore"' in capsys.readouterr().err
+    assert 'is not a page of "magphonon explore", or was edited' in capsys.readouterr().err
     assert (tmp_path / 'edited.html').read_bytes() == before
     (tmp_path / 'edited.html').unlink()
     (tmp_path / 'mine.html').write_text('<html>my own page</html>')
     os.mkfifo(tmp_path / 'pipe.html')
-    for name, words in (('mine.html', 'is not an unchanged page of "magphonon explore"'),
+    for name, words in (('mine.html', 'is not a page of "magphonon explore", or was edited'),
                         ('pipe.html', 'is not a regular file'), ('mine.toml', 'must be the name of a page, ending in .html'),
                         ('', 'must be the name of a page')):
         assert main(['explore', 'square', '-o', str(tmp_path / name)]) == 2

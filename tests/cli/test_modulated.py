@@ -23,7 +23,7 @@ def test_bands_open_on_one_side(tmp_path, capsys):
     assert main(['bands', '--verbose', str(file), '-o', str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert 'complete: no wave grows' in said
-    assert 'Growing waves fill narrow ranges' in said  # and they are narrower than the steps of a path
+    assert 'Waves grow in narrow ranges' in said  # and they are narrower than the steps of a path
     rows = [*csv.reader((tmp_path / 'out' / 'bands.csv').read_text(encoding='utf-8').splitlines())]
     names, values = rows[0], np.array(rows[1:], float)
     shear = values[:, names.index('complete_1_Hz')]

@@ -31,7 +31,7 @@ def changed(name, **changes):
 def test_shifts_per_branch_are_those_of_all_neighbours(name):
     scene = read_scene(name)
     (line,) = neighbours(scene)
-    assert line.startswith('Nearest neighbours only (shells = 1): the others would shift ')
+    assert line.startswith('Nearest neighbours only (shells = 1): farther ones would shift ')
     cell = scene.perfect_cell()
     every = cell.copy()
     every.calc = AllNeighbours(cell, cell.calc.laws, foundation=cell.calc.foundation)
@@ -48,7 +48,7 @@ def test_shifts_per_branch_are_those_of_all_neighbours(name):
 def test_speeds_feel_neighbours_much_farther_away(shells):
     scene = scene_of(changed('prototype', law__shells=shells))
     (first,), second = neighbours(scene), speeds(scene)
-    assert ('the others would shift no frequency' in first) == (shells is None)
+    assert ('farther ones would shift no frequency' in first) == (shells is None)
     cell = scene.perfect_cell()
     few = sound_speeds(cell)
     cell.calc = AllNeighbours(cell, cell.calc.laws)
@@ -60,13 +60,13 @@ def test_speeds_feel_neighbours_much_farther_away(shells):
 
 
 @pytest.mark.parametrize(('name', 'changes', 'words'), [
-    ('oscillator', {}, None), ('steel', {}, r'the others would shift no frequency at G, M, K by more than 0.1 %\.$'),
+    ('oscillator', {}, None), ('steel', {}, r'farther ones would shift no frequency at G, M, K by more than 0.1 %\.$'),
     ('neighbours', {}, r'^All neighbours count \(shells = "all"\)\.$'),
-    ('prototype', {'law__shells': None}, r'^\d+ shells of neighbours \(shells = "auto"\): the others would shift no frequency'),
+    ('prototype', {'law__shells': None}, r'^\d+ shells of neighbours \(shells = "auto"\): farther ones would shift no frequency'),
     ('wigner', {'law__shells': None}, r'^All neighbours count \(shells = "auto"\)\.$'),
     ('prototype', {'law__shells': 5},
-     r'^5 shells of neighbours \(shells = 5\): the others would shift branch 1 at M .* Omit law.shells'),
-    ('measured', {}, r'if the forces keep falling as at the end of their table\. Measure the force farther away'),
+     r'^5 shells of neighbours \(shells = 5\): farther ones would shift branch 1 at M .* Omit law.shells'),
+    ('measured', {}, r'if the forces keep falling as they do at the end of the table\. Measure the force at larger distances'),
 ])
 def test_what_is_said_of_how_many_count(name, changes, words):
     told = neighbours(scene_of(changed(name, **changes)) if changes else read_scene(name))
@@ -149,10 +149,10 @@ def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path,
     file.write_text(ready_scene(name).read_text().replace('side_m = 0.3 ', 'side_m = 0.05 '))
     main([command, '--verbose', str(file), *where])
     text = capsys.readouterr().out
-    assert 'Nearest neighbours only (shells = 1): the others would shift ' in text or words is None
+    assert 'Nearest neighbours only (shells = 1): farther ones would shift ' in text or words is None
     assert words is None or words in text
     assert ('Omit law.shells' in text) == (command == 'check')
-    assert text.count('the others would shift branch 1 at M') < 2
+    assert text.count('farther ones would shift branch 1 at M') < 2
 
 
 def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
@@ -162,11 +162,11 @@ def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
     for name, warned in (('prototype', False), ('own.toml', True)):  # a ready scene says itself that it omits others
         (tmp_path / 'own.toml').write_text(ready_scene('prototype').read_text())
         assert main(['fit', 'prototype_ridges', '--bands', name if name == 'prototype' else str(tmp_path / name)]) == 0
-        assert ('the others would shift branch 1 at the ridges' in capsys.readouterr().out) == warned
+        assert ('farther ones would shift branch 1 at the ridges' in capsys.readouterr().out) == warned
 
 
 def test_a_sweep_says_it_of_the_scene(tmp_path, capsys):
     assert main(['sweep', '--verbose', 'prototype', '--over', 'lattice.spacing_m=0.009,0.01', '--ask', 'bands.M.1',
                  '--executor', 'here', '-o', str(tmp_path)]) == 0
-    told = 'At the values of the scene itself: Nearest neighbours only (shells = 1): the others would shift branch 1 at M'
+    told = 'At the values of the scene itself: Nearest neighbours only (shells = 1): farther ones would shift branch 1 at M'
     assert told in capsys.readouterr().out

@@ -320,7 +320,7 @@ def test_links_put_into_the_place_of_results_take_nothing_of_a_user(which, tmp_p
         else:
             (stage / 'bands.csv').symlink_to(mine / 'thesis.txt')
 
-    with pytest.raises(ValueError, match='was made a link by another program'), results(options, read_scene(scene)) as stage:
+    with pytest.raises(ValueError, match='another program replaced'), results(options, read_scene(scene)) as stage:
         planted(stage)
     assert contents(mine) == {'thesis.txt': b'thesis'}
 

@@ -57,7 +57,7 @@ def test_tolerances_too_wide_for_a_ribbon_are_called_so(tmp_path, capsys):
     text = ready_scene('chain').read_text().replace('5e4', '4.2e4') + '\n[uncertainty]\nspacing_percent = 3.0\n'
     assert main(['uncertainty', '--verbose', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
-    assert 'too wide for the linear propagation' in shown
+    assert 'too wide for a propagation to first order' in shown
     # k < 4 f/L0 ~ L0^-5: L0 below 0.9903, a third of a normal distribution of 3 %
     share = float(shown.partition('UNSTABLE: ')[2].split()[0])
     assert share == pytest.approx(37, abs=5)  # 1000 samples: 1.5

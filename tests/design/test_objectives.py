@@ -255,7 +255,7 @@ def test_wrong_numbers_are_refused(what):
 def test_of_a_finite_structure_no_bands_and_of_held_sites_no_modes():
     atoms = relaxed(patch(4)).atoms
     held, system = int(atoms.constraints[0].index[0]), LinearSystem.of(atoms)
-    for one, words in ((BandEdge([(0.1, 0.2, 0)], 2), 'this structure is finite'), (LocalMode(held), 'can move'),
+    for one, words in ((BandEdge([(0.1, 0.2, 0)], 2), 'this structure is finite'), (LocalMode(held), 'moves in no mode'),
                        (Level(Dof(999, np.ones(3)), Dof(999, np.ones(3)), 0.5, 0.01), 'there is no particle 999')):
         with pytest.raises(ValueError, match=words):
             one.value(system)

@@ -94,5 +94,5 @@ def test_one_table_says_what_is_true():
     assert abs(found.nearest - found.value) > 1
     assert len(found.scattered) == 5
     words = found.table('dB', goal=-100.0)
-    assert 'of 5 copies reach -100 dB' in words
+    assert 'copies out of 5 that reach -100 dB' in words
     assert words.splitlines()[-1].split()[-1] == '5'

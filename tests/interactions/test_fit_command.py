@@ -81,9 +81,9 @@ def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
     assert 'Assumed beforehand: the zero of the distances is known to 0.2 mm' in said
     assert 'Causes of the uncertainty of the slope, as shares of its variance: zero of distance' in said
     assert 'measure the zero of the distances to 0.02 mm: the slope df/dr would then be known to' in said
-    assert '8 to 15 mm do not decide between the laws' in said
+    assert '8 to 15 mm do not determine the kind of law' in said
     assert main(['fit', '--verbose', str(SYNTHETIC), '--magnet', 'disc']) == 0
-    assert 'The shape of disc has the weight' in capsys.readouterr().out
+    assert 'The shape of disc, rather than a free curve, has the probability' in capsys.readouterr().out
     rows = table_of(R, repulsion(LAW, R), 'r_mm,f_N')
     slack = rows.replace('\n', ',approach\n').replace('f_N,approach', 'f_N,direction') + ''.join(
         f'{r!r},{f + 0.016!r},return\n' for r, f in zip(R.tolist(), repulsion(LAW, R).tolist(), strict=True))
@@ -109,7 +109,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['# a comment', 'r_m,f_N', *GOOD, '0.02'], 'line 11 of '),
     (['r_m,f_N', '0,1', *GOOD], 'is 0 m in line 2: the particles touch at 0.00635 m; give distances of the centres'),
     (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], '0 N in line 5, 0 N in line 6 and 3 more: leave the column out'),
-    (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, and is 0.005 m in line 2: the particles touch at 0.00635 m; '
+    (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, but is 0.005 m in line 2: the particles touch at 0.00635 m; '
                                     'give distances of the centres'),
     (['r_m,f_N', *(f'{0.01 * k},{0.01 * k}' for k in range(1, 9))], 'the forces need not fall with the distance'),
     (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, but repulsion counts as positive'),
@@ -125,7 +125,7 @@ def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
 @pytest.mark.parametrize(('options', 'message'), [
     (['--spacing', '-1'], '--spacing must be a positive number in mm, not -1000'),
     (['--spacing', '10 parsec'], 'not a number with one of the units m, mm'),
-    (['--pair-sigma', '3'], "--pair-sigma: '3' is not from 0 up to 1; write 3 percent as 0.03 or 3%"),
+    (['--pair-sigma', '3'], "--pair-sigma: must be at least 0 and below 1, not '3'; write 3 percent as 0.03 or 3%"),
     (['--distance-sigma=-0.1mm'], 'distance must be a zero or positive number in mm, not -0.1'),
     (['--magnet', 'prototype'], 'the law of prototype is inverse_power; name a scene whose law is that of magnets'),
     (['--spacing', '0.03'], 'the spacing 0.03 m is a factor 2 beyond the data, 0.008 to 0.015 m'),

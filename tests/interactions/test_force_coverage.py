@@ -148,7 +148,7 @@ def test_bands_from_measured_forces(tmp_path):
         try:
             spread, few = predicted(tmp_path, lattice, fit, springs)
         except ValueError as error:  # far out a curve through noise need not fall, and the scene says so
-            if 'check its last points' not in str(error):
+            if 'check the last points' not in str(error):
                 raise
             print(f'{kind}, {lattice}, table to {fit.law.r[-1]:.0f} mm: refused')
             continue

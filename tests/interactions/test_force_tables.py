@@ -40,7 +40,7 @@ def test_all_faults_of_a_table_are_said_in_one_go(tmp_path, capsys):
     text = 'r_mm,f_N,sigma_N\n8,1,0.1\n9,-1e13,0.1\n10,0.2,0\n-11,0.1,0.1\n'
     assert main(['fit', write(tmp_path, text)]) == 2
     said = capsys.readouterr().err
-    for words in ('r_mm must lie between 1e-12 and 1e+06 m, and is -0.011 m in line 5', 'f_N must', 'line 3', 'sigma_N must',
+    for words in ('r_mm must lie between 1e-12 and 1e+06 m, but is -0.011 m in line 5', 'f_N must', 'line 3', 'sigma_N must',
                   'line 4'):
         assert words in said
 

@@ -24,8 +24,8 @@ def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
     assert sorted(file.name for file in (tmp_path / 'out').iterdir()) == files
     text = capsys.readouterr().out
     assert '<- recommended' in text
-    assert text.startswith('Frequency of the highest peak: the complete linear model is enough (a closed form), with an error '
-                           'of at most 0.0012 %.')
+    assert text.startswith('Frequency of the highest peak: the complete linear model is enough (a closed form); its error '
+                           'is at most 0.0012 %.')
     if name == 'oscillator':  # its stiffness: 4 f/L0 of the lower magnet, f/8L0 of each outer one, with f = 1e4 N, L0 = 1 m, 1 kg
         f, amplitude, _ = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1).T
         w = 2 * np.pi * f

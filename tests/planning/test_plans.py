@@ -54,7 +54,7 @@ def test_the_simplest_method_that_is_surely_good_enough_is_taken():
     methods = tuple(Method(*given) for given in (('poor', '', 0.5), ('doubtful', '', 0.009, 0.5), ('good', '', 0.009, 0.1),
                                                  ('better', '', 0.0)))
     assert Plan('it', 'itself', 0.01, methods, ()).choice.name == 'good'
-    with pytest.raises(ValueError, match=r'no model here gives it to 0.1 %: .* off by 0.9 %; allow more'):
+    with pytest.raises(ValueError, match=r'it: no model here reaches an error of 0.1 %; .* an error of 0.9 %; allow a larger'):
         _ = Plan('it', 'itself', 0.001, methods[:3], ()).choice
 
 

@@ -383,7 +383,7 @@ def test_ridges_stand_on_the_chart_where_symmetry_puts_them(opened, tmp_path):
     file.write_text('x,y\n1,2\n')
     page.set_input_files('#file', str(file))
     page.wait_for_function('() => element("told").textContent.includes("not drawn")')
-    assert 'no table of ridges with the columns q1, q2 and frequency_Hz' in page.inner_text('#told')
+    assert 'it has no rows with the columns q1, q2 and frequency_Hz' in page.inner_text('#told')
 
 
 def test_a_picture_is_saved_and_the_zone_shows_the_wavevector(opened, tmp_path):

@@ -89,7 +89,7 @@ def test_ratio_map():
 
 
 def test_a_branch_without_any_ratio_is_refused():
-    with pytest.raises(ValueError, match=r'branch 1 of 4 is nowhere stable in both models.* add a foundation'):
+    with pytest.raises(ValueError, match=r'at no wavevector is branch 1 of 4 stable in both models.* add a foundation'):
         plot_ratio(*maps_of(ideal(lattices.honeycomb)), 0)
     with pytest.raises(ValueError, match='branch must be 0 to 1, not 2'):
         plot_ratio(*maps_of(ideal()), 2)

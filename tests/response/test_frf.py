@@ -63,7 +63,7 @@ def test_oscillator_on_its_vertical_line_is_the_closed_form(k):
     ({'force': push((np.nan, 0))}, r'force\[3, 0\] is nan'),
     ({'omega': [np.inf]}, r'omega\[0\] is inf'),
     ({'damping': -1.0}, 'damping must be a zero or positive number in 1/ms, not -1.0'),
-    ({'damping': [1.0, 2.0]}, r'one number or one for each of the 4 particles, not \(2,\)'),
+    ({'damping': [1.0, 2.0]}, r'one number or one for each of the 4 particles, not the shape \(2,\)'),
     ({'atoms': free_magnet(0.0, FixCom())}, 'only FixAtoms, FixedLine and FixedPlane are supported'),
 ])
 def test_impossible_requests_are_refused(change, message):
@@ -162,7 +162,8 @@ def test_comparing_two_windows_takes_slow_change_for_none():
 
 
 @pytest.mark.parametrize(('windows', 'decay', 'message'), [
-    (2, 0.5, 'at least 3 windows, not 2'), (3, 1.0, 'without damping there is no steady state'), (3, np.nan, 'between 0 and 1')])
+    (2, 0.5, 'at least 3 windows are needed to recognise a steady state, not 2'),
+    (3, 1.0, 'without damping there is no steady state'), (3, np.nan, 'between 0 and 1')])
 def test_steady_state_needs_windows_and_damping(windows, decay, message):
     with pytest.raises(ValueError, match=message):
         remaining_transient(np.ones(windows), decay)

@@ -232,7 +232,7 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
     for sources, biased in (((), True), (('point', 'point'), True), (('point', 'row'), True), (('row', 'row'), False)):
         told = said(replace(points, sources=sources))
         assert ('The values are biased and their intervals wide: the waves come from a point source' in told) == biased
-        assert ('0.2 bins (' in told) == biased
+        assert ('0.2 bins for the ' in told) == biased
     assert 'no column motion' not in told
     assert 'The table has no column motion: which branch' in said(replace(points, motions=('', '')))
 

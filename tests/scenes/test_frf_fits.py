@@ -224,7 +224,7 @@ def test_files(tmp_path, exact):
     assert_allclose(found.answer, [10.0, 0.0, np.pi / 2 + np.pi])
     for text, told in (('frequency_Hz,re_m_per_N\n1,2\n', 'holds neither transfer functions nor records'),
                        ('frequency_Hz,re_m_per_N,im_mm_per_N\n1,2,3\n', 'must have the same unit'),
-                       ('frequency_Hz,re_m_per_N,im_m_per_N\n1,2,3\n1,2,3\n', 'each once')):
+                       ('frequency_Hz,re_m_per_N,im_m_per_N\n1,2,3\n1,2,3\n', 'each only once')):
         (tmp_path / 'bad.csv').write_text(text)
         with pytest.raises(ValueError, match=told):
             read_transfer(tmp_path / 'bad.csv')

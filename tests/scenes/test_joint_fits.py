@@ -138,7 +138,7 @@ def test_transfer_functions_join(tmp_path):
     table, *others = joint.records
     wrong = replace(table, estimate=table.estimate + 0.3 * np.eye(len(joint.x))[0])
     first, *_ = Joint(joint.names, told([wrong, *others])[1], (wrong, *others)).pulls()
-    assert (first.record, first.fault) == ('table', 'the gain, or a pair unlike the mean')
+    assert (first.record, first.fault) == ('table', 'the gain (or the strength of the pair)')
     assert found.laws['an inverse power'] > 0.5
     assert found.one_spring < 0.1  # 20 and 24 N/m, each known to 2 %
     softer = np.log(found.values()['foundation_x'][0] / found.values()['foundation_y'][0])
@@ -307,7 +307,7 @@ def test_files_are_recognised_by_what_they_hold(tmp_path, capsys):
     assert main(['fit', '--verbose', lab, b, a, '--pair-sigma', '0.02', '--distance-sigma', '0.1mm',
                  '-o', str(tmp_path / 'out')]) == 0
     told = capsys.readouterr().out
-    assert 'gain, or a pair unlike the mean would have to be off' in told
+    assert 'gain (or the strength of the pair) would have to be off' in told
     assert 'D*: all records together are evidence of' in told
     assert told.count(' instead of ') == 3
     assert (tmp_path / 'out' / 'joint_fit.txt').read_text() in told + '\n'
@@ -319,4 +319,4 @@ def test_files_are_recognised_by_what_they_hold(tmp_path, capsys):
     assert "the scene 'lab' has no table [frf]" in capsys.readouterr().err
     (tmp_path / 'c.csv').write_text('colour,size\nred,2\n')
     assert main(['fit', lab, a, str(tmp_path / 'c.csv')]) != 0
-    assert 'c.csv is not a known kind of record' in capsys.readouterr().err
+    assert 'c.csv is no kind of record that can be read' in capsys.readouterr().err

@@ -64,7 +64,7 @@ def test_commands_run_on_what_was_written(tmp_path, capsys):
     assert main(['bands', '--verbose', scene, '-o', str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert 'particles from mine.traj' in said
-    assert 'phonopy differs from complete' in said
+    assert 'squared frequencies by phonopy and of the complete model differ' in said
     assert (tmp_path / 'out' / 'mine.traj').read_bytes() == (tmp_path / 'mine.traj').read_bytes()  # a copy that runs
     assert main(['bands', '--verbose', str(tmp_path / 'out' / 'scene.toml'), '-o', str(tmp_path / 'again')]) == 0
     assert ((tmp_path / 'out' / 'bands_complete.npz').read_bytes() == (tmp_path / 'again' / 'bands_complete.npz').read_bytes())
@@ -287,7 +287,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     held = lattices.triangular(10.0, 0.7).repeat((2, 1, 1))
     held.set_constraint(FixAtoms([0]))
     ase.io.write(tmp_path / 'held.traj', held)
-    with pytest.raises(ValueError, match=r'the cell in held\.traj holds particles'):
+    with pytest.raises(ValueError, match=r'the cell in held\.traj has held particles'):
         scene({'file': 'held.traj'}, patch={'kind': 'parallelogram', 'cells_1': 9, 'cells_2': 9})
 
 
@@ -344,7 +344,7 @@ def test_another_kind_in_a_lattice():
     ({'laws_of_kinds': [WEAK | {'kinds': [0]}]}, r'must be two kinds of particles, as \[0, 1\], not \[0\]'),
     ({'laws_of_kinds': [WEAK | {'law': LAW | {'shells': 2}}]}, 'shells must be one number, the same in every law, not 2'),
     ({'laws_of_kinds': [WEAK], 'uncertainty': {'mass_percent': 1.0}}, 'it supports only one law for all particles'),
-    ({'laws_of_kinds': [WEAK], 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}}, 'marks its rim by tags'),
+    ({'laws_of_kinds': [WEAK], 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}}, 'uses tags to mark its rim'),
     ({'laws_of_kinds': WEAK}, 'must be a list in brackets'),
 ])
 def test_unsuitable_laws_of_kinds_are_refused(changes, message):

@@ -46,5 +46,5 @@ def test_a_trap_is_for_a_finite_structure_without_foundation(old, new, tmp_path)
 
 def test_a_trap_in_space_is_refused_in_words_of_the_trap(tmp_path):
     (tmp_path / 'three.csv').write_text('x_m,y_m,z_m\n0,0,0\n1e-5,0,0\n0,1e-5,1e-5\n')
-    with pytest.raises(ValueError, match='trap: it acts in a plane, and the particles of the file stand at different heights'):
+    with pytest.raises(ValueError, match='trap: it acts in a plane, but the particles of the file stand at different heights'):
         trapped(tmp_path, 'penning.csv', 'three.csv').atoms()

@@ -65,8 +65,8 @@ def test_what_is_not_judged_is_said(monkeypatch):
     assert judged.buckling.spacing is None if held is None else judged.buckling.spacing == pytest.approx(10.0 * held)
     monkeypatch.setattr(verdicts, 'SPACED', size - 1)
     judged = verdict(patch)
-    assert judged.unjudged == ('the spacing at which they buckle',)
-    assert 'Not computed for so many particles: the spacing at which they buckle.' in str(judged)
+    assert judged.unjudged == ('the spacing at which the structure buckles',)
+    assert 'Not computed for so many particles: the spacing at which the structure buckles.' in str(judged)
     assert judged.buckling.spacing is None
     small = lattices.hexagon(lattices.triangular(10.0, 1.0), 30.0)
     small.calc = MagneticRepulsion(small, InversePower(1e3, 4.0), foundation=1.0)

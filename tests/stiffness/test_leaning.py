@@ -143,7 +143,7 @@ def test_check_says_what_leaning_does(capsys, tmp_path):
     assert 'Pillars lean' not in told['lean'] + told['thick']
     assert 'cut-off frequency of 26.0668 Hz' in told['lean']
     assert main(['explore', str(tmp_path / 'lean.toml'), '-o', str(tmp_path / 'page.html')]) == 2
-    assert 'the explorer does not compute; leave lean out' in capsys.readouterr().err
+    assert 'the explorer does not compute; omit lean' in capsys.readouterr().err
 
 
 def test_other_laws_keep_their_range():

@@ -85,7 +85,7 @@ def test_a_drawn_scan_has_its_ridge_on_the_true_branch(seed, tmp_path):
     scan, (wave, *_) = scanned(d, tmp_path, d.rows({f'u_x_{unit}': d.across[0] * u, f'u_y_{unit}': d.across[1] * u},
                                                    [f'P{k:03d}' for k in d.rng.permutation(len(d.n))], time, unit, place))
     assert len(scan.names) == len(d.n) - 1
-    assert 'do not move (dead): points P' in scan.notes[0]
+    assert 'do not move (dead): P' in scan.notes[0]
     assert wave.motion == ('transverse', 'longitudinal')[d.mode]
     right, wrong = d.held(wave)
     assert len(wave.ridge.xi) >= 5
@@ -191,7 +191,7 @@ def test_scattered_missing_samples_are_filled_in(step_ms, noise, tmp_path):
     rows = [f'{t[i, 0]},{10 * k},{u[i, k]:.9g}' for i in range(len(t)) for k in n if not gone[i, k]]
     (tmp_path / 'scan.csv').write_text('\n'.join(['time_ms,x_mm,u_um', *rows]))
     scan = read_scan(tmp_path / 'scan.csv')
-    assert re.search(r'left out, because too many of their samples are missing: points \(50 mm, 0 mm\)', scan.notes[0])
+    assert re.search(r'points left out because too many of their samples are missing: \(50 mm, 0 mm\)', scan.notes[0])
     assert re.search(r'\d+ missing samples of \d+ points are interpolated, .* error of up to [\d.]+ %', scan.notes[1])
     kept, lacking = np.delete(truth, 5, axis=1), np.delete(gone, 5, axis=1)
     off = 1e3 * scan.motions[''] - kept
@@ -414,7 +414,7 @@ def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
     assert main([*words, '--geometry', str(tmp_path / 'points.csv')]) == 0
     shown = capsys.readouterr().out
     assert 'scan.csv: 17 points on 20 places of the row, 400 frames\nvelocities were integrated over time' in shown
-    assert 'scan, measured motion: agrees with complete shear (0.0' in shown
+    assert 'scan, measured motion: agrees with the complete shear branch (0.0' in shown
     assert (tmp_path / 'out' / 'spectrum_scan_measured.png').exists()
 
 

@@ -222,10 +222,10 @@ def test_longitudinal_waves_are_no_evidence_and_a_ridge_on_both_models_tells_non
     assert longitudinal not in report({'x': shear})
     both = replace(wave, ridge=replace(wave.ridge, sigma_omega=wave.ridge.sigma_omega + 0.02))
     assert {model for model, _ in both.agrees_with} == {'complete', 'conventional'}  # 0.3 bins apart at xi = 1
-    words = 'it does not distinguish the models'
+    words = 'and does not distinguish the models'
     assert [words in report({'x': [one]}) for one in (both, *shear)] == [True, False]
-    assert re.search(r'agrees with longitudinal of both models \(0.0\d and 0.\d\d bins\): it does', report({'x': [both]}))
-    assert 'conventional longitudinal (' not in report({'x': [both]})
+    assert re.search(r'agrees with the longitudinal branch of both models \(0.0\d and 0.\d\d bins\), and', report({'x': [both]}))
+    assert 'conventional longitudinal branch (' not in report({'x': [both]})
     # in an exact row 0.3 bins tell the models apart, but not where the law of the scene is some percent off, as ever
     assert (wave.misfits['complete', 'longitudinal'].agrees, wave.misfits['conventional', 'longitudinal'].agrees) == (True, False)
     assert words in report({'x': [wave]})
@@ -242,16 +242,16 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     table = report({'quiet': noise, 'loud': wave}).splitlines()
     assert '1 bin = 2 pi/40 = 0.1571 rad per step; the row has 40 sites' in table[1]
     assert {tuple(line.split()[4:]) for line in table[5:7]} == {('0', *5 * '-')}
-    assert table[-1].startswith('No ridge found (0 points)')
-    assert 'loud, transverse motion: agrees with complete shear (0.0' in table[-3]
-    assert 'No ridge found' not in report({'loud': wave})
-    assert 'are times in seconds' not in report({'loud': wave})
+    assert table[-1].startswith('Where no ridge was found (0 points)')
+    assert 'loud, transverse motion: agrees with the complete shear branch (0.0' in table[-3]
+    assert 'no ridge was found' not in report({'loud': wave})
+    assert 'are the times in seconds' not in report({'loud': wave})
     record = travelling(1, 0, ideal)
     in_ms = report({'in ms': waves(replace(record, times=1e3 * record.times), ideal, 'row')})
-    assert 'are times in seconds' in in_ms
+    assert 'are the times in seconds' in in_ms
     assert 'in ms, transverse motion: agrees with no branch; the nearest is' in in_ms
     # 141.42 rad/s sin(1/2) / 2 pi = 10.79 Hz, to half a frequency line of 1.25 Hz; conventional longitudinal ends at 77.97 Hz
-    moves = re.search(r'in ms moves at (0.01[01][0-9]*) Hz and the branches reach up to 78 Hz: are its times in mill', in_ms)
+    moves = re.search(r'in ms moves at (0.01[01][0-9]*) Hz and the branches reach up to 78 Hz: is its column time_s in', in_ms)
     assert float(moves[1]) == pytest.approx(0.01079, abs=0.0007)
     assert 'milliseconds' not in report({'loud': wave, 'quiet': noise})
     assert table[7].split()[:5] == ['loud', 'transverse', '0.0', 'dB', str(len(wave[0].ridge.xi))]

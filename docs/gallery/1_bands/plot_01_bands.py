@@ -2,7 +2,8 @@
 Bands with and without D*
 =========================
 
-The dispersion relation of the published prototype: from the complete model, from springs alone, and from phonopy.
+The picture shows the dispersion relation of the published prototype: from the complete model, from springs alone, and from
+phonopy.
 """
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands, plot_bands, read_scene

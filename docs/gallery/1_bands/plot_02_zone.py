@@ -2,7 +2,7 @@
 Lattice, zone and path
 ======================
 
-A cell with its primitive vectors, and its first Brillouin zone with the path of the bands.
+The picture shows a cell with its primitive vectors, and its first Brillouin zone with the path of the bands.
 """
 
 from magphonon import read_scene

@@ -2,7 +2,7 @@
 Where D* matters
 ================
 
-The frequency of the lowest branch (here the shear branch) with D*, divided by that without D*, over the whole zone.
+The map shows the frequency of the lowest branch (here the shear branch) with D*, divided by that without D*, in the whole zone.
 """
 
 from magphonon import read_scene

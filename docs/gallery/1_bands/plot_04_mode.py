@@ -2,7 +2,7 @@
 A mode
 ======
 
-How the magnets move in the shear mode at M, the middle of an edge of the zone.
+The picture shows how the magnets move in the shear mode at M, the middle of an edge of the zone.
 """
 
 from magphonon import analytic_bands, plot_mode, read_scene

@@ -2,7 +2,7 @@
 How many neighbours?
 ====================
 
-How distant magnets change the bands, which are computed with one, two and twelve shells of neighbours.
+Distant magnets change the bands, which are computed here with one, two and twelve shells of neighbours.
 """
 
 from magphonon import MagneticRepulsion, analytic_bands, plot_bands, read_scene

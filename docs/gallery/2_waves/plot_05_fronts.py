@@ -2,8 +2,8 @@
 Wave fronts
 ===========
 
-The same push in both models, at the same time: springs alone (conventional), and with the static forces (complete). No time steps
-are needed.
+The two panels show the same push at the same time: with springs alone (conventional), and with the static forces (complete). No
+time steps are needed.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 The ridge of a burst
 ====================
 
-What a vibrometer sees of a burst along a row, over wavenumber and frequency: a ridge, on one of the branches.
+A vibrometer measures a burst along a row. In the map of wavenumber and frequency the burst is a ridge on one of the branches.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 Density of states
 =================
 
-How many modes there are at each frequency: in the infinite lattice, and in a patch of 6000 magnets, estimated from random
-vectors.
+The curves show how many modes there are at each frequency: in the infinite lattice, and in a patch of 6000 magnets, estimated
+from random vectors.
 """
 
 from magphonon import MagneticRepulsion, lattices, read_scene, units as u

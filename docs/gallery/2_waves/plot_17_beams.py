@@ -2,7 +2,8 @@
 Where energy goes
 =================
 
-Contours of equal frequency of the shear branch: energy flows at right angles to them, so where they are flat, it flows in beams.
+The lines are contours of equal frequency of the shear branch. Energy flows at right angles to them, so where they are flat, it
+flows in beams.
 """
 
 from magphonon import read_scene, units as u

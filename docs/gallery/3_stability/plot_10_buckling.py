@@ -2,7 +2,7 @@
 When a lattice buckles
 ======================
 
-How stiff a foundation the triangular, the square and the kagome lattice need, as a function of the exponent of the force between
+The triangular, the square and the kagome lattice need a foundation whose stiffness depends on the exponent of the force between
 the magnets.
 """
 

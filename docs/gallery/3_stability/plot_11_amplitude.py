@@ -2,7 +2,7 @@
 How far a lattice is linear
 ===========================
 
-The amplitude up to which frequencies stay within 1 % of the linear ones, as a function of the exponent of the force.
+Frequencies stay within 1 % of the linear ones up to an amplitude that depends on the exponent of the force.
 """
 
 import numpy as np

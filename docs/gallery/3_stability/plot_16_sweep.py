@@ -2,8 +2,8 @@
 A map over two parameters
 =========================
 
-The shear frequency at M as a function of the exponent of the law and the height of the pillars. The force between neighbours is
-kept the same.
+The map shows the shear frequency at M as a function of the exponent of the law and the height of the pillars. The
+force between neighbours is kept the same.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 A law from measured forces
 ==========================
 
-A table of forces, as a load cell gives it, and the law that is fitted to it, with the interval of the force at 10 mm.
+A law is fitted to a table of forces, as a load cell gives it. The picture also shows the interval of the force at 10 mm.
 """
 
 from importlib.resources import files

@@ -2,7 +2,7 @@
 A lattice from measured ridges
 ==============================
 
-Points of the bands, as a laser vibrometer finds them, fitted with D* and without.  The residuals say which model is right.
+Points of the bands, as a laser vibrometer finds them, are fitted with D* and without.  The residuals say which model is right.
 """
 
 from importlib.resources import files

@@ -2,7 +2,7 @@
 Bands with their uncertainty
 ============================
 
-Tolerances of force, exponent, foundation and mass turn each branch into a ribbon of plus and minus two standard deviations.
+Tolerances of force, exponent and mass turn each branch into a ribbon of plus and minus two standard deviations.
 """
 
 import numpy as np

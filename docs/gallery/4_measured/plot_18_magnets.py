@@ -2,7 +2,7 @@
 Force between ring magnets
 ==========================
 
-The force computed from the size and the remanence in a datasheet, and the dipole law that it approaches at large distances.
+The force is computed from the size and the remanence in a datasheet. At large distances it approaches the law of dipoles.
 """
 
 import numpy as np

@@ -2,9 +2,9 @@
 When an ion chain turns zigzag
 ==============================
 
-Transverse waves of a chain of charges with spacing a, in a trap of stiffness k.  According to Fishman et al. (arXiv:0710.1831)
-the chain turns zigzag where k falls below 7 zeta(3)/2 = 4.207, in units of Q^2/a^3.  This is due to D* alone: with D0 only, the
-transverse motions of the ions are not coupled.
+The curves show transverse waves of a chain of charges with spacing a, in a trap of stiffness k.  According to
+Fishman et al. (arXiv:0710.1831) the chain turns zigzag where k falls below 7 zeta(3)/2 = 4.207, in units of Q^2/a^3.  This is due
+to D* alone: with D0 only, the transverse motions of the ions are not coupled.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 Ions in a Penning trap
 ======================
 
-Nineteen ions in a trap (one anchor for all) and a magnetic field (gyration).  Dashed: two known frequencies along the axis,
-omega^2 = kz if all ions move together, kz - k if their plane tilts (Wang et al., arXiv:1211.2842).
+Nineteen ions are held by a trap (one anchor for all) and a magnetic field (gyration).  The dashed lines are two known frequencies
+along the axis: omega^2 = kz if all ions move together, and kz - k if their plane tilts (Wang et al., arXiv:1211.2842).
 """
 
 from itertools import combinations

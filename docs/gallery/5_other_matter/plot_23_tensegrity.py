@@ -2,7 +2,7 @@
 A tensegrity prism
 ==================
 
-Three struts and nine cables, which the scene `prism` lists.  With j = 6 joints, b = 12 members and s = 1 state of self-stress,
+The scene `prism` lists three struts and nine cables.  With j = 6 joints, b = 12 members and s = 1 state of self-stress,
 the rule of Calladine (1978) gives 3 j - 6 - b + s = 1 mechanism, so with D0 alone seven modes cost no energy.  Self-stress
 stiffens the mechanism, and only the six rigid motions of the whole body remain.
 """

@@ -3,8 +3,8 @@ A net stiff by its tension
 ==========================
 
 A honeycomb of springs has three bonds at each node, fewer than the four that make a plane structure stiff.  With D0 alone its
-shear modulus is zero, as in issue 4 of RigidPy on GitHub.  When it is stretched, D* makes it stiff.  Circles: the closed form, in
-which the two sublattices may shift against each other until their forces balance.
+shear modulus is zero, as in issue 4 of RigidPy on GitHub.  When it is stretched, D* makes it stiff.  Circles show the closed
+form, in which the two sublattices may shift against each other until their forces balance.
 """
 
 import numpy as np

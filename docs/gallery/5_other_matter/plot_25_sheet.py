@@ -2,8 +2,8 @@
 A sheet of argon under strain
 =============================
 
-One layer of argon; `split` turns ASE's Lennard-Jones calculator into D0 and D*.  D* makes the transverse wave at M slower in
-compression and faster in tension, by 14 % at a strain of 6 %.  Circles: from the forces of ASE's calculator in a frozen wave.
+For one layer of argon, `split` turns ASE's Lennard-Jones calculator into D0 and D*.  D* makes the transverse wave at M slower in
+compression and faster in tension, by 14 % at a strain of 6 %.  Circles use the forces of ASE's calculator in a frozen wave.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 A cable net
 ===========
 
-D* alone makes a cable net stiff out of its plane.  Circles: omega^2 = 4 T/(m L) (sin^2 (i pi/2 N) + sin^2 (j pi/2 N)).
+D* alone makes a cable net stiff out of its plane.  Circles show omega^2 = 4 T/(m L) (sin^2 (i pi/2 N) + sin^2 (j pi/2 N)).
 """
 
 import numpy as np

@@ -179,7 +179,7 @@ class BurstView {
   /** Push a particle, or take it out; where one was taken out, put it back. */
   act(p, place) {
     if (this.tool === 'push') {
-      if (this.patch.held[p]) return this.tell('The rim is held; push a particle inside.');
+      if (this.patch.held[p]) return this.tell('The rim is held; push a particle inside it.');
       this.source = this.patch.keys[p];
       this.restart();
       return this.tell('');
@@ -187,17 +187,17 @@ class BurstView {
     const back = place && [...this.gone].find(key => this.gonePlaces.get(key).every((c, k) => Math.abs(c - place[k]) < 0.5));
     const before = new Set(this.gone);
     if (back) this.gone.delete(back);
-    else if (this.patch.held[p]) return this.tell('The rim is held; remove a particle inside.');
+    else if (this.patch.held[p]) return this.tell('The rim is held; remove a particle inside it.');
     else {
       this.gonePlaces ??= new Map();
       this.gonePlaces.set(this.patch.keys[p], [this.patch.x[p], this.patch.y[p]]);
       this.gone.add(this.patch.keys[p]);
     }
-    if (this.rebuild()) return this.tell(this.gone.size ? `${this.gone.size} removed; the others have moved to their new rest.` : '');
+    if (this.rebuild()) return this.tell(this.gone.size ? `${this.gone.size} removed; the others have moved to new rest positions.` : '');
     const enough = this.foundationWithout(this.gone);
     this.gone = before;
     this.rebuild();
-    return this.tell(`Without this particle the lattice buckles; ${enough ? `on a foundation of ${written(enough, 3)}\u202fN/m it would stand.`
+    return this.tell(`Without this particle the lattice buckles; ${enough ? `on a foundation of ${written(enough, 3)}\u202fN/m it would be stable.`
       : 'give it a stiffer foundation first.'}`);
   }
 
@@ -275,7 +275,7 @@ class BurstView {
     if (this.rebuild()) return;
     this.gone.clear();
     this.rebuild();
-    this.tell('With holes this lattice buckles; they are filled again.');
+    this.tell('Without the removed particles this lattice buckles; they are back in place.');
   }
 
   /** Called for each picture of the browser, with the time that passed in s. */

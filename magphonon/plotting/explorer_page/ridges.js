@@ -8,7 +8,7 @@ function readRidges(text) {
   const [header, ...rows] = lines.map(line => line.match(new RegExp(`("[^"]*"|[^${comma}])*${comma}?`, 'g'))
     .map(cell => cell.replace(comma, '').trim()));
   const columns = ['q1', 'q2', 'frequency_Hz'].map(name => (header ?? []).indexOf(name));
-  if (columns.includes(-1) || !rows.length) throw new Error('no table of ridges with the columns q1, q2 and frequency_Hz');
+  if (columns.includes(-1) || !rows.length) throw new Error('it has no rows with the columns q1, q2 and frequency_Hz');
   const points = rows.map(row => columns.map(k => Number((row[k] || 'none').replace(',', '.'))));
   const bad = points.findIndex(point => !point.every(Number.isFinite));
   if (bad >= 0) throw new Error(`row ${bad + 1} below the header holds no numbers q1, q2 and frequency_Hz`);
