@@ -89,7 +89,7 @@ class Findings(dict[str, Judge]):
         return Finding(words=found if isinstance(found, str) else '\n'.join(found or ()))
 
     def lines(self, case: Any, verbose: bool = True) -> list[str]:
-        """The words of all functions that have something to say about a case; if not `verbose`, the remarks are left out."""
+        """The words of all functions that have something to say about a case; without `verbose`, of the answer and of checks."""
         return [found.words for found in self.asked(case, verbose).values() if found.words]
 
     def asked(self, case: Any, verbose: bool = False) -> dict[str, Finding]:

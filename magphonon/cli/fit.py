@@ -1,15 +1,19 @@
 """`magphonon fit FILE.csv`: the force between two particles and its slope from a table, or the lattice from measured ridges.
 
-Some errors are shared by all rows of a table: the zeros of the distance and of the force, hysteresis, backlash, the gain of the
-load cell. The intervals allow for them; options say how well you know each.  A length or force without a unit is in m or N:
-`--spacing 10mm` or 0.01. With `--bands SCENE` the tables hold ridge points, from `magphonon spectrum` or any other analysis:
-force, exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The table
-says which kind of source sent the waves; the intervals allow for the shift that such a source gives to all ridges of a branch.
-If a scene is named first, `magphonon fit mine.toml forces.csv ridges.csv`, each of the other files is recognised by its contents.
-Forces, ridges and transfer functions are then fitted together, with one law, one foundation and one mass. The report says which
-record contradicts the others, and what to measure next. With `--frf SCENE` the files hold measured transfer functions, as tables
-or universal files: force, exponent, foundation and damping of the patch or the structure of the scene are fitted to them, with
-D* and without.
+Forces: some errors are shared by all rows of a table, namely the zeros of the distance and of the force, hysteresis, backlash,
+and the gain of the load cell. The intervals allow for them; options say how well you know each.  A length or force without a unit
+is in m or N: `--spacing 10mm` or 0.01.
+
+Waves: with `--bands SCENE` the tables hold ridge points, from `magphonon spectrum` or any other analysis. Force, exponent and
+foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The table says which kind of
+source sent the waves; the intervals allow for the shift that such a source gives to all ridges of a branch.
+
+Responses: with `--frf SCENE` the files hold measured transfer functions, as tables or universal files. Force, exponent,
+foundation and damping of the patch or the structure of the scene are fitted to them, with D* and without.
+
+All together: if a scene is named first, `magphonon fit mine.toml forces.csv ridges.csv`, each of the other files is recognised by
+its contents. Forces, ridges and transfer functions are then fitted together, with one law, one foundation and one mass. The
+report says which record contradicts the others, and what to measure next.
 
 docs/coverage.md says how often the 95 % intervals contain the true value.
 """
