@@ -9,11 +9,12 @@ from tqdm import tqdm
 from magphonon.bands import bloch, force_constants
 from magphonon.cli import uncertainty
 from magphonon.cli.main import main
+from magphonon.design import uncertainty as sampled
 from magphonon.response import chebyshev, frf
 from magphonon.scenes.scene import ready_scene
 
-PLACES = (bloch, force_constants, chebyshev, frf)
-"""Modules with a bar of their own; that of the samples is imported when it is used."""
+PLACES = (bloch, force_constants, chebyshev, frf, sampled)
+"""Modules with a bar of their own."""
 SMALL = {'side_m = 0.3 ': 'side_m = 0.14 ', 'points = 251 ': 'points = 60 ', 'points = 300': 'points = 40', 'at_m = [0.0, 0.1]':
          'at_m = [0.0, 0.05]', 'carriers_Hz = [30, 40, 50, 60]': 'carriers_Hz = [60]', 'duration_s = 0.5': 'duration_s = 0.13',
          'directions_deg = [90, 90, 90, 90]': 'directions_deg = [90]'}
