@@ -222,7 +222,11 @@ def asked(ask, atoms, tmp_path):
     return numbers(ask(atoms, tmp_path) if 'tmp_path' in inspect.signature(ask).parameters else ask(atoms))
 
 
-@pytest.mark.parametrize(('tool', 'base'), [*((name, CELL) for name in CELLS), *((name, PATCH) for name in PATCHES)])
+LONG = {'parametric_growth', 'finite_displacements'}  # tools that take several seconds for all traits
+
+
+@pytest.mark.parametrize(('tool', 'base'), [pytest.param(name, base, marks=[pytest.mark.slow] * (name in LONG))
+                                            for base, tools in ((CELL, CELLS), (PATCH, PATCHES)) for name in tools])
 def test_no_trait_is_ignored(tool, base, tmp_path):
     ask, k = (CELLS if base is CELL else PATCHES)[tool], travelling() if tool in TOGETHER else K
     plain = asked(ask, made(base, k=k), tmp_path)
