@@ -82,13 +82,6 @@ def docstring_lines(tree):
                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str))
 
 
-def words_of_code(tree):
-    """All names and strings of a module, in lower case, without its docstrings."""
-    prose = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    return ' '.join(str(getattr(node, field, '')) for node in ast.walk(tree) if id(node) not in prose
-                    for field in ('id', 'attr', 'arg', 'name', 'value')).lower()
-
-
 def imported(package, file, tree):
     """Files of the package that a file imports when it runs."""
     never_run = {inner for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING'
@@ -102,14 +95,14 @@ def imported(package, file, tree):
                     yield target
 
 
-def spelled_out(trees):
+def spelled_out(trees, texts):
     """How often what is to be said once is said: traits by name, refusals by hand, laws by class, calculators rebuilt by hand."""
     calls = [node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.Call)]
     asked = [ast.walk(call.args[1]) for call in calls if ast.unparse(call.func) == 'isinstance']
     settings = [sum(word.arg not in (None, 'cutoff') for word in call.keywords) + any(word.arg is None for word in call.keywords)
                 for call in calls if ast.unparse(call.func) in CALCULATORS]
     return {
-        'files whose code says "gyrat"': sum('gyrat' in words_of_code(tree) for tree in trees.values()),
+        'files that write "gyrat"': sum(any('gyrat' in line.lower() for line in lines) for lines in texts.values()),
         'functions refuse_* of a trait': sum(node.name.startswith('refuse_') and any(trait in node.name for trait in TRAITS)
                                              for tree in trees.values() for _, node in functions_of(tree)),
         'isinstance on laws of sites': sum(bool(SITE_LAWS & {node.id for node in nodes if isinstance(node, ast.Name)})
@@ -154,7 +147,7 @@ def measured(root):
         'exported names of rooms': len(exported), 'arrows between files': sum(map(len, graph.values())),
         'longest chain of files': longest_chain(graph),
         'lines of tests': sum(len(file.read_text(encoding='utf-8').splitlines()) for file in (root / 'tests').rglob('*.py')),
-    } | spelled_out(trees) | {line: value for name, calls in ROUTES.items() for line, value in route(root, name, *calls)}
+    } | spelled_out(trees, texts) | {line: value for name, calls in ROUTES.items() for line, value in route(root, name, *calls)}
 
 
 def route(root, name, before, call):

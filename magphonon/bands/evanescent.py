@@ -5,9 +5,9 @@ bonds bridge, all of which are multiples of s.  At the frequency omega its mass-
 
     sum_p D_p mu^p v = (omega^2 + i omega B) v        B = gamma - g (x) J        p = -P ... P
 
-This is a polynomial eigenproblem of degree 2 P for the motion e^{-i omega t}, with the damping gamma and the gyration g of each
-particle (`LinearSystem.B`).  Without damping, the bands are the real xi. Complex xi belong to waves that decay as e^{-Im xi} per
-step: below the cut-off of a foundation, above the bands and between them.  With damping every wave decays.
+This is a polynomial eigenproblem of degree 2 P for the motion e^{-i omega t}, with the damping gamma and the gyroscopic rate g
+of each particle (`LinearSystem.B`). Without damping, the bands are the real xi. Complex xi belong to waves that decay as
+e^{-Im xi} per step: below the cut-off of a foundation, above the bands and between them. With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
 at zero, in Jordan chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
@@ -214,7 +214,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
 
 
 def _dynamic(system, omega, damping):
-    """The matrices omega^2 + i omega B, with damping and gyration in B; real if there is neither."""
+    """The matrices omega^2 + i omega B, with damping and gyroscopic forces in B; real if there is neither."""
     gamma, one = site_damping(damping, len(system)), np.eye(system.directions)
     if not (gamma.any() or system.turning):
         return (omega * abs(omega))[:, None, None] * one

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
-MOST_TURNING = 1500  # the same limit with gyration: matrices are complex and of twice the size
+MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local

@@ -5,10 +5,10 @@
     exp(A t) = J_0(R t) + 2 sum_n J_n(R t) F_n        F_{n+1} = 2 X F_n + F_{n-1}        F_1 = X        F_0 = 1
 
 is the Chebyshev series of e^{i lambda R t} at lambda = X/i, with F_n = i^n T_n(X/i): all numbers are real, and no root of K is
-needed.  All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest gyration g.  Damping c moves
-eigenvalues off the interval, so that F_n, and the round-off of the series, grow as e^{c n/R}. The motion is therefore computed in
-parts with c t < 5, and R is at least 10 c.  Forces have coefficients of their own: integrals of e^{i lambda R (t - t')}
-times the force at t', by Gauss's rule on the panels of `propagation`.
+needed. All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest gyroscopic rate g. Damping c
+moves eigenvalues off the interval, so that F_n, and the round-off of the series, grow as e^{c n/R}. The motion is therefore
+computed in parts with c t < 5, and R is at least 10 c. Forces have coefficients of their own: integrals of
+e^{i lambda R (t - t')} times the force at t', by Gauss's rule on the panels of `propagation`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class FirstOrder:
     """Motion of a structure with any matrix B, computed part by part.
 
     The interval contains the eigenvalues of K, from zero or its lowest eigenvalue, if negative, to a bound of the highest.
-    `loss` (1/ms) and `turning` (rad/ms) are the largest damping and gyration of any site.
+    `loss` (1/ms) and `turning` (rad/ms) are the largest damping and gyroscopic rate of any site.
     """
 
     def __init__(self, K: sparse.csr_array, B: sparse.csr_array, interval: Interval, loss: float, turning: float) -> None:

@@ -4,7 +4,7 @@ With the window h over the particles, and the modes e and the Bloch matrix D(q) 
 
     u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
 
-Gyration does no work, so <u u> does not depend on it, and these are frequencies without gyration. By equipartition harmonic
+Gyroscopic forces do no work, so <u u> does not depend on them, and these are frequencies without them. By equipartition harmonic
 forces have C = kT D^-1 at any temperature; a deviation that grows with kT shows anharmonic forces. Three effects bias the result,
 and are subtracted or reported:
 
@@ -58,8 +58,8 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     q : ndarray, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     omega : ndarray, shape (wavevectors, branches)
-        In rad/ms, after subtracting the bias. They are the frequencies without gyration (B = 0), because thermal averages do not
-        depend on it.
+        In rad/ms, after subtracting the bias. They are the frequencies for B = 0, because thermal averages do not depend on
+        gyroscopic forces.
     error : ndarray, shape (wavevectors, branches)
         One standard error of omega.
     bias : ndarray, shape (wavevectors, branches)
