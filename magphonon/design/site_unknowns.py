@@ -391,8 +391,9 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
     else:
         place, at = one.descended(place, scatter, noise, MOST, FINE)
     x, z = place.x, place.z
-    batch = at.J.T @ Eliminated(at.A)(at.J) + one.before.information
-    unlike = _unlike(at, one.sites.split / scatter[1], z, batch)
+    C = Eliminated(at.A)
+    batch = at.J.T @ C(at.J) + one.before.information
+    unlike = _unlike(at, C, one.sites.split / scatter[1], z, batch)
     if scatter[0] > MOST_SCATTER:
         return replace(fit, information=0 * fit.information, site_scatter=scatter, unlike=unlike)
     if at.r @ at.r * noise**2 > half:
@@ -403,12 +404,12 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
                    residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch), unlike=unlike)
 
 
-def _unlike(at, split, z, batch):
+def _unlike(at, C, split, z, batch):
     """`TransferFit.unlike` of sites z, by one step of a fit with one more parameter: ln(kx/ky), along `split`."""
     a = at.A @ split
-    solved = Eliminated(at.A)(a)
-    with_others = at.J.T @ solved
-    information = a @ solved - with_others @ np.linalg.lstsq(batch, with_others, BLIND)[0]
-    if information <= BLIND * (a @ solved):  # there is one spring, or both are fitted
+    Ca = C(a)
+    with_others = at.J.T @ Ca
+    information = a @ Ca - with_others @ np.linalg.lstsq(batch, with_others, BLIND)[0]
+    if information <= BLIND * (a @ Ca):  # there is one spring, or both are fitted
         return 0.0, np.inf
     return float(split @ z / information), float(information**-0.5)
