@@ -262,7 +262,8 @@ def test_modes_say_what_a_longer_cutoff_changes(tmp_path, capsys):
     for cutoff, farther in ((0.012, 0.018), (0.13, 0.195)):
         file.write_text(text.replace('cutoff_m = 0.2', f'cutoff_m = {cutoff}'))
         assert main(['modes', '--verbose', str(file), '-o', str(tmp_path / f'out{cutoff}')]) == 0
-        said = re.search(rf'{farther} would shift: mode (\d+) by ([-+.e\d]+) % to ([\d.]+) Hz', capsys.readouterr().out)
+        shown = capsys.readouterr().out
+        said = re.search(rf'cutoff_m = {farther} would shift: mode (\d+) by ([-+.e\d]+) % to ([\d.]+) Hz', shown)
         own = modes(read_scene(file).atoms()).frequencies_Hz[int(said[1]) - 1]
         assert float(said[2]) == pytest.approx(100 * (float(said[3]) / own - 1), abs=0.2)
         assert (abs(float(said[2])) > 0.5) == (cutoff < 0.1)  # the control: all pairs are within the longer one already
