@@ -232,7 +232,7 @@ def at_amplitude(share=0.03):
         atoms = patch.copy()
         atoms.calc = patch.calc
         atoms.positions[:, :2] += (S @ shape).reshape(-1, 2)
-        dyn = DrivenVerlet(atoms, 0.02 * 2 * np.pi / w, order=6, engine='numpy')
+        dyn = DrivenVerlet(atoms, 0.02 * 2 * np.pi / w, order=6, engine='compiled')
         recorder = Recorder(dyn)
         dyn.run(50 * periods)
         cost['force evaluations'] = 50 * periods * SPLITTINGS[6].stages

@@ -195,7 +195,7 @@ def stepper(start, engine='compiled', threads=1, every=10):
 
 def exact(start, steps=100):
     """Displacements by the law itself instead of polynomials."""
-    dyn = DrivenVerlet(moving(*start), DT, engine='numpy')
+    dyn = DrivenVerlet(moving(*start), DT, engine='compiled')
     dyn.run(0)
     dyn._blocks._fit(len(RANGES) + 1)
     dyn.run(steps)
