@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 
 OUT = Path(__file__).parents[1] / 'docs' / 'licences.md'
 EXTRAS = {'': 'magphonon'} | {name: f'`[{name}]`' for name in (
-    'browser', 'cholmod', 'completion', 'dask', 'docs', 'fast', 'files', 'lite', 'magnets', 'mpi', 'peers', 'release', 'report',
+    'browser', 'cholmod', 'dask', 'docs', 'fast', 'files', 'magnets', 'mpi', 'peers', 'release', 'report',
     'sweep', 'test', 'tools')}
 HEAD = """# Licences of what magphonon uses
 
@@ -25,7 +25,6 @@ installed packages state.
   results with.  No result needs them.  Only tests and workflows import Euphonic, PythTB and matscipy.  `magphonon` writes input
   files for LAMMPS and runs it as a separate program.  Only `lammps_session` loads LAMMPS into the same process, if you call it.
   Whoever distributes LAMMPS together with magphonon, as one program, must follow the GPL for both; the MIT licence allows that.
-- **npTDMS** (LGPL), of the extra `[files]`, is imported where a file of LabVIEW is read.
 - **hypothesis** (MPL) and the other tools of `[test]` serve the tests only, **Sphinx** and the others of `[docs]` the site only.
 
 ## Known vulnerabilities

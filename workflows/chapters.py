@@ -117,7 +117,6 @@ CHAPTERS = (
     Chapter('bench', 'beyond', 'a simulated laboratory that shares no code with the package'),
     Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),
     Chapter('speed_accuracy', 'tests', 'closed forms, higher precision and independent integrators'),
-    Chapter('planning', 'tests', 'the exact answers to small questions'),
 )
 NAMES = tuple(chapter.name for chapter in CHAPTERS)
 

@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -127,7 +126,7 @@ def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     assert table(tmp_path / 'out' / 'modes.csv')['mode'].tolist() == list(range(1, 11))
 
 
-def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch):
+def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys):
     oscillator = tmp_path / 'oscillator.toml'
     oscillator.write_text(ready_scene('oscillator').read_text())
     chain = tmp_path / 'chain.toml'
@@ -139,10 +138,6 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch
         assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
         assert words in capsys.readouterr().err
         assert not (tmp_path / 'out').exists()
-    monkeypatch.setattr('psutil.virtual_memory', lambda: SimpleNamespace(available=10**8))
-    for command in ('dos', 'modes'):
-        assert main([command, str(prototype), '-o', str(tmp_path / 'out')]) == 2
-        assert f'makes [{command}] need' in capsys.readouterr().err
 
 
 def test_a_patch_of_several_shells(tmp_path, capsys):

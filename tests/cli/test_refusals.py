@@ -90,15 +90,6 @@ def test_speeds_that_are_no_numbers_have_words(tmp_path, capsys):
         assert not {'nan', 'inf'} & set(said.split())
 
 
-def test_an_error_without_bound_has_a_word(scene_file, capsys):
-    """So strong a force that no periodic vibration answers it: linear models are off by whatever it is."""
-    file = scene_file({'spacing_m = 1.0 ': 'spacing_m = 1.2 ', 'damping_per_s = 12.0 ': 'damping_per_s = 0.1 '}, 'oscillator')
-    assert main(['plan', '--verbose', str(file)]) == 0
-    said = capsys.readouterr().out
-    assert 'unbounded' in next(line for line in said.splitlines() if line.startswith('  complete linear')).split()
-    assert 'inf' not in said.split()
-
-
 @pytest.mark.parametrize('number', [np.nan, np.inf, complex(0, -np.inf)])
 def test_results_that_are_no_numbers_are_not_written(number, tmp_path):
     response = FrequencyResponse(np.array([1.0, 2.0]), np.array([1 + 1j, number]))

@@ -80,22 +80,6 @@ def test_a_pipe_without_a_scene(content, words, monkeypatch, capsys):
     assert words in capsys.readouterr().err
 
 
-def test_results_go_to_a_directory_named_after_scene_and_command(desk, capsys):
-    text = ready_scene('oscillator').read_text()
-    (desk / 'mine.toml').write_text(text)
-    assert main(['plan', 'mine.toml', '--run']) == 0
-    assert 'data are in mine-plan' in capsys.readouterr().out
-    assert (desk / 'mine-plan' / 'provenance.json').exists()
-    (desk / 'sub').mkdir()
-    (desk / 'sub' / 'mine.toml').write_text(text.replace('title = "', 'title = "Heavy '))
-    before = names(desk)
-    assert main(['plan', 'sub/mine.toml', '--run']) == 2  # another scene of the same name
-    assert 'mine-plan holds results (plan) of the scene' in capsys.readouterr().err
-    assert main(['plan', 'mine.toml', '-o', 'x']) == 2
-    assert 'add --run' in capsys.readouterr().err
-    assert names(desk) == before
-
-
 def test_parents_of_the_results_are_made_and_go_with_them_if_they_fail(desk, capsys):
     (desk / 'mine.toml').write_text(CHAIN)
     (desk / 'a').mkdir()
