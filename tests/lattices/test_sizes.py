@@ -32,7 +32,7 @@ def test_what_no_memory_holds_is_refused_at_once(build):
 
 @pytest.mark.parametrize('build', [
     lambda patch: propagate(patch, np.arange(1e6)), lambda patch: frequency_response(
-        patch, np.ones((len(patch), 3)), np.linspace(1, 2, 10**6), 0.1)], ids=['motion', 'response'])
+        patch, np.ones((len(patch), 3)) * [1, 0, 0], np.linspace(1, 2, 10**6), 0.1)], ids=['motion', 'response'])
 def test_a_long_record_of_many_particles_is_refused(build, monkeypatch):
     monkeypatch.setattr('psutil.virtual_memory', lambda: SimpleNamespace(available=2**30))
     patch = lattices.parallelogram(TRIANGULAR, 12, 12)
