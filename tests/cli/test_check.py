@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
 from magphonon.bands.bloch import bloch_modes
@@ -11,7 +12,6 @@ from magphonon.cli.check import Case, commands
 from magphonon.cli.main import main
 from magphonon.cli.neighbours import omission
 from magphonon.response.normal_modes import natural_frequencies
-from magphonon.scenes.scene import ready_scene
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 
@@ -128,11 +128,11 @@ def test_a_patch_lies_within_the_spectrum_of_its_lattice(seed):
 
 def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
     """And a line on neighbours, for who copies a ready scene that omits them."""
-    assert main(['check', 'chain']) == FINE
+    assert main(['check', str(ready_scene('chain'))]) == FINE
     short = capsys.readouterr().out
     assert short.startswith('Stable in the plane: the foundation of 5e+04 N/m is 25 % more than the 4e+04 N/m needed.')
     assert short.count('\n') == 1
-    assert main(['check', '--verbose', 'chain']) == FINE
+    assert main(['check', '--verbose', str(ready_scene('chain'))]) == FINE
     assert capsys.readouterr().out.strip().startswith(short.strip())
     (tmp_path / 'my.toml').write_text(ready_scene('chain').read_text())
     assert main(['check', str(tmp_path / 'my.toml')]) == FINE

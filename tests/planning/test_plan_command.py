@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
 from magphonon.response import propagation
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.scene import read_scene
 
 
 def scene_file(folder, name, extra):

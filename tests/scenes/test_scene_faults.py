@@ -11,11 +11,12 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.keys import scene_keys
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.scene import read_scene
 from magphonon.scenes.sources import Source
 from magphonon.scenes.tolerances import varied
 
@@ -287,7 +288,7 @@ def test_the_gap_of_a_design_has_a_branch_above(tmp_path):
 
 def test_a_measured_force_in_place_of_the_grade(tmp_path):
     """As the comment of the ready scene says; the force has a tolerance, in proportion to which all forces go."""
-    text = ready_scene('disc').read_text().replace('grade = "N45"', '# grade')
+    text = ready_scene('rings').read_text().replace('remanence_T = 1.30', '# remanence_T')
     assert '\n# [law.calibration]' in text
     for line in ('[law.calibration]', 'distance_m', 'force_N'):
         text = text.replace(f'# {line}', line)
