@@ -30,7 +30,7 @@ def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatc
     assert main(['explore', 'rings', '-o', 'new/page.html']) == 0
     assert '<h1>N42 rings on pillars' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')
     assert main(['explore', str(ready_scene('steel'))]) == 0
-    assert sorted(file.name for file in tmp_path.iterdir()) == ['steel-explore.html', 'new']
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['new', 'steel-explore.html']
 
 
 @pytest.mark.parametrize(('scene', 'words'), [

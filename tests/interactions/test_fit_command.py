@@ -161,9 +161,9 @@ def test_a_spacing_outside_the_data_has_wide_intervals():
 
 
 def test_gaps_between_faces_are_refused_where_the_magnet_is_named(tmp_path, capsys):
-    """Discs of 5 mm: the same forces over the distance of the centres pass."""
-    for add, code in ((0.0, 2), (5.0, 0)):
-        rows = [f'{gap + add},{(5 / (gap + 5)) ** 3}' for gap in (0.65, 1, 2, 3, 4, 5, 7, 9)]
+    """Rings of 6.35 mm: the same forces over the distance of the centres pass."""
+    for add, code in ((0.0, 2), (6.35, 0)):
+        rows = [f'{gap + add},{(6.35 / (gap + 6.35)) ** 3}' for gap in (0.65, 1, 2, 3, 4, 5, 7, 9)]
         (tmp_path / 'gaps.csv').write_text('\n'.join(['r_mm,f_N', *rows]))
         assert main(['fit', str(tmp_path / 'gaps.csv'), '--spacing', '10mm', '--magnet', 'rings']) == code
         assert ('give distances of the centres, not gaps' in capsys.readouterr().err) == (code == 2)
