@@ -322,7 +322,8 @@ def _frequencies(scene: Scene, calc: Repulsion) -> None:
 
 
 def _scale(scene: Scene, calc: Repulsion) -> None:
-    if not calc.law.dphi(calc.bonds.lengths).any():
+    lengths = calc.bonds.lengths
+    if not (calc.law.dphi(lengths).any() or calc.law.d2phi(lengths).any()):  # a spring may have its natural length
         mend = '' if scene.law.kind != 'hertz' else (
             f' than law.diameter_m = {scene.law.diameter_m!r}; spheres repel where they touch')
         raise ValueError(f'{scene.lattice.spacing_given} is so large, or the law of so short a range ({_numbers(scene)}), that '
