@@ -282,7 +282,7 @@ def _shape(name):
 
     law = read_scene(name).law
     if law.kind != 'magnets':
-        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as disc')
+        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as rings')
     return law.potential(), law.magnet().contact
 
 

@@ -7,13 +7,14 @@ import re
 import numpy as np
 import pytest
 from motion import L0, LAW, MASS
+from scene_files import ready_scene
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed, write_scene
 from magphonon.bands import DensityOfStates
 from magphonon.cli import dos
 from magphonon.cli.main import main
 from magphonon.response import Localisation, SpectralFunction
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.scene import read_scene
 
 
 @pytest.fixture

@@ -4,9 +4,10 @@ import io
 import sys
 
 import pytest
+from scene_files import ready_scene
 
 from magphonon.cli.main import main
-from magphonon.scenes import read_scene, ready_scene
+from magphonon.scenes import read_scene
 
 CHAIN = ready_scene('chain').read_text().replace('points = 200', 'points = 20')
 HEAVY = CHAIN.replace('mass_kg = 1.0', 'mass_kg = 2.0').replace('title = "Chain', 'title = "Heavy chain')
@@ -31,9 +32,9 @@ def names(folder):
 def test_a_ready_scene_is_taken_by_its_name_unless_a_file_has_it(desk, capsys):
     assert main(['bands', 'oscillator']) == 2  # read, and refused for what is in it
     assert "'Oscillator of arXiv:1911.10410, Sec. III, at 30 degrees' is one particle" in capsys.readouterr().err
-    assert read_scene('chain') == read_scene(ready_scene('chain'))
-    (desk / 'chain').mkdir()
-    assert read_scene('chain').lattice.mass_kg == 1.0  # a folder is no file
+    assert read_scene('ideal') == read_scene(ready_scene('ideal'))
+    (desk / 'ideal').mkdir()
+    assert read_scene('ideal').lattice.mass_kg == 1.0  # a folder is no file
     (desk / 'prototype').write_text(HEAVY)
     assert read_scene('prototype').title.startswith('Heavy chain')
 

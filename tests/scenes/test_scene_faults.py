@@ -11,11 +11,12 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.fields import unit_of
-from magphonon.scenes.scene import Scene, read_scene, ready_scene
+from magphonon.scenes.scene import Scene, read_scene
 from magphonon.scenes.sources import Source
 from magphonon.scenes.tolerances import varied
 
@@ -290,17 +291,17 @@ def test_the_gap_of_a_design_has_a_branch_above(tmp_path):
 
 def test_a_measured_force_in_place_of_the_grade(tmp_path):
     """As the comment of the ready scene says; the force has a tolerance, in proportion to which all forces go."""
-    text = ready_scene('disc').read_text().replace('grade = "N45"', '# grade')
+    text = ready_scene('rings').read_text().replace('remanence_T = 1.30', '# remanence_T')
     assert '\n# [law.calibration]' in text
     for line in ('[law.calibration]', 'distance_m', 'force_N'):
         text = text.replace(f'# {line}', line)
     (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nforce_N = 0.001\n')
     scene = read_scene(tmp_path / 'my.toml')
     law = scene.law.potential()
-    assert repulsion(law, 12.0) == pytest.approx(0.05)
+    assert repulsion(law, 10.0) == pytest.approx(0.2369)
     (change,) = scene.uncertainty.tolerances(scene).changes.values()
     assert change.law.dphi(15.0) == pytest.approx(law.dphi(15.0))
     assert repulsion(varied(scene, {'force': 1.1}).law.potential(), 15.0) == pytest.approx(1.1 * repulsion(law, 15.0))
-    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx(0.02**2)
+    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx((0.001 / 0.2369) ** 2)
     (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nremanence_percent = 1.0\n')
     assert 'its parameters are spacing, mass, force' in refusal(tmp_path / 'my.toml')
