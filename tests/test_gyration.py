@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from matplotlib.collections import LineCollection
+from scene_files import ready_scene
 from scipy.linalg import eigvals, expm, sqrtm
 from scipy.optimize import brentq
 
@@ -25,7 +26,6 @@ from magphonon import (
     lattices,
     modes,
     read_scene,
-    ready_scene,
     relaxed,
     verdict,
     write_scene,

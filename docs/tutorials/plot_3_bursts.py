@@ -94,5 +94,4 @@ ax.loglog(forces, errors, 'o-')
 ax.set(xlabel='force (N)', ylabel='error of the linear answer')
 
 # %%
-# Up to a hundredth of a newton the linear answer is good to a percent, and many times cheaper.  ``magphonon plan`` makes this
-# comparison for a scene, and states the cost of each method.
+# Up to a hundredth of a newton the linear answer is good to a percent, and many times cheaper.

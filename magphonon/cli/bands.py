@@ -27,10 +27,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     from ..bands.bands import analytic_bands
+    from ..scenes.scene import read_scene
     from .band_report import REPORT, Case
-    from .costs import read_affordable
 
-    scene, status = read_affordable(options), 0
+    scene, status = read_scene(options.scene), 0
     with answering(options, scene) as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         if scene.foundation is not None and scene.foundation.modulation is not None:

@@ -36,9 +36,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from .costs import read_affordable
+    from ..scenes.scene import read_scene
 
-    scene = read_affordable(options)
+    scene = read_scene(options.scene)
     lattice, patch, left = lattice_and_patch(scene)
     with answering(options, scene) as (folder, save, told):
         axes, found, ends, of_patch, unfolded = None, {}, {}, None, None

@@ -27,7 +27,6 @@ from .modes import (
     plot_mode as plot_mode,
     plot_shape as plot_shape,
 )
-from .records import plot_forces as plot_forces, plot_ridges as plot_ridges, plot_scan as plot_scan
 from .response import (
     plot_band_ribbons as plot_band_ribbons,
     plot_contributions as plot_contributions,
