@@ -282,7 +282,7 @@ def test_strengths_are_laws_of_kinds(tool, base):
 
 
 HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
-           'series_response', 'stepped_response', 'thermal_bands', 'thermal_run', 'response_spread', 'spectral_function',
+           'series_response', 'stepped_response', 'thermal_bands', 'thermal_run', 'response_spread',
            'Variables', 'chern_numbers', 'edge_flow', 'vibration'}
 """Declared, and asked in the tests of their rooms: they take more than a structure."""
 

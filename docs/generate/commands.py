@@ -19,7 +19,6 @@ EXAMPLES = {
     'burst': ['magphonon burst wave.toml'],
     'check': ['magphonon check square', 'magphonon check square --verbose'],
     'design': ['magphonon design design'],
-    'dos': ['magphonon dos prototype'],
     'explore': ['magphonon explore prototype'],
     'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out',
             'magphonon fit ridges.csv --bands prototype -o lattice'],

@@ -32,7 +32,7 @@ SHARED = ('arguments', 'band_report', 'fit_report', 'fitted', 'joint_report', 'm
 COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
 """The commands: each is a module beside this one, with its HELP, `add_arguments(parser)`, `run(options)` and, if it writes a
 folder of results, patterns of their names in RESULTS."""
-SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
+SYNONYMS = {'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
 CYCLES = 50_000, 5, 5

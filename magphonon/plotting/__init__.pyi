@@ -12,7 +12,7 @@ from .bands import (
     plot_bands as plot_bands,
     plot_edge_bands as plot_edge_bands,
 )
-from .density import plot_density as plot_density, plot_spectral_function as plot_spectral_function
+from .density import plot_density as plot_density
 from .designs import (
     plot_convergence as plot_convergence,
     plot_design as plot_design,

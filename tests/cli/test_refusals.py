@@ -20,7 +20,7 @@ from magphonon.response.frf import FrequencyResponse
     (['bnads', 'x.toml'], "there is no command 'bnads'; did you mean 'bands'?"),
     (['scene', 'protoype'], "did you mean 'prototype'?"),
     (['Bands'], "did you mean 'bands'?"), (['zzz'], "there is no command 'zzz'; the commands are bands, burst"),
-    (['density'], "did you mean 'dos'?"), (['bands', 'ideal', '--outptu', 'x'], "did you mean '--output'?"),
+    (['dispersion'], "did you mean 'bands'?"), (['bands', 'ideal', '--outptu', 'x'], "did you mean '--output'?"),
     (['check', 'ideal', 'dust'], "takes no further argument 'dust'"), (['check', ''], "'' names no file"),
     (['bands', 'ideal', '-o', ''], '-o names no directory'), (['bands', 'ideal', '--output=--'], '-o names no directory'),
     (['bands', 'ideal', '--title', '\x1b[31m'], "'\\x1b[31m' holds a control character"),
