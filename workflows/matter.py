@@ -60,13 +60,13 @@ def crystal(name):
         atoms.calc = AllNeighbours(atoms, Yukawa(3.3e-20 * u.J * u.m, 1 / L))
     elif name == 'wigner':  # electrons on helium, 4.4e6 to the square centimetre
         atoms = lattices.triangular(5.1e-6 * u.m, 9.1093837e-31 * u.kg)
-        atoms.calc = AllNeighbours(atoms, InversePower.coulomb(1.602176634e-19 * u.C))
+        atoms.calc = AllNeighbours(atoms, InversePower.coulomb(1.602176634e-19 * u.A * u.s))
     elif name == 'fcc':  # phi = r^-12, with 18 neighbours
         atoms = lattices.fcc(1.0, 1.0)
         atoms.calc = MagneticRepulsion(atoms, InversePower(12.0, 13.0), shells=2)
     else:  # balls of 20 mm pressed together by 3 um, 55 N in each contact
         atoms = lattices.triangular(19.997 * u.mm, 32.68 * u.g)
-        atoms.calc = MagneticRepulsion(atoms, Hertz.steel())
+        atoms.calc = MagneticRepulsion(atoms, Hertz.spheres(20 * u.mm, 206e3 * u.N / u.mm**2, 0.3))
     return atoms
 
 
