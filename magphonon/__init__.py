@@ -21,7 +21,7 @@ from pathlib import Path
 
 import lazy_loader
 
-__version__ = '0.3.0'
+__version__ = '0.4.0'
 
 if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workflows stand beside the package
     __path__.append(str(Path(__file__).parents[1]))
