@@ -10,7 +10,6 @@ from . import (
     scenes as scenes,
     stability as stability,
     stiffness as stiffness,
-    sweeps as sweeps,
     units as units,
     waves as waves,
 )

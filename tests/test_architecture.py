@@ -10,7 +10,7 @@ import pytest
 import magphonon
 
 PACKAGE = Path(magphonon.__file__).parent
-FLOORS = [{'cli'}, {'sweeps'}, {'scenes'}, {'design'}, {'plotting', 'waves', 'response', 'stability'},
+FLOORS = [{'cli'}, {'scenes'}, {'design'}, {'plotting', 'waves', 'response', 'stability'},
           {'bands', 'dynamics'}, {'stiffness'}, {'lattices', 'interactions'}]
 """From the top down; rooms on one floor do not know each other.  Single modules such as `units` are the ground below all."""
 CORE = {

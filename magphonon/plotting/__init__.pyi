@@ -35,7 +35,6 @@ from .response import (
     plot_transfer as plot_transfer,
 )
 from .structures import plot_lattice as plot_lattice, plot_patch as plot_patch
-from .sweeps import plot_sweep as plot_sweep
 from .waves import (
     crossing as crossing,
     plot_crossing as plot_crossing,
