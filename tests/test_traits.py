@@ -167,7 +167,6 @@ CELLS = {
     'verdict': judged,
     'elastic_moduli': stiffness.elastic_moduli,
     'for_ase_tools': lambda a: displaced(mp.for_ase_tools(a)).get_forces(),
-    'foundation_for': lambda a: design.foundation_for(a, 2.0),
     'frequency_sensitivities': lambda a: design.frequency_sensitivities(a, Q, HARDER),
     'frequency_spread': lambda a: design.frequency_spread(a, Q, SPREAD).std,
     'branch': lambda a: waves.branch(a, (0, 1, 0), 0).omega,
@@ -204,7 +203,6 @@ SAME = {  # traits that change no answer, by the tool
     'cut_off': {'all neighbours', 'conventional'},  # all particles move alike
     'sound_speeds': {'site law', 'unlike'}, 'elastic_moduli': {'site law', 'unlike'},  # of the lattice without its springs
     'converged_shells': {'all neighbours'},
-    'foundation_for': TRAITS.keys(),  # m w^2, whatever holds the particles apart
     'critical_support': {'unlike', 'site law', 'conventional'},  # of the bonds alone
     'stability_boundary_of_exponents': {'unlike'},
     'verdict': {'gyration', 'constraints', 'conventional', 'oblique'},  # stiffness holds it, by the complete model
@@ -264,7 +262,7 @@ def of_unequal(base, way, strengths=UNEQUAL):
 
 
 APART = {'write_lammps_input', 'stability_boundary_of_exponents', 'floquet_bands', 'parametric_growth', 'neighbour_shifts',
-         'converged_shells', 'foundation_for', 'for_ase_tools'}
+         'converged_shells', 'for_ase_tools'}
 """Tools that are not compared: of files, of one law, of one mass, of modulated springs, of sums that end elsewhere."""
 
 

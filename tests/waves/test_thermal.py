@@ -280,6 +280,3 @@ def test_commands_without_heat_or_losses_refuse_them_or_say_so(tmp_path, capsys)
     said = lattice_and_patch(read_scene(tmp_path / 'hot.toml'))[2]  # of modes and dos
     assert said[0].startswith('bands.damping_per_s and bands.temperature_J ignored here')
     assert lattice_and_patch(read_scene(ready_scene('prototype')))[2] == []
-    (tmp_path / 'hot.toml').write_text(ready_scene('thermal').read_text() + '\n[design]\ncut_off_Hz = 30.0\n')
-    with pytest.raises(ValueError, match=r'remove \[design\] or bands.temperature_J'):
-        read_scene(tmp_path / 'hot.toml')
