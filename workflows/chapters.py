@@ -113,7 +113,6 @@ CHAPTERS = (
     Chapter('walls', 'beyond', 'closed forms of the prototype, the solitary wave of Toda'),
     Chapter('signs', 'beyond', 'the closed form of a chain of springs'),
     Chapter('gyration', 'beyond', 'closed forms, and an independent program for gaps, Chern numbers and the strip'),
-    Chapter('modulation', 'beyond', 'coupled modes and the speed of a front in closed form, and an independent integration'),
     Chapter('bench', 'beyond', 'a simulated laboratory that shares no code with the package'),
     Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),
     Chapter('speed_accuracy', 'tests', 'closed forms, higher precision and independent integrators'),

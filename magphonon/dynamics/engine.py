@@ -20,7 +20,7 @@ from ..lattices.bonds import stretches
 from ..stiffness.bond import upper_part
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness
-from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
+from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane
 from ..traits import LINEAR, all_but, refuse, takes
 from .bond_increments import RANGES, TOLERANCE, Increments, Pieces, pieces
@@ -28,7 +28,6 @@ from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, constant_push, forces_and_walls
 from .kernels_numpy import Kernel, Motion, largest
 from .memory_layout import aligned_zeros, arrange, same
-from .site_forces import site_forces
 from .splittings import SPLITTINGS, Splitting
 from .thermostat import Bath
 
@@ -55,7 +54,7 @@ PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds
 def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> float:
     """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; otherwise return a bound of omega_max in rad/ms.
 
-    Modulated springs count as their stiffest value.  Calculators other than PairCalculator are not checked; the bound is then 0.
+    Calculators other than PairCalculator are not checked; the bound is then 0.
     """
     if not isinstance(atoms.calc, PairCalculator):
         return 0.0
@@ -76,7 +75,7 @@ def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitt
                          'magphonon.propagate; allow_unstable=True runs anyway')
 
 
-@takes('modulation', *LINEAR)
+@takes(*LINEAR)
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency about rest that the constraints allow, in rad/ms; zero if nothing vibrates.
 
@@ -99,7 +98,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """
     from ..stiffness.lowest import DENSE
 
-    system = LinearSystem.nearest(_stiffest(atoms))
+    system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
         bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.turning)
         if system.directions > DENSE or system.growth():
@@ -141,7 +140,7 @@ def _held_by_gyration(system):
     return system.turning and not system.stable
 
 
-@takes('modulation', *LINEAR)
+@takes(*LINEAR)
 def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency in rad/ms, as sharp as a decision on the time step `dt` (ms) requires.
 
@@ -157,7 +156,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
     True
     """
-    system = LinearSystem.nearest(_stiffest(atoms))
+    system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
         return highest_frequency(system)
     bounds = (lambda: _particle_bound(system),
@@ -169,14 +168,6 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     return highest_frequency(system)
 
 
-def _stiffest(atoms: Any) -> Any:
-    """The atoms on a constant foundation, as stiff as theirs becomes at any time."""
-    if isinstance(atoms, LinearSystem):
-        return atoms
-    law = atoms.calc.tie
-    return on_foundation(atoms, law.stiffest) if law.changes else atoms
-
-
 def _particle_bound(system):
     """Upper bound of the frequencies, computed without the Hessian: `w^2 <= k/m + 2/m sum_b K_b`.
 
@@ -184,9 +175,8 @@ def _particle_bound(system):
     In a triangular lattice it is 4 % too high.
     """
     calc, masses = system.calc, system.masses
-    bonds, k = calc.bonds, calc.site_stiffness
-    k = np.broadcast_to(abs(k).sum(axis=2) if np.ndim(k) == 3 else k, (len(masses), calc.dim)).max(axis=1)
-    own = own_stiffness(bonds, upper_part(calc.bond_vectors, calc.interaction, calc.model))
+    k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
+    own = own_stiffness(calc.bonds, upper_part(calc.bond_vectors, calc.interaction, calc.model))
     squares = (k + 2 * hermitian_eigenvalues(own)[:, -1]) / masses
     return np.sqrt(squares[system.mobile].max(initial=0.0))
 
@@ -251,15 +241,6 @@ def refusal(atoms: Atoms) -> str | None:
     return None
 
 
-def not_compiled(calc: Any) -> str | None:
-    """Why compiled steps cannot integrate a structure that blocks in NumPy can, or None if they can."""
-    if not calc.tie.known:  # constant springs
-        return None
-    if calc.tie.modulation(calc.anchors) is None:
-        return f'the foundation is {calc.tie!r}, and compiled steps support springs only'
-    return 'modulated springs are not slack at rest' if calc.slack.any() else None
-
-
 class Blocks:
     """Displacements, velocities and accelerations of a planar structure, with digits that absolute positions would lose.
 
@@ -307,8 +288,9 @@ class Blocks:
         decay = layout.scatter(np.real(E))
         if np.iscomplexobj(E):
             decay = decay + 1j * layout.scatter(np.imag(E))
-        k, site = site_forces(calc, layout)
-        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k, site,
+        k: Any = calc.foundation
+        k = layout.scatter(k) if np.ndim(k) else k
+        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k, None,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._follows = (mobile | np.isin(np.arange(len(atoms)), led))[:, None]

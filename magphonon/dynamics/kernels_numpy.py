@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 if TYPE_CHECKING:
-    from ..stiffness.site_laws import Foundation
+    from ..stiffness.sites import Foundation
     from .bond_increments import Increments, Pieces
     from .memory_layout import Layout
-    from .site_forces import SiteForces
     from .splittings import Splitting
 
 Found = tuple[bool, float, float]
@@ -53,7 +52,7 @@ class Motion:
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float or ndarray, shape (2, slots)
         k in N/mm: one number for all particles, or one for each displacement.
-    site : SiteForces or None
+    site : None
         Forces of the sites beyond these springs.
     static : ndarray, shape (2, slots), or None
         Forces in N that do not change; None if they are zero, or included in the external forces on the driven slots.
@@ -71,7 +70,7 @@ class Motion:
     decay: np.ndarray
     mobility: np.ndarray
     foundation: Foundation
-    site: SiteForces | None
+    site: Any
     static: np.ndarray | None
     driven: np.ndarray
     guided: np.ndarray

@@ -39,7 +39,7 @@ from ..traits import LINEAR, takes
 from .cages import Cages, Diverged
 from .compiled import can_compile
 from .drives import check_drives, forces_and_walls
-from .engine import Blocks, half_step, highest_frequency, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_order
+from .engine import Blocks, half_step, highest_frequency, refusal, refuse_long_decay, refuse_long_step, refuse_order
 from .splittings import SPLITTINGS, STEPS_SHARE
 from .thermostat import Bath
 
@@ -124,7 +124,7 @@ class DrivenVerlet(VelocityVerlet):
     10.0
     """
 
-    @takes('all neighbours', 'modulation', *LINEAR)
+    @takes('all neighbours', *LINEAR)
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
                  order: int | None = None, allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None,
                  loginterval: int = 1, threads: int | None = None, temperature_mJ: float = 0.0, seed: int = 0,
@@ -279,8 +279,6 @@ class DrivenVerlet(VelocityVerlet):
             momenta = self.atoms.get_momenta()
             momenta[self._sum_of_drives.particles] += share * self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
-        if isinstance(self.atoms.calc, PairCalculator) and self.atoms.calc.tie.changes:
-            self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
         """Run for `steps` more steps as an iterator, which yields at observer calls and at least every few hundred steps.
@@ -463,11 +461,8 @@ class DrivenVerlet(VelocityVerlet):
 def _engine_for(atoms, asked, long=False):
     """The engine for `atoms` if the user asked for `asked`; ValueError if that engine cannot integrate them."""
     reason = None if asked == 'ase' else refusal(atoms)
-    slow = None if reason or asked == 'ase' else not_compiled(atoms.calc)
     if asked == 'auto':
-        return 'ase' if reason else 'compiled' if long and not slow else 'numpy'
-    if asked == 'compiled' and slow:
-        raise ValueError(f"engine='compiled' cannot integrate these atoms: {slow}; use engine='numpy'")
+        return 'ase' if reason else 'compiled' if long else 'numpy'
     if reason:
         raise ValueError(f"engine='{asked}' cannot integrate these atoms: {reason}; use engine='ase'")
     return asked

@@ -22,7 +22,7 @@ from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
 from ..stability.amplitude_shifts import DEGENERACY, StronglyNonlinear, vibration
 from ..stiffness.bond import MODELS
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, percent
 
 ROUND_OFF = 1e-12  # relative difference of two frequencies that is round-off
@@ -94,7 +94,7 @@ def _turned(linear, source):
     return Modes(linear.omega, shapes)
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def plan_peak(atoms: Atoms | LinearSystem, source: Dof, answer: Dof, omega: NDArray[np.float64], damping: float,
               tolerance: float, force: float = 0.0) -> Plan:
     """Plan for the frequency of the highest peak of a response.

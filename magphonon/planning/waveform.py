@@ -22,7 +22,7 @@ from ..response.propagation import propagate
 from ..stiffness.bond import MODELS, Model
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .plan import Method, Plan, percent
 
 FRAMES = 12  # number of times compared and written in each period of the carrier: harmonics up to the fifth are resolved
@@ -34,7 +34,7 @@ steps and 5.1 along 60."""
 MOST_SQUEEZED = 0.5  # of a bond, in the motion that the linear equations tell
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping: float, duration: float,
                   tolerance: float) -> Plan:
     """Plan for the displacements of a row while a burst passes.

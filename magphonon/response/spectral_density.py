@@ -18,14 +18,14 @@ from ..errors import finite, whole
 from ..files import Saved
 from ..results import InHertz
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .chebyshev import COLUMNS, spectrum_of
 
 ASTRAY = 0.3
 """Distance from the nearest lattice site, in shortest distances between sites, beyond which a particle belongs to no site."""
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = None, moments: int = 512, vectors: int = COLUMNS,
                       seed: int = 0) -> DensityOfStates:
     """Density of states of a finite or periodic structure with any disorder, from random start vectors.
@@ -105,7 +105,7 @@ class SpectralFunction(InHertz, Saved, kind='spectral functions', units={
     width: np.ndarray
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, omega: ArrayLike | None = None,
                       moments: int = 256) -> SpectralFunction:
     """Spectral function A(k, omega) of a patch of a lattice with defects or disorder.

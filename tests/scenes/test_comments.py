@@ -78,7 +78,6 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
     'layer': {'`12 000` elementary': lambda: CHARGE,
               'above `1.11e-9`': lambda: reference()['layer']['gate'][0] ** 2 * 3.3e-20 / 8e-4**3},
     'measured': {'`19.6757` N/m': lambda: PILLAR, 'neighbours, `17.3` mm': lambda: 10 * np.sqrt(3)},
-    'modulated': {'cut-off of `26.55` Hz': lambda: hertz(PILLAR / MASS)},
     'neighbours': {'from `58.2`': lambda: hertz((PILLAR + (2 * A - 6) * FORCE / L) / MASS),
                    'to `67.5` Hz': lambda: np.sqrt(1 + ROD) * shear('neighbours'),
                    '`27` % of a magnet': lambda: 100 * ROD, 'to `59.9` Hz': lambda: shear('neighbours'),
