@@ -16,7 +16,6 @@ from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
-RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -31,7 +30,7 @@ def run(options: Namespace) -> int:
     from .band_report import REPORT, Case
 
     scene, status = read_scene(options.scene), 0
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         if scene.foundation is not None and scene.foundation.modulation is not None:
             told += _floquet(folder, save, atoms, path, plan, options.fmax)

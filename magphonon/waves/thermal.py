@@ -27,9 +27,8 @@ from ..dynamics.engine import highest_frequency
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import PhysicsError, finite, positive
-from ..files import Saved
 from ..lattices.bonds import image_of
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.factors import factorised
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
