@@ -20,7 +20,6 @@ from .designs import (
     plot_sites as plot_sites,
 )
 from .fits import plot_band_fits as plot_band_fits, plot_fit as plot_fit
-from .floquet import plot_floquet as plot_floquet
 from .modes import (
     plot_comparison as plot_comparison,
     plot_extents as plot_extents,

@@ -88,23 +88,6 @@ def _supports(scene: Scene) -> None:
                          'remove [trap] or what contradicts it')
     if scene.foundation is not None and scene.foundation.leans:
         _lean(scene)
-    if scene.foundation is not None and scene.foundation.modulation is not None:
-        _modulation(scene)
-
-
-def _modulation(scene: Scene) -> None:
-    lattice, foundation = scene.lattice, scene.foundation
-    tables = 'frf', 'burst', 'vibrometer', 'uncertainty', 'design', 'defects', 'disorder'
-    beside = [f'[{name}]' for name in tables if getattr(scene, name) is not None]
-    beside += ['[foundation.out_of_plane]'] if foundation.out_of_plane is not None else []
-    beside += ['foundation.pillar.lean'] if foundation.leans else []
-    beside += ['bands.temperature_J'] if scene.bands is not None and scene.bands.temperature_J is not None else []
-    if beside:
-        raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
-                         'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python support it)')
-    if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
-        raise ValueError('foundation.modulation: only chains and planar lattices support it, and law.shells must be a number, '
-                         'not "all"; remove the modulation, or change shells')
 
 
 def _title(scene: Scene) -> None:
@@ -335,7 +318,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
                       'denser than any metal; check their units, which are kg and m', stacklevel=2)
-    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.site_stiffness)
+    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.foundation)
     _frequencies(scene, calc)
     if not LEAST_SHARE * k <= repulsion:
         given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
