@@ -15,7 +15,6 @@ from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
-RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -30,7 +29,7 @@ def run(options: Namespace) -> int:
     from .band_report import REPORT, Case
 
     scene = read_scene(options.scene)
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         bands, phonon = _bands(scene, atoms, path)
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None

@@ -7,10 +7,8 @@ structure from a table has no bands: its page shows how a tone travels through i
 
 from __future__ import annotations
 
-import os
 import tomllib
 from argparse import ArgumentParser, Namespace
-from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +19,8 @@ from scipy.optimize import bisect
 
 from .. import units as u
 from ..files import whole_file
-from .arguments import add_scene, default_folder, left_out
+from .arguments import add_force, add_scene, default_folder, left_out
+from .results import refuse_existing
 
 if TYPE_CHECKING:
     from ..plotting.explorer import Explorer
@@ -30,13 +29,12 @@ if TYPE_CHECKING:
 HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'
 EXACT = 1e-9  # width of the interval within which an exponent is found
 CYCLES = 120  # of the tone in a structure, most of which is nearly steady
-SUM = b'<!-- magphonon explore, sha256 '
-"""Beginning of the last line of every such page, which holds the checksum of the rest; a file without it is not replaced."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument('-o', '--output', dest='page', metavar='FILE.html', help='the page (default: SCENE-explore.html)')
+    add_force(parser)
 
 
 def run(options: Namespace) -> None:
@@ -45,7 +43,11 @@ def run(options: Namespace) -> None:
     from .neighbours import omission
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
-    _refuse_foreign(file)
+    if file.suffix.lower() not in ('.html', '.htm'):
+        raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
+    if file.is_dir():
+        raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
+    refuse_existing(options, [file])
     scene = read_scene(options.scene).counted()
     if scene.finite and not scene.single and scene.frf is not None and scene.frf.force is not None:
         return _write(options, file, structure_page(*_pushed(scene), options.scene.text), [])
@@ -91,7 +93,7 @@ def border(explorer: Explorer) -> tuple[NDArray[np.float64], NDArray[np.float64]
 def _write(options, file, page, words):
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file, 'wb') as out:
-        out.write(page.encode() + _signature(page.encode()))
+        out.write(page.encode())
     options.written = file
     print('\n'.join([f'{file} is written; open it in a browser', *words]))
 
@@ -118,24 +120,6 @@ def _template(text, scene, atoms):
     tables['law']['shells'] = scene.law.shells
     tables['foundation'] = {'stiffness_N_per_m': '{foundation_N_per_m}'}
     return toml(tables)
-
-
-def _signature(page):
-    return SUM + sha256(page).hexdigest().encode() + b' -->\n'
-
-
-def _refuse_foreign(file):
-    if file.suffix.lower() not in ('.html', '.htm'):
-        raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
-    if file.is_dir():
-        raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
-    if os.path.lexists(file):
-        if file.is_symlink() or not file.is_file():
-            raise ValueError(f'{file} is not a regular file but, for example, a pipe or a link; choose another name')
-        page, mark, rest = file.read_bytes().rpartition(SUM)
-        if mark + rest != _signature(page):
-            raise ValueError(f'{file} is not a page of "magphonon explore", or was edited, and is not replaced; choose another '
-                             'name, or move it away')
 
 
 def _refuse_unknown(scene: Scene) -> None:

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import Unstable, finite, refuse_memory, whole
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import lossless_modes, signed_root
 from ..stiffness.plausibility import asked_frequencies

@@ -23,9 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bands.bloch import bloch_modes, wavevectors
 from ..errors import PhysicsError, finite, positive
-from ..files import Saved
 from ..lattices.bonds import image_of
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.factors import factorised
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes

@@ -1,7 +1,6 @@
 """`magphonon explore`: a page is written whole or not at all, other files stay, and unsuitable scenes are refused in words."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatc
     assert '<h1>Honeycomb of light and heavy magnets, one of them missing</h1>' in first
     assert 'This lattice is perfect: [defects] and [disorder] belong to a patch.' in first
     assert 'vacancies_m' in first  # the scene itself
-    assert main(['explore', 'rings', '-o', 'new/page.html']) == 0
+    assert main(['explore', 'rings', '-o', 'new/page.html', '--force']) == 0
     assert '<h1>N42 rings on pillars' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')
     assert main(['explore', str(ready_scene('steel'))]) == 0
     assert sorted(file.name for file in tmp_path.iterdir()) == ['new', 'steel-explore.html']
@@ -74,26 +73,16 @@ def test_a_structure_that_is_pushed_has_a_page(by, words, scene_file, tmp_path, 
         assert len(structure['x']) == 127
 
 
-@pytest.mark.skipif(not hasattr(os, 'mkfifo'), reason='a system without pipes that have names')
-def test_other_files_are_not_replaced(few_values, tmp_path, capsys):
-    assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 0
-    with open(tmp_path / 'edited.html', 'r+', encoding='utf-8') as page:
-        page.seek(300)
-        page.write('my title')
-    before = (tmp_path / 'edited.html').read_bytes()
-    assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 2
-    assert 'is not a page of "magphonon explore", or was edited' in capsys.readouterr().err
-    assert (tmp_path / 'edited.html').read_bytes() == before
-    (tmp_path / 'edited.html').unlink()
+def test_other_files_are_replaced_with_force_alone(few_values, tmp_path, capsys):
     (tmp_path / 'mine.html').write_text('<html>my own page</html>')
-    os.mkfifo(tmp_path / 'pipe.html')
-    for name, words in (('mine.html', 'is not a page of "magphonon explore", or was edited'),
-                        ('pipe.html', 'is not a regular file'), ('mine.toml', 'must be the name of a page, ending in .html'),
-                        ('', 'must be the name of a page')):
+    for name, words in (('mine.html', 'mine.html exists; name another place with -o, or give --force'),
+                        ('mine.toml', 'must be the name of a page, ending in .html'), ('', 'must be the name of a page')):
         assert main(['explore', 'square', '-o', str(tmp_path / name)]) == 2
         assert words in capsys.readouterr().err
     assert (tmp_path / 'mine.html').read_text() == '<html>my own page</html>'
-    assert len(list(tmp_path.iterdir())) == 2
+    assert main(['explore', 'square', '-o', str(tmp_path / 'mine.html'), '--force']) == 0
+    assert 'my own page' not in (tmp_path / 'mine.html').read_text(encoding='utf-8')
+    assert [file.name for file in tmp_path.iterdir()] == ['mine.html']
 
 
 LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
