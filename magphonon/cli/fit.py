@@ -33,10 +33,9 @@ from .. import units as u
 from ..errors import not_negative, one_of, positive
 from ..readers import content
 from ..tables import MOST_BYTES
-from .arguments import add_pictures, drawing, force, length, ready_table, share
+from .arguments import add_force, add_pictures, drawing, force, length, ready_table, share
 
 HELP = 'the force between two particles, or the lattice, from measurements'
-RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*'
 KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
          'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
 """The kinds of records that a file may hold, and the function that reads each."""
@@ -87,6 +86,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--dry-run', action='store_true', help='only say how each file is understood')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
+    add_force(parser)
     add_pictures(parser, frequencies=False)
 
 
@@ -126,6 +126,8 @@ def _refuse_copies(names):
 
 def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
     """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
+    if file.endswith('.toml'):
+        raise ValueError(f'{file} is a scene and holds no measurements')
     faults = []
     for kind, (module, reader) in KINDS.items():
         try:
@@ -189,12 +191,12 @@ def _with_scene(options):
     _of_one_kind(options)
 
 
-def _told(options, scene, tables, report, name, figure=None):
+def _told(options, scene, report, name, figure=None):
     """Print a report; if there is a folder of results, write the full report and its picture, if any, into it."""
     from .results import results
 
     if options.output is not None:
-        with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
+        with results(options, f'{name}.*') as folder, drawing(options, folder, scene.title) as save:
             if figure is not None:
                 save(figure(), name)
             (folder / f'{name}.txt').write_text(report() + '\n', encoding='utf-8')
@@ -223,7 +225,7 @@ def _fit_forces(options):
         from ..plotting.fits import plot_fit
         from .results import results
 
-        with results(options, None, options.file) as out, drawing(options, out) as save:
+        with results(options, 'fit.*', 'law.toml') as out, drawing(options, out) as save:
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
     print(force_report(options, forces, fit, shared, verbose=options.verbose))
@@ -275,7 +277,7 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    _told(options, scene, options.files, partial(band_report, found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
+    _told(options, scene, partial(band_report, found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
         found.points, {model: (found.fitted(model).perfect_cell(), found.fits[model]) for model in MODELS}))
 
 
@@ -330,5 +332,5 @@ def _fit_frf(options):
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
         print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
     found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
-    _told(options, scene, options.files, partial(frf_report, found, fixed), 'frf_fit',
+    _told(options, scene, partial(frf_report, found, fixed), 'frf_fit',
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

@@ -14,7 +14,6 @@ from .bands import (
 )
 from .density import plot_density as plot_density
 from .fits import plot_band_fits as plot_band_fits, plot_fit as plot_fit
-from .floquet import plot_floquet as plot_floquet
 from .modes import (
     plot_comparison as plot_comparison,
     plot_extents as plot_extents,

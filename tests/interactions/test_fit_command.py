@@ -54,7 +54,7 @@ def scene_with(entry, folder):
 def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
     assert main(['fit', str(SYNTHETIC), '--spacing', '10mm', '--distance-sigma', '0.05mm', '-o', str(tmp_path / 'out')]) == 0
     printed = capsys.readouterr().out
-    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['fit.png', 'law.toml', 'provenance.json']
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['fit.png', 'law.toml']
     entry = (tmp_path / 'out' / 'law.toml').read_text()
     assert entry in printed
     fit = fit_forces(read_forces(SYNTHETIC), L0, SharedErrors(distance=0.05))

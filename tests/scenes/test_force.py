@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import read_scene, ready_scene, units as u
-from magphonon.cli.main import main
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes import fit_bands
 from magphonon.scenes.scene import parts_of, scene_of

@@ -3,7 +3,6 @@
 import copy
 import math
 import os
-import re
 import sys
 import tomllib
 from functools import partial
