@@ -20,7 +20,8 @@ from magphonon.files import write_columns
 from magphonon.interactions import read_forces
 from magphonon.readers import READERS
 from magphonon.response import read_transfer
-from magphonon.tables import FORCE, LENGTH, read_table
+from magphonon.quantities import FORCE, LENGTH
+from magphonon.tables import read_table
 from magphonon.waves import read_scan
 
 GF = 9.80665e-3  # N

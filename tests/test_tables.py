@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from magphonon.tables import ANGLE, AREA, FORCE, FREQUENCY, LENGTH, MASS, PURE, SPEED, STIFFNESS, TEXT, TIME, read_table
+from magphonon.quantities import ANGLE, AREA, FORCE, FREQUENCY, LENGTH, MASS, PURE, SPEED, STIFFNESS, TEXT, TIME
+from magphonon.tables import read_table
 
 COLUMNS = {'time': TIME, 'x': LENGTH, 'v_x': SPEED, 'f': FORCE, 'name': TEXT, 'count': PURE}
 

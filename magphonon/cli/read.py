@@ -84,12 +84,10 @@ def _understood(file, kind, clean):
     if isinstance(found, list):
         return [f'  {len(found)} data sets of a universal file']
     table = read_table(file, **module.ASKED, held=found)
-    told = [f'  {name}: {quantity}{f" in {table.spelt[quantity]}" * bool(table.spelt[quantity])}'
-            for quantity, name in table.header.items()
+    told = [f'  {name}: {quantity}{f" in {table.told[quantity].unit}" * bool(table.told[quantity].unit)}'
+            for quantity, name in ((quantity, head.name) for quantity, head in table.told.items())
             if quantity in table and name not in clean]
-    if table.points:
-        told += [f'  {len(table.points)} columns of one point each, from {next(iter(table.points))} to {[*table.points][-1]}']
-    return [*told, *(f'  {note}' for note in table.notes)]
+    return told
 
 
 def _range(name, column):
