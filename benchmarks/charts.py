@@ -1,8 +1,8 @@
 """Error against cost, a panel for each question: `python benchmarks/charts.py [-o docs]` writes charts.png and charts.csv.
 
-The panels of bands, bursts, responses and large motion are those of `python -m workflows speed_accuracy`; six more are measured
-here: coming to rest, densities of states, frequencies at an amplitude, fits of a law, the lowest modes of large cells by the
-accuracy of their factors, and how much arithmetic an error needs.  Which method is the quickest to some errors is printed for
+The panels of bands, bursts, responses and large motion are those of `python -m workflows speed_accuracy`; five more are measured
+here: coming to rest, densities of states, fits of a law, the lowest modes of large cells by the accuracy of their factors, and
+how much arithmetic an error needs.  Which method is the quickest to some errors is printed for
 each panel, and stands at the foot of charts.csv.  The cost is CPU time, which other load on the machine stretches less than the
 time on the wall; on two machines the order of the methods is the same, the times are not.
 """
@@ -20,12 +20,10 @@ os.environ['OMP_NUM_THREADS'] = '1'  # before numpy is loaded: all methods on on
 import numpy as np
 from ase.optimize import FIRE, LBFGS
 from scipy import sparse
-from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline
-from scipy.optimize import fsolve, minimize
+from scipy.optimize import minimize
 from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg, spilu, splu, spsolve
 
-from magphonon import DrivenVerlet, MagneticRepulsion, Recorder, lattices, modes, read_scene, ready_scene, relaxed
+from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, relaxed
 from magphonon.bands.density import lattice_density
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS, step_within
@@ -33,8 +31,6 @@ from magphonon.interactions import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import Forces
 from magphonon.plotting.axes import letter_panels, panels, print_style
 from magphonon.response import density_of_states
-from magphonon.stability import frequency_shifts, nonlinear_modes
-from magphonon.stability.amplitude_shifts import forces_at
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.lowest import lowest_eigenpairs
 from workflows import accuracy, accuracy_bands, accuracy_frf, accuracy_nonlinear, accuracy_transient
@@ -62,7 +58,7 @@ def main():
     for question in (accuracy_bands, accuracy_transient, accuracy_frf, accuracy_nonlinear):
         table += question.chart(True).measurements
     table = [replace(m, panel=TITLES[m.panel]) for m in table if m.panel in TITLES]
-    for question in (coming_to_rest, densities, at_amplitude, fits, large_cells, arithmetic):
+    for question in (coming_to_rest, densities, fits, large_cells, arithmetic):
         table += question()
         print(*(f'{m.panel}: {m.method}, {m.setting}: {m.error:.1e} in {m.seconds:.3g} s' for m in panels_of(table).popitem()[1]),
               sep='\n', flush=True)
@@ -198,62 +194,6 @@ def densities(n=24):
     names |= {('lattice_density of the perfect lattice', f'{s} steps'): partial(endless, s) for s in (8, 32, 128)}
     runs = [Candidate(*name, run, f'share of the modes of {n * n} magnets below 20 frequencies') for name, run in names.items()]
     return measure(runs, lambda share: abs(share - exact).max(), repeats=2, patience=0.3)
-
-
-def at_amplitude(share=0.03):
-    """The softest mode of seven magnets in a held rim, that turn at 3 % of the spacing: error of its frequency.
-
-    The motion is periodic in a shape of its own: shooting finds it, or harmonic balance; the linear shape, released, beats.
-    """
-    cell, _ = prototype(4)
-    L0 = cell.cell.lengths()[0]
-    patch = lattices.hexagon(cell, 2.1 * L0)
-    patch.calc = MagneticRepulsion(patch, cell.calc.laws, **cell.calc.parameters)
-    system, amplitude = LinearSystem.of(patch), share * L0
-    S, n, w = system.shapes.toarray(), system.directions, np.sqrt(system.spectrum[0][0])
-    shape = system.spectrum[1][:, 0]
-    places = (S @ shape).reshape(-1, 2)
-    most = np.linalg.norm(places, axis=1).argmax()
-    shape = shape * amplitude / np.linalg.norm(places[most])
-
-    def shooting(rtol, cost):
-        def flow(t, x):
-            cost['force evaluations'] += 1
-            return np.append(x[n:], S.T @ forces_at(patch.calc, (S @ x[:n]).reshape(1, -1, 2)).ravel())
-
-        def missed(z):  # velocities after half a period, and the amplitude
-            end = solve_ivp(flow, (0, np.pi / (z[n] * w)), np.append(amplitude * z[:n], np.zeros(n)), 'DOP853', rtol=rtol,
-                            atol=rtol * amplitude).y[n:, -1]
-            return np.append(end / (w * amplitude), np.linalg.norm((S @ z[:n]).reshape(-1, 2)[most]) - 1)
-
-        return w * fsolve(missed, np.append(shape / amplitude, 1.0), xtol=0.1 * rtol)[n]
-
-    def released(periods, cost):
-        atoms = patch.copy()
-        atoms.calc = patch.calc
-        atoms.positions[:, :2] += (S @ shape).reshape(-1, 2)
-        dyn = DrivenVerlet(atoms, 0.02 * 2 * np.pi / w, order=6, engine='numpy')
-        recorder = Recorder(dyn)
-        dyn.run(50 * periods)
-        cost['force evaluations'] = 50 * periods * SPLITTINGS[6].stages
-        y = recorder.displacements.reshape(len(recorder.times), -1) @ (S @ shape)
-        k = np.flatnonzero((y[:-1] < 0) & (y[1:] >= 0))
-        crossings = recorder.times[k] + np.diff(recorder.times)[k] * y[k] / (y[k] - y[k + 1])
-        return 2 * np.pi / np.polyfit(np.arange(len(k)), crossings, 1)[0]
-
-    def balanced(points, cost):
-        found = nonlinear_modes(patch, 0, 1.01 * amplitude, points=points)
-        return float(CubicSpline(found.amplitude**2, found.omega)(amplitude**2))
-
-    exact = shooting(1e-12, {'force evaluations': 0})
-    names = {('linear mode', ''): lambda cost: modes(patch, 1).omega[0],
-             ('frequency_shifts', ''): lambda cost: w * (1 + frequency_shifts(patch).curvature[0] * amplitude**2)}
-    names |= {('nonlinear_modes', f'{k} points'): partial(balanced, k) for k in (4, 8, 16)}
-    names |= {('shooting with DOP853', f'rtol {r:g}'): partial(shooting, r) for r in (1e-3, 1e-5, 1e-7, 1e-9)}
-    names |= {('linear shape released', f'{k} periods'): partial(released, k) for k in (4, 16, 64)}
-    panel = f'frequency of 7 magnets that turn at {share:.0%} of the spacing'
-    runs = [Candidate(*name, run, panel) for name, run in names.items()]
-    return measure(runs, lambda omega: abs(omega / exact - 1), repeats=2, patience=0.5)
 
 
 def fits(tables=8, spacing=10.0, shift=0.05, offset=5e-4, screened=12.0):

@@ -10,7 +10,6 @@ Seconds are those of the processor, which other users of the machine do not leng
 import argparse
 import ctypes
 import os
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -18,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter, process_time, sleep, thread_time
+from time import perf_counter, process_time, thread_time
 
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 
@@ -28,16 +27,13 @@ from ase.md.verlet import VelocityVerlet
 from matplotlib.ticker import EngFormatter
 from numpy.polynomial.chebyshev import chebinterpolate
 from scipy import sparse
-from scipy.integrate import solve_ivp, trapezoid
+from scipy.integrate import solve_ivp
 from scipy.sparse.linalg import expm_multiply, splu
 
 from magphonon import (
     DrivenVerlet,
-    Harmonic,
     InversePower,
     MagneticRepulsion,
-    Recorder,
-    ToneBurst,
     analytic_bands,
     finite_displacements,
     frequency_response,
@@ -47,14 +43,9 @@ from magphonon import (
     units as u,
 )
 from magphonon.bands import bloch_modes
-from magphonon.dynamics.bond_increments import RANGES
-from magphonon.dynamics.engine import PIECES
-from magphonon.dynamics.lammps import lammps_session, run_lammps, write_lammps_input
-from magphonon.response import density_of_states
+from magphonon.dynamics.lammps import lammps_session, write_lammps_input
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.factors import factorised as factors_of
-from magphonon.stiffness.lowest import count_below
-from magphonon.sweeps import sweep
 
 LAW, FOUNDATION, DT = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824), 19.6757 * u.N / u.m, 0.1 * u.ms
 ROUNDS, SECONDS = 7, 0.15
@@ -102,19 +93,12 @@ class Result:
                 f'{self.ratio:6.2f} x   {error:12s} goal {self.goal:4.1f}: {self.verdict}')
 
 
-FAR = 'Bonds that are far from rest take 32 coefficients, or the law in pieces, where the others take 12: arithmetic'
 REASONS = {
     ('patch', 'LAMMPS'): 'The arithmetic of an exact step, 3 bonds of 17 multiply-adds and 10 for the magnet, takes 2.1 ns, '
                          'a ninth of LAMMPS; stops for an observer, and memory from 1e5 magnets on, take the rest',
-    ('2 % off their places', 'ordered'): 'Each bond reads its own vector and strength, which ordered ones share',
     ('100 ms', 'LAMMPS'): 'A stage takes 0.6 to 0.7 ns, its arithmetic 0.56; the rest is within the scatter from run to run',
-    ('100 ms', 'plain C'): 'C looks neither whether the law reaches nor whether the bonds hold, for which a strain of 0.1 needs '
-                           'a survey of all pairs, as long as the steps; and it writes no atoms',
     ('two threads', 'one thread'): 'The next line says what the machine gives to two separate runs',
     ('two runs side by side', ''): 'It is what the machine gives, not the package',
-    ('shaken', ''): FAR,
-    ('all displaced', ''): FAR,
-    ('burst', 'compiled'): 'Two threads do 1.6 times the work of one at 1e4 magnets; by default one is taken below 40 000',
     ('300 wavevectors, objects ready', 'phonopy'): 'It takes twice as long as four lines of NumPy in closed form, 29 us',
 }
 """Why a goal is missed, by what the names of job and peer begin with."""
@@ -194,10 +178,8 @@ def stepper(start, engine='compiled', threads=1, every=10):
 
 
 def exact(start, steps=100):
-    """Displacements by the law itself instead of polynomials."""
-    dyn = DrivenVerlet(moving(*start), DT, engine='numpy')
-    dyn.run(0)
-    dyn._blocks._fit(len(RANGES) + 1)
+    """Displacements by ASE's loop, with the law itself instead of polynomials."""
+    dyn = DrivenVerlet(moving(*start), DT, engine='ase')
     dyn.run(steps)
     return dyn.displacements
 
@@ -290,14 +272,12 @@ def plain(start):
 
 
 def steps(job, start, goals, every=10):
-    """Compiled steps on one thread against some of ASE's loop, NumPy blocks, and the faster one of LAMMPS's styles."""
+    """Compiled steps on one thread against ASE's loop and the faster one of LAMMPS's styles."""
     atoms, displacements, _ = start
     run, end = stepper(start, every=every)
     jobs = {'magphonon': run}
     if 'ASE' in goals:
         jobs['ASE, plain calculator'] = plain(start)
-    if 'NumPy' in goals:
-        jobs['NumPy blocks'] = stepper(start, 'numpy', every=every)[0]
     with ExitStack() as stack:
         at_rest = atoms.copy()
         at_rest.calc = moving(*start).calc
@@ -316,8 +296,6 @@ def steps(job, start, goals, every=10):
 
 def time_to_error(strain, n=100, duration=100 * u.ms):
     """(seconds, error) of runs with shorter and shorter steps, by method; `n x n` magnets, displaced at random up to a strain."""
-    from exact_flow import flow_exactly  # which needs numba
-
     atoms, displacements = patch(n)
     start = moving(atoms, 0 * displacements)
     i, j = start.calc.bonds.i, start.calc.bonds.j
@@ -325,30 +303,20 @@ def time_to_error(strain, n=100, duration=100 * u.ms):
 
     def run(method, steps):
         dyn = DrivenVerlet(moving(atoms, displacements), duration / steps, engine='compiled', threads=1,
-                           order=2 if method == FLOW else int(method[6]), allow_unstable=method == FLOW,
-                           tolerance=1e-4 if 'tolerance' in method else None)
+                           order=int(method[6]), tolerance=1e-4 if 'tolerance' in method else None)
         rest = dyn.irun(steps)
         next(rest)  # what is made ready for the run
-        if method == FLOW:
-            flow_exactly(dyn)
         begin = thread_time()
         for _ in rest:
             pass
-        return thread_time() - begin, dyn.displacements, dyn
+        return thread_time() - begin, dyn.displacements
 
     exact, counts = run('order 6', 700)[1], {
         'order 2': (500, 1000, 2000, 5000, 10_000), 'order 4': (50, 65, 80, 120, 200), 'order 6': (32, 40, 50, 70, 100),
-        SHORT: (32, 40, 50, 70, 100),
-        FLOW: (40, 50, 60, 80, 120, 200)}
+        SHORT: (32, 40, 50, 70, 100)}
     runs = [{(method, steps): run(method, steps) for method in counts for steps in counts[method]} for _ in range(3)]
     found = {method: [(min(each[method, steps][0] for each in runs), apart(runs[0][method, steps][1], exact)) for steps in own]
              for method, own in counts.items()}
-    try:
-        with plain_c(runs[0][SHORT, 40][2], displacements, duration) as stepped:
-            some = [{steps: stepped(steps) for steps in counts[SHORT]} for _ in range(5)]
-        found[PLAIN_C] = [(min(each[n][0] for each in some), apart(some[0][n][1], exact)) for n in counts[SHORT]]
-    except (OSError, subprocess.CalledProcessError) as missing:
-        print(f'motion: no compiler cc ({missing})')
     found[LINEAR] = [(np.nan, apart(propagate(moving(atoms, displacements), [duration]).displacements[0], exact))]
     try:
         for steps in 500, 1000, 2000, 5000, 10_000:
@@ -360,46 +328,9 @@ def time_to_error(strain, n=100, duration=100 * u.ms):
     return found
 
 
-@contextmanager
-def plain_c(dyn, displacements, duration):
-    """`run(steps)` of the motion of `dyn` by plain_steps.c, with its law, precision and splitting: seconds, and the end.
-
-    OSError where there is no compiler `cc`.
-    """
-    blocks, one = dyn._blocks, dyn.splitting
-    *_, bonds, law, _, _, _, _, offsets, pad, slots, _, outer = blocks._kernel._given
-    real, length, pad, slot = blocks._dtype, blocks.layout.length, int(pad), blocks.layout.slot + int(pad)
-    start, mobility = np.zeros((2, length + 2 * pad), real), np.zeros(length + 2 * pad, real)
-    start[:, slot], mobility[pad:pad + length] = displacements[:, :2].T, slots[1]
-    c = law.c if bonds.unit is None else law.c * bonds.unit[:, None] ** (1 + np.arange(law.c.shape[1]))  # by x and not by e
-    law_and_bonds = [np.array(offsets, int), *(np.ascontiguousarray(x, real) for x in (c, [bonds.Rx, bonds.Ry], bonds.g))]
-    name, number = ('float', ctypes.c_float) if real is np.float32 else ('double', ctypes.c_double)
-    with TemporaryDirectory() as folder:
-        source, built = Path(__file__).with_name('plain_steps.c'), Path(folder, 'plain_steps.so')
-        subprocess.run(['cc', '-O3', '-march=native', '-ffast-math', '-shared', '-fPIC', f'-DREAL={name}',  # noqa: S603, S607  our own
-                        f'-DCOUNT={law.c.shape[1]}', source, '-o', built], check=True, capture_output=True)
-        function, array, whole = ctypes.CDLL(str(built)).steps, ctypes.c_void_p, ctypes.c_long
-        function.argtypes = [*[array] * 4, *[whole] * 3, *[array] * 4, number, *[array] * 2, *[whole] * 3]
-
-        def run(steps):
-            kicks, drifts = duration / steps * np.array([(2 * one.kicks[0], *one.kicks[1:-1]), one.drifts])
-            moved = [start.copy(), np.zeros_like(start), np.zeros((6, start.shape[1]), real), mobility]
-            flow = [np.ascontiguousarray(x, real) for x in (kicks, drifts)]
-            begin = thread_time()
-            function(*(x.ctypes.data for x in moved), length, pad, start.shape[1], *(x.ctypes.data for x in law_and_bonds),
-                     float(outer.springs[0]), *(x.ctypes.data for x in flow), one.stages, steps, 2048)
-            return thread_time() - begin, moved[0][:, slot].T
-
-        yield run
-
-
-FLOW, LINEAR, SHORT, PLAIN_C = 'exact linear flow', 'linear answer', 'order 6, tolerance 1e-4', 'plain C'
+LINEAR, SHORT = 'linear answer', 'order 6, tolerance 1e-4'
 CHARTED = {}
-"""What `time_to_error` found for each strain, for the chart.
-
-Two of the curves are no rows of the table: the exact flow of the linear part with kicks by the rest, which is not in the package
-(docs/reference/cluster.md says why), and the error of the linear answer, which costs nothing beside all others.
-"""
+"""What `time_to_error` found for each strain, for the chart; the error of the linear answer is in the chart alone."""
 
 
 def motion():
@@ -409,7 +340,7 @@ def motion():
         for error, goal in zip((1.5e-3, 2e-4), wanted, strict=True):
             seconds = {name: at_error(runs, error) for name, runs in found.items() if name != LINEAR}
             own = min((name for name in seconds if name.startswith('order')), key=seconds.get)
-            for peer in ('LAMMPS', PLAIN_C, 'order 2', 'order 6'):
+            for peer in ('LAMMPS', 'order 2', 'order 6'):
                 if peer in seconds and peer != own:
                     yield Result(f'100 ms, 10000 magnets, strain {strain:g}, {own}', f'{peer}, same error', seconds[own],
                                  seconds[peer], error, goal if peer == 'LAMMPS' else 1)
@@ -419,13 +350,6 @@ def at_error(runs, error):
     """Seconds that reach an error, between those of runs; infinite where no run is as good."""
     seconds, errors = np.log(np.array(sorted(runs, reverse=True))).T
     return float(np.exp(np.interp(np.log(error), errors, seconds, left=np.inf)))
-
-
-def disorder():
-    """Scattered against ordered, of the same size."""
-    best = in_turns({'ordered': stepper(patch(100))[0], 'scattered': stepper((*disordered(100), 100 * FOUNDATION))[0]}, 10)
-    yield Result('2 % off their places, 10000 magnets', 'ordered (1/1.5 wanted)', best['scattered'] / 1e4, best['ordered'] / 1e4,
-                 np.nan, 1 / 1.5)
 
 
 def threads():
@@ -442,107 +366,6 @@ def threads():
                      apart(at_two, at_one), goal)
         yield Result(f'two runs side by side, {n * n} magnets', 'one after the other', best['beside'] / n**2 / 2,
                      best['one'] / n**2, np.nan, goal)
-
-
-def shaken(force, engine='compiled'):
-    """A patch in the middle of which one magnet is shaken, by a force in N that the damping balances, after 300 steps."""
-    atoms = patch(100)[0]
-    middle = np.linalg.norm(atoms.positions - atoms.positions.mean(axis=0), axis=1).argmin()
-    return after(moving(atoms, 0), 300, engine, [Harmonic([middle], (0, 1), force, 0.4)], damping=0.05)
-
-
-def hot(size, engine='compiled'):
-    """A patch whose magnets all have left their places by `size` in mm, along x and along y, after 100 steps."""
-    atoms, displacements = patch(100)
-    return after(moving(atoms, displacements * (size / 0.01)), 100, engine)
-
-
-def after(atoms, count, engine, drives=(), **damping):
-    """The run after some steps with an observer every ten; by NumPy with the law itself."""
-    dyn = DrivenVerlet(atoms, DT, drives, engine=engine, threads=1 if engine == 'compiled' else None, **damping)
-    dyn.attach(lambda: None, 10)
-    dyn.run(0)
-    if engine == 'numpy':
-        dyn._blocks._fit(PIECES + 1)
-    dyn.run(count)
-    return dyn
-
-
-def large_motion():
-    """Motion beyond the reach of the polynomials, against one a thousand times as small, of the same patch.
-
-    In the first, bonds are far near the source only, and the other parts of the patch keep a polynomial.  In the second all bonds
-    are spread: nearly all parts take the polynomial that reaches furthest, of 32 coefficients, which is arithmetic.
-    """
-    for job, scene, size in (('shaken by 0.5 N', shaken, 0.5), ('all displaced by 5 %', hot, 0.5)):
-        small, far, by_law = scene(size / 1000), scene(size), scene(size, 'numpy').displacements
-        if far._blocks._level != PIECES:
-            raise RuntimeError(f'the strain of "{job}" does not call for the law in pieces')
-        error, strain = apart(far.displacements, by_law), far._blocks._strain()
-        best = in_turns({'small': small.run, 'far': far.run}, 10)
-        yield Result(f'{job}, strain {strain:.1f}, 10000 magnets', 'a thousandth of it', best['far'] / 1e4, best['small'] / 1e4,
-                     error, 0.5)
-
-
-def engines(n, count=200):
-    """A burst in the middle of a patch by every engine that a command offers; LAMMPS tells its time without its start."""
-    atoms = moving(*patch(n), cutoff=None)
-    atoms.positions[:] = atoms.calc.reference.positions
-    middle = n // 2 * n + n // 2
-    burst, row = ToneBurst(middle, (0, 1), 1e-6 * u.N, omega=2 * np.pi * 40 * u.Hz, cycles=1), middle + np.arange(10)
-
-    def stepped(engine, workers):
-        patch = atoms.copy()
-        patch.calc = atoms.calc
-        dyn = DrivenVerlet(patch, DT, [burst], engine=engine, threads=workers)
-        recorder = Recorder(dyn, row, count)
-        dyn.run(0)  # what is compiled, is compiled before
-        start = perf_counter()
-        dyn.run(count)
-        return perf_counter() - start, recorder.displacements[-1]
-
-    def by_lammps(ranks):
-        with TemporaryDirectory() as folder:
-            record, = run_lammps(atoms, DT, count, records=[(row, count)], drives=[burst], ranks=ranks, directory=folder)
-            log = Path(folder, 'log.lammps').read_text()
-        return float(log.split('Loop time of ')[1].split()[0]), record.displacements[-1]
-
-    jobs = {'compiled': (stepped, 'compiled', 1), 'two threads': (stepped, 'compiled', 2),
-            'NumPy blocks': (stepped, 'numpy', None), 'LAMMPS, one rank': (by_lammps, 1),
-            'LAMMPS, two ranks': (by_lammps, 2)}
-    goals = dict(zip(jobs, (1, 1.7 if n > 300 else 1, 2, 5, 3), strict=True))
-    found = {name: [] for name in jobs}
-    for _ in range(3):
-        for name, (job, *arguments) in jobs.items():
-            try:
-                found[name].append(job(*arguments))
-            except ImportError as missing:
-                print(f'{name}: {missing}')
-    least = {name: min(seconds for seconds, _ in runs) / count / n**2 for name, runs in found.items() if runs}
-    for name in list(least)[1:]:
-        error = apart(found['compiled'][0][1], found[name][0][1])
-        ours, peer = ('two threads', 'compiled') if name == 'two threads' else ('compiled', name)
-        yield Result(f'burst, {n * n} magnets, {ours}', peer, least[ours], least[peer], error, goals[name])
-
-
-def with_holes(n):
-    """A patch of `n x n` magnets, one in thirty of which is missing, not at rest."""
-    atoms, _ = patch(n)
-    free = np.flatnonzero(atoms.get_tags() != lattices.RIM)
-    del atoms[np.random.default_rng(3).choice(free, len(atoms) // 30, replace=False)]
-    atoms.set_array('site', None)
-    return moving(atoms, 0, STIFF)
-
-
-def memory(job, code, n, before):
-    """Peak of a process that runs code for a patch of `n x n` magnets, less that with a small one, against an earlier one."""
-    peaks = []
-    for side in (10, n):
-        told = 'print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1])'
-        done = subprocess.run([sys.executable, '-c', f'import speed; {code.format(side)}; {told}'],  # noqa: S603  our own
-                              cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
-        peaks.append(1024 * int(done.stdout.split()[-1]))  # getrusage tells the parent's peak, too
-    yield Result(f'memory of {job}, {n * n} magnets', 'as measured before', (peaks[1] - peaks[0]) / n**2, before, np.nan, 1, 'B')
 
 
 # --- bands
@@ -693,28 +516,6 @@ def linear_tools(particles):
                  best['own'] / len(OMEGA), best['LU'], apart(found['own'], reference), 1)
 
 
-def linear_goals(particles):
-    """What the linear tools take from the atoms to the answer, bonds known, against the seconds that were wished for."""
-    atoms = kicked(particles)
-    quiet = atoms.copy()
-    quiet.set_momenta(np.zeros((len(atoms), 3)))
-    force, row = middle_force(atoms)
-    burst, times = ToneBurst(row[0], (0, 1), 1e-6 * u.N, omega=2 * np.pi * 40 * u.Hz, cycles=1), np.arange(1.0, 21.0) * u.ms
-
-    def anew(tool, *arguments):
-        quiet.calc = MagneticRepulsion(quiet, LAW, foundation=FOUNDATION, bonds=atoms.calc.bonds)
-        return tool(quiet, *arguments)
-
-    jobs = {'propagate a burst': (0.12, partial(anew, propagate, times, [burst], GAMMA, row)),
-            '100 frequencies': (0.5, partial(anew, frequency_response, force, OMEGA, GAMMA, row, 1e-6)),
-            'density_of_states, 512 x 8': (0.5, partial(anew, density_of_states, None, 512, 8)),
-            'the calculator alone': (np.nan, partial(anew, lambda patch: None))}
-    best, _ = answered(**{name: job for name, (_, job) in jobs.items()})
-    calculator = best.pop('the calculator alone')
-    for name, seconds in best.items():
-        yield Result(f'{name}, {len(atoms)} magnets', 'wished for', seconds - calculator, jobs[name][0], np.nan, 1)
-
-
 def factors(particles):
     """Factors of K, order of elimination included, by what is installed: the goal is to be within 1.3 of CHOLMOD."""
     K = LinearSystem.of(kicked(particles)).K
@@ -742,81 +543,33 @@ def factors(particles):
             yield Result(f'sparse factors, {round(particles)} magnets', peer, best['own'], best[peer], error, goal)
 
 
-def count_modes_below():
-    """The number of modes below a frequency by the density of states, against all squared frequencies; Sylvester's law counts."""
-    atoms = kicked(1000)
-
-    def counted():
-        found = density_of_states(atoms, np.linspace(0, BELOW, 400), 128, 8)
-        return trapezoid(found.density, found.omega) / found.modes
-
-    best, found = answered(own=counted, dense=lambda: (np.linalg.eigvalsh(LinearSystem.of(atoms).K.toarray()) < BELOW**2).mean())
-    K = LinearSystem.of(atoms).K
-    exact = count_below(K, BELOW**2) / K.shape[0]
-    yield Result(f'density_of_states, {len(atoms)} magnets', 'dense eigvalsh', best['own'], best['dense'],
-                 abs(found['own'] / exact - 1), 1)
-
-
-def waiting(point, seconds):
-    """How long a point of a sweep really took."""
-    start = perf_counter()
-    sleep(seconds)
-    return perf_counter() - start
-
-
-def sweeps():
-    """Two workers against one that spends no time on anything but the points; the workers run already."""
-    sweep(waiting, {'point': np.arange(4.0), 'seconds': [0.01]}, workers=2)
-    for points, seconds in (10_000, 1e-3), (40, 0.25):
-        with TemporaryDirectory() as folder:
-            start = perf_counter()
-            busy = sweep(waiting, {'point': np.arange(float(points)), 'seconds': [seconds]}, workers=2,
-                         journal=Path(folder, 'journal'), name='waiting').value.sum()
-            wall = perf_counter() - start
-        yield Result(f'sweep, {points} points of {1e3 * seconds:g} ms', 'one worker, points alone', wall * seconds / float(busy),
-                     seconds, np.nan, 1.9)
-
-
 STIFF = 100 * FOUNDATION  # vacancies and places off the lattice would draw their neighbours in
 ROWS = {
-    'ASE 1e3': lambda: steps('patch', (*patch(32), FOUNDATION), {'ASE': 50, 'NumPy': 2, 'LAMMPS': 5}),
-    'patch 1e4': lambda: steps('patch', (*patch(100), FOUNDATION), {'NumPy': 2, 'LAMMPS': 10}),
-    'patch 1e5': lambda: steps('patch', (*patch(316), FOUNDATION), {'NumPy': 2, 'LAMMPS': 10}),
+    'ASE 1e3': lambda: steps('patch', (*patch(32), FOUNDATION), {'ASE': 50, 'LAMMPS': 5}),
+    'patch 1e4': lambda: steps('patch', (*patch(100), FOUNDATION), {'LAMMPS': 10}),
+    'patch 1e5': lambda: steps('patch', (*patch(316), FOUNDATION), {'LAMMPS': 10}),
     'patch 1e6': lambda: steps('patch', (*patch(1000), FOUNDATION), {'LAMMPS': 10}),
     'seldom 1e4': lambda: steps('patch, looked at every 100 steps', (*patch(100), FOUNDATION), {'LAMMPS': 10}, 100),
     'seldom 1e5': lambda: steps('patch, looked at every 100 steps', (*patch(316), FOUNDATION), {'LAMMPS': 10}, 100),
     'scattered 1e4': lambda: steps('2 % off their places', (*disordered(100), STIFF), {'LAMMPS': 3}),
     'scattered 1e5': lambda: steps('2 % off their places', (*disordered(316), STIFF), {'LAMMPS': 3}),
     'vacancies 1e4': lambda: steps('one in thirty missing', (*disordered(100, 0.0, 333), STIFF), {'LAMMPS': 2}),
-    # on no grid any more; LAMMPS would see pairs come and go at the end of its reach
-    'irregular 1e4': lambda: steps('15 % off their places', (*disordered(100, 0.15), 10 * STIFF), {'NumPy': 2}),
-    'disorder': disorder,
     'motion': motion,
     'threads': threads,
-    'large motion': large_motion,
-    'engines 1e3': lambda: engines(32),
-    'engines 1e4': lambda: engines(100),
-    'engines 1e5': lambda: engines(316),
-    'memory': lambda: memory('compiled steps', 'speed.stepper(speed.patch({}))', 547, 750.0),
-    'memory with holes': lambda: memory('relaxed, one in thirty missing',
-                                        'import magphonon; magphonon.relaxed(speed.with_holes({}))', 316, 6400.0),
     'bands': bands,
     'large cells': lambda: [*large_cells(17, {'dense': 2, 'phonopy': 20}), *large_cells(32, {'dense': 10})],
     'mesh': mesh,
     'linear tools 1e4': lambda: linear_tools(1e4),
     'linear tools 1e5': lambda: linear_tools(1e5),
-    'linear goals': lambda: linear_goals(1e5),
     'factors': lambda: [*factors(1e4), *factors(1e5)],
-    'modes': count_modes_below,
-    'sweeps': sweeps,
 }
 
 
-LONG = {'patch 1e6', 'seldom 1e5', 'scattered 1e5', 'engines 1e5', 'linear tools 1e5', 'memory', 'sweeps'}
+LONG = {'patch 1e6', 'seldom 1e5', 'scattered 1e5', 'linear tools 1e5'}
 """Rows that are measured only if they are named: the others take less than eight minutes together."""
 
 
-STYLES = {'order 2': 'o-', 'order 4': 's-', 'order 6': '^-', SHORT: 'v-', FLOW: 'D-.', 'LAMMPS': 'kx--', PLAIN_C: 'k+:'}
+STYLES = {'order 2': 'o-', 'order 4': 's-', 'order 6': '^-', SHORT: 'v-', 'LAMMPS': 'kx--'}
 
 
 def draw_motion(charted, file):

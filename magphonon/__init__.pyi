@@ -5,7 +5,6 @@ from . import (
     dynamics as dynamics,
     interactions as interactions,
     lattices as lattices,
-    planning as planning,
     plotting as plotting,
     response as response,
     scenes as scenes,

@@ -118,16 +118,3 @@ def test_paper_states_what_the_package_finds():
     square = magphonon.read_scene('square').atoms()
     needed = magphonon.critical_foundation(square)[0] / (magphonon.units.N / magphonon.units.m)
     assert f'$4f/L = {needed:.1f}$ N/m' in text
-
-
-def test_every_dependency_has_its_licence_in_the_table():
-    declared = [*PROJECT['dependencies'], *(line for extra in PROJECT['optional-dependencies'].values() for line in extra)]
-    rows = [line.split(' | ') for line in (ROOT / 'docs' / 'licences.md').read_text().splitlines() if line.startswith('| ')][1:]
-    known = {name.removeprefix('| '): licence for name, licence, _ in rows}
-    for line in declared:
-        if line.startswith('magphonon['):  # the extra of other extras
-            continue
-        name = re.match(r'[\w-]+', line)[0].lower().replace('_', '-')
-        assert known[name] not in ('', 'not stated'), f'{name}: run .ci/licences.py with all extras installed'
-    assert 'LGPL' in known['ase']
-    assert 'MPL' in known['tqdm']

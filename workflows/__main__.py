@@ -18,8 +18,7 @@ from .accuracy import machine
 from .chapters import NAMES, SHORTENED, run
 from .report import counted, text_table, write_html, write_summary
 
-LONGEST = ('bench', 'speed_accuracy', 'nonlinearity', 'bursts', 'design_sites', 'frf', 'vibrometer', 'noise', 'stability',
-           'planning')
+LONGEST = ('bench', 'speed_accuracy', 'nonlinearity', 'bursts', 'frf', 'vibrometer', 'stability')
 """The workflows that take longest, in order: they start first, so that no core waits for them in the end."""
 
 

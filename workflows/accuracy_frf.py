@@ -17,7 +17,7 @@ from magphonon.response.stepped import impulse_response, steady_amplitudes
 from magphonon.stiffness.rest import LinearSystem
 
 from .accuracy import Candidate, Chart, cheapest, measure, panels_of, spoken
-from .accuracy_transient import ENGINE, prototype
+from .accuracy_transient import prototype
 from .frf import DAMPING, batch, oscillator
 from .rows import Check
 
@@ -157,7 +157,7 @@ def stepped(shaken, dt, cost):
         atoms = shaken.atoms.copy()
         atoms.calc = shaken.atoms.calc
         drive = Harmonic(shaken.particle, (0, 1), FORCE, omega, phase=np.pi / 2)
-        dyn = DrivenVerlet(atoms, dt, drives=[drive], damping=shaken.gamma, engine=ENGINE)
+        dyn = DrivenVerlet(atoms, dt, drives=[drive], damping=shaken.gamma, engine='compiled')
         recorder = Recorder(dyn, [shaken.particle], interval=max(1, int(FRAMES / dt)))
         response.append(steady_amplitudes(dyn, recorder, [omega], axis=1, tolerance=1e-3)[0][0] / FORCE)
         cost['force evaluations'] += dyn.nsteps
@@ -171,7 +171,7 @@ def struck(shaken, dt, cost):
     momenta = np.zeros((len(atoms), 3))
     momenta[shaken.particle, 1] = IMPULSE
     atoms.set_momenta(momenta)
-    dyn = DrivenVerlet(atoms, dt, damping=shaken.gamma, engine=ENGINE)
+    dyn = DrivenVerlet(atoms, dt, damping=shaken.gamma, engine='compiled')
     recorder = Recorder(dyn, [shaken.particle], interval=max(1, int(FRAMES / 3 / dt)))
     steps = int(18 / shaken.gamma / dt)
     dyn.run(steps)
@@ -185,7 +185,7 @@ def replicas(omega, dt, cost):
     atoms, particles = batch(np.zeros(1), np.zeros(len(omega), int), 'complete')
     atoms.set_constraint([*atoms.constraints, FixedLine(particles, (0, 1, 0))])
     drives = [Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
-    dyn = DrivenVerlet(atoms, dt, drives=drives, damping=DAMPING, engine='numpy')
+    dyn = DrivenVerlet(atoms, dt, drives=drives, damping=DAMPING)
     recorder = Recorder(dyn, particles, interval=max(1, int(2 * FRAMES / dt)))
     amplitudes, _ = steady_amplitudes(dyn, recorder, omega, axis=1, tolerance=3e-4)
     cost['force evaluations'] = dyn.nsteps

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from importlib.util import find_spec
 
 import numpy as np
 from ase import Atoms
@@ -20,13 +19,11 @@ WIDTH = 1.5                      # of the plucked shape, in spacings
 END = 60 * units.ms              # nine periods of the highest frequency
 TARGET = 1e-6
 GOOD = 0.01                      # error at which the linear answer is called no longer good enough
-FAST = 'compiled' if find_spec('numba') else 'numpy'
 METHODS = {
     "ASE's VelocityVerlet": ('ase', 2, (0.4, 0.1)),
-    'Verlet, NumPy blocks': ('numpy', 2, (0.4, 0.1, 0.025)),
-    'Verlet, compiled': (FAST, 2, (0.4, 0.1, 0.025, 0.00625, 0.0009)),
-    'order 4, compiled': (FAST, 4, (0.2, 0.1, 0.05, 0.025)),
-    'order 6, compiled': (FAST, 6, (0.14, 0.07, 0.035)),
+    'Verlet, compiled': ('compiled', 2, (0.4, 0.1, 0.025, 0.00625, 0.0009)),
+    'order 4, compiled': ('compiled', 4, (0.2, 0.1, 0.05, 0.025)),
+    'order 6, compiled': ('compiled', 6, (0.14, 0.07, 0.035)),
 }
 """Engine, order, and time step for each evaluation of the forces, in units of Verlet's limit: equal values cost the same."""
 
@@ -156,10 +153,10 @@ def checks(table, amplitudes, linear):
 
     slope = np.polyfit(np.log(amplitudes[:3]), np.log(linear[:3]), 1)[0]
     return [
-        Check('nonlinear: order of Verlet in blocks', order('Verlet, NumPy blocks'), 2, 0.05),  # next term: (w dt)^2, 3e-3
+        Check('nonlinear: order of Verlet', order('Verlet, compiled'), 2, 0.05),  # next term: (w dt)^2, 3e-3
         Check('nonlinear: order of steps of order 4', order('order 4, compiled'), 4, 0.1),
         Check('nonlinear: order of steps of order 6', order('order 6, compiled'), 6, 0.3),  # next term larger, as steps are long
-        Check('control: fourth order by Verlet', order('Verlet, NumPy blocks'), 4, 0.1, control=True),
+        Check('control: fourth order by Verlet', order('Verlet, compiled'), 4, 0.1, control=True),
         Check('nonlinear: power of the amplitude with which the error of the linear answer grows', slope, 1, 0.05),
         Check(f'control: error of the linear answer at {amplitudes[-1]:g} L0', linear[-1], 0, GOOD, control=True),
     ]

@@ -14,12 +14,10 @@ import numpy as np
 
 from magphonon import read_scene
 from magphonon.bands import band_path
-from magphonon.design import frequency_spread, mode_scatter
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import Forces
 from magphonon.response import TransferFunction
 from magphonon.scenes import fit_bands, fit_frf
-from magphonon.scenes.tolerances import varied
 from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
 
 from . import bench_lattice as bench
@@ -130,76 +128,6 @@ def ridges(source, quick):
                   found['1'])
 
 
-def designed(_):
-    """`design` and `uncertainty` before anything is built: a spacing for M, branch 1, and frequencies of 60 lattices built so.
-
-    The magnets are known by their datasheet; strength, spacing, mass and pillars of each lattice are drawn with the tolerances.
-    """
-    tolerances = {'remanence': 0.01, 'spacing': 0.003, 'mass': 0.005, 'stiffness': 0.03}
-    law = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 8e-3, 0.33)
-    rng, M, wanted = np.random.default_rng(2), np.array([0.5, 0, 0]), 40.0
-    drawn = 1 + rng.standard_normal((60, len(tolerances))) * list(tolerances.values())
-    found, truths, at_wanted = {}, {}, {}
-    for shells in ('"auto"', '1'):
-        text = (f'title = "bench"\n[lattice]\nkind = "triangular"\nspacing_m = {SPACING}\nmass_kg = 8e-4\n'
-                f'[law]\nkind = "magnets"\nremanence_T = 1.32\nshells = {shells}\n'
-                '[law.disc]\ndiameter_m = 5e-3\nheight_m = 5e-3\n'
-                '[foundation]\nstiffness_N_per_m = 5.0\n'
-                f'[design]\nspacings_m = [0.008, 0.016]\n[design.edge]\npoint = "M"\nbranch = 1\nfrequency_Hz = {wanted}\n'
-                '[uncertainty]\n' + ''.join(f'{name}_percent = {100 * sigma}\n' for name, sigma in tolerances.items()))
-        with tempfile.TemporaryDirectory() as folder:
-            (file := Path(folder, 'bench.toml')).write_text(text, encoding='utf-8')
-            scene = read_scene(file)
-        _, (design,) = scene.design.solve(scene)
-        scene = varied(scene, {'spacing': design.spacing / (1e3 * SPACING)}).counted()
-        spread = frequency_spread(scene.perfect_cell(), [M], scene.uncertainty.tolerances(scene))
-        ends = (spread.values + 1.96 * spread.std * np.array([[-1], [1]])).T / (2 * np.pi) * 1e3
-        found[shells] = np.broadcast_to(ends, (len(drawn), *ends.shape))
-        truths[shells] = [_at_M(law, strength, design.spacing / 1e3 * spacing, 8e-4 * mass, 5.0 * spring)
-                          for strength, spacing, mass, spring in drawn]
-        at_wanted[shells] = _at_M(law, 1, design.spacing / 1e3, 8e-4, 5.0)[0]
-    rows = judged('design', ('M, branch 1 (Hz)', 'M, branch 2 (Hz)'), found['"auto"'], truths['"auto"'], found['1'], least=0.88,
-                  control_truths=truths['1'])
-    return [Check('design: M, branch 1 as wanted (Hz)', at_wanted['"auto"'], wanted, 2e-3), *rows,
-            Check('control: design, nearest neighbours: M, branch 1 as wanted (Hz)', at_wanted['1'], wanted, 2e-3, control=True)]
-
-
-def _at_M(law, remanence, spacing, mass, spring):
-    """Frequencies in Hz of the laboratory's perfect lattice of magnets of a relative remanence, summed to 20 spacings."""
-    vectors = bench.triangular(spacing)
-    law = replace(law, force=remanence**2 * law.force, slope=remanence**2 * law.slope)
-    M = np.pi * np.linalg.inv(vectors)[:, 0]
-    return bench.bloch(law, vectors, 20.5 * spacing, M, mass, (spring, spring))[0] / (2 * np.pi)
-
-
-def photographed(quick):
-    """`modes` of a photo of the magnets at rest, turned, in pixels, uncertain by 30 um: the lowest frequencies of the patch."""
-    law, rng, count = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3), 6
-    places, marks = bench.sites(bench.triangular(SPACING), 0.11, 0.1), np.array([[-0.08, -0.08], [0.08, -0.07]])
-    found, truths = {REACH: [], 1.2 * SPACING: []}, []
-    for _ in range(6 if quick else 20):
-        lab, turn = bench.built(places, law, REACH, rng), 2e4 * np.exp(1j * rng.uniform(0, 6))
-        truths.append(bench.modes(lab)[0][:count] / (2 * np.pi))
-        at, seen = ([turn * (x @ [1, 1j]) for x in (lab.rest + 3e-5 * rng.standard_normal(lab.rest.shape), marks)])
-        points = [[z.real, -z.imag] for z in seen]
-        rows = [f'{z.real!r},{-z.imag!r},{int(held)}' for z, held in zip(at.tolist(), lab.held, strict=True)]
-        for cutoff, intervals in found.items():
-            text = (f'title = "bench"\n[lattice]\nkind = "file"\nfile = "photo.csv"\nmass_kg = 8e-4\ncutoff_m = {cutoff}\n'
-                    f'positions = "rest"\npoints_px = {np.array(points).tolist()}\npoints_m = {marks.tolist()}\n'
-                    '[law]\nkind = "magnets"\nremanence_T = 1.32\nshells = 1\n[law.disc]\ndiameter_m = 5e-3\nheight_m = 5e-3\n'
-                    '[foundation]\nstiffness_N_per_m = 20.0\nstiffness_y_N_per_m = 22.0\n'
-                    '[uncertainty]\neach_strength_percent = 2.5\neach_stiffness_percent = 5.0\neach_mass_percent = 0.5\n'
-                    'each_position_m = 3e-5\n')
-            with tempfile.TemporaryDirectory() as folder:
-                Path(folder, 'photo.csv').write_text('\n'.join(['x_px,y_px,held', *rows]), encoding='utf-8')
-                (file := Path(folder, 'photo.toml')).write_text(text, encoding='utf-8')
-                scene = read_scene(file)
-            omega, std = mode_scatter(scene.atoms(), scene.uncertainty.tolerances(scene).scatter, count)
-            intervals.append((omega + 1.96 * std * np.array([[-1], [1]])).T / (2 * np.pi) * 1e3)
-    near, every = found[1.2 * SPACING], found[REACH]
-    return judged('photo', [f'frequency of mode {k + 1} (Hz)' for k in range(count)], every, truths, near)
-
-
 def noise_of_the_plane(quick):
     """`spectrum` of all magnets in motion by noise alone, then `fit --bands`."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 7e-3, REACH + 5e-3), np.random.default_rng(6)
@@ -296,6 +224,5 @@ def scene_of_particles(lab, places, cutoff):
         return read_scene(file)
 
 
-PATHS = (forces, partial(ridges, 'row'), partial(ridges, 'point'), designed, photographed, transfer_functions,
-         noise_of_the_plane)
+PATHS = (forces, partial(ridges, 'row'), partial(ridges, 'point'), transfer_functions, noise_of_the_plane)
 """One function for each path; it returns rows, see `judged`."""

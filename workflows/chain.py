@@ -2,18 +2,21 @@
 
 import numpy as np
 
-from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene, units
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, units
 from magphonon.plotting.axes import new_axes
 from magphonon.plotting.bands import plot_bands
 
 from .rows import Check, Outcome, save_picture
 
+LAW = InversePower(b=1e4 * units.N * units.m**4, a=4.0)  # of Sec. IV, with the spacing and mass
+FOUNDATION = 5e4 * units.N / units.m  # chosen: below 4 f(L0)/L0 = 4e4 N/m the chain buckles sideways
+
 
 def main(out):
     """Longitudinal band against its closed form, transverse band unstable without a foundation."""
-    cell = read_scene(ready_scene('chain')).atoms()
-    law, L0, m = cell.calc.laws, cell.cell.lengths()[0], cell.get_masses()[0]
-    k = cell.calc.parameters.foundation
+    L0, m, k, law = 1 * units.m, 1 * units.kg, FOUNDATION, LAW
+    cell = lattices.chain(L0, m)
+    cell.calc = MagneticRepulsion(cell, law, foundation=k)
     path = cell.cell.bandpath('GX', npoints=101, pbc=cell.pbc)
     xi = 2 * np.pi * path.kpts[:, 0]
     complete, conventional = (analytic_bands(cell, path, model) for model in ('complete', 'conventional'))

@@ -15,7 +15,7 @@ PAPER = ('Weijian Jiao and Stefano Gonella', 'Dynamics of interacting particle s
 PARTS = {'paper': 'The paper', 'beyond': 'Beyond the paper', 'tests': 'Tests of the package itself'}
 """Parts of the report; the last part is folded."""
 FORMULAS = "the paper's formulas, evaluated in 50-digit arithmetic (reference.toml)"
-SHORTENED = ('speed_accuracy', 'design_sites', 'bench')
+SHORTENED = ('speed_accuracy', 'bench')
 """Workflows that are shortened with --quick, and whenever all workflows are run."""
 
 
@@ -102,22 +102,16 @@ CHAPTERS = (
     Chapter('stability', 'beyond', 'borders in closed form, and time steps on both sides of each'),
     Chapter('matter', 'beyond', 'printed numbers (Bonsall and Maradudin; Zahn et al.; Hamaguchi et al.) and phonopy'),
     Chapter('papers', 'beyond', 'closed forms, printed numbers and results of public codes, for matter other than magnets'),
-    Chapter('uncertainty', 'beyond', "the paper's formulas for lattices drawn at random"),
     Chapter('nonlinearity', 'beyond', 'perturbation theory in closed form'),
-    Chapter('noise', 'beyond', 'closed forms of the branches, and a Laplace integral of 36 magnets'),
-    Chapter('design', 'beyond', "the paper's prototype, and closed forms of the spacing"),
-    Chapter('design_sites', 'beyond', 'an independent solver, time steps, and Bloch waves in numpy alone'),
     Chapter('sites', 'beyond', 'closed forms of chains, the theory written out for small supercells, transfer matrices'),
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),
     Chapter('losses', 'beyond', 'closed forms of the prototype and of a chain'),
     Chapter('walls', 'beyond', 'closed forms of the prototype, the solitary wave of Toda'),
     Chapter('signs', 'beyond', 'the closed form of a chain of springs'),
     Chapter('gyration', 'beyond', 'closed forms, and an independent program for gaps, Chern numbers and the strip'),
-    Chapter('modulation', 'beyond', 'coupled modes and the speed of a front in closed form, and an independent integration'),
     Chapter('bench', 'beyond', 'a simulated laboratory that shares no code with the package'),
     Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),
     Chapter('speed_accuracy', 'tests', 'closed forms, higher precision and independent integrators'),
-    Chapter('planning', 'tests', 'the exact answers to small questions'),
 )
 NAMES = tuple(chapter.name for chapter in CHAPTERS)
 

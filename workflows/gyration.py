@@ -114,7 +114,7 @@ def sent(patch, omega, model):
     place = patch.positions[:, :2] - patch.positions[:, :2].mean(axis=0)
     free = np.flatnonzero(LinearSystem.of(patch, 'gyration').mobile)
     source = free[np.argmin(abs(place[free, 0]) + 10 * place[free, 1])]
-    run = DrivenVerlet(patch, 0.06, [ToneBurst(source, (0, 1), FORCE, omega, cycles=CYCLES)], engine='numpy')
+    run = DrivenVerlet(patch, 0.06, [ToneBurst(source, (0, 1), FORCE, omega, cycles=CYCLES)])
     run.run(round(CYCLES * 2 * np.pi / omega / run.dt))
     u, v = run.displacements, run.velocities
     H = patch.calc.rest_hessian(model)

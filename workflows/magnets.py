@@ -16,8 +16,6 @@ from magphonon.plotting.axes import COLOURS, letter_panels, new_figure
 from magphonon.plotting.fits import plot_fit
 from magphonon.scenes.scene import reference
 
-from . import magnet_cost
-from .accuracy import save_chart
 from .rows import Check, Outcome, Reported, save_picture
 
 WINDOWS = ((7, 12), (7, 15), (8, 15), (8, 20), (9, 20))
@@ -38,11 +36,10 @@ def main(out):
     paper = reference()['prototype']
     scene = read_scene(ready_scene('rings'))
     ring, law, L0 = scene.law.magnet(), scene.law.potential(), scene.lattice.spacing_m * u.m
-    chart = magnet_cost.chart(ring)
     fits, fit_checks = fitted(law, L0)
     return Outcome(
-        [*published(), *spheres(), *beside_the_fit(ring, law, L0, paper), *chart.checks, *fit_checks],
-        [draw_law(out, ring, law, L0, paper), save_chart(chart, out, 'magnet_cost'), draw_fit(out, fits)])
+        [*published(), *spheres(), *beside_the_fit(ring, law, L0, paper), *fit_checks],
+        [draw_law(out, ring, law, L0, paper), draw_fit(out, fits)])
 
 
 def published():

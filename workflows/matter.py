@@ -4,6 +4,7 @@ import numpy as np
 
 from magphonon import (
     AllNeighbours,
+    Hertz,
     InversePower,
     MagneticRepulsion,
     Yukawa,
@@ -12,9 +13,10 @@ from magphonon import (
     lattices,
     phonopy_bands,
     read_scene,
-    ready_scene,
     sound_speeds,
+    units as u,
 )
+from magphonon.bands import band_path
 from magphonon.bands.bloch import bloch_modes
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.bands import plot_bands
@@ -22,8 +24,8 @@ from magphonon.scenes.scene import reference
 
 from .rows import Check, Outcome, save_picture
 
-SCENES = {'prototype': 'magnets', 'honeycomb': 'honeycomb, two masses', 'dust': 'dusty plasma', 'wigner': 'Wigner crystal',
-          'fcc': 'soft spheres, fcc', 'steel': 'steel balls'}
+NAMES = {'prototype': 'magnets', 'honeycomb': 'honeycomb, two masses', 'dust': 'dusty plasma', 'wigner': 'Wigner crystal',
+         'fcc': 'soft spheres, fcc', 'steel': 'steel balls'}
 COINCIDE = 1e-3  # D*/D0 below which no difference can be drawn
 COULOMB, DIPOLES = InversePower(b=1.0, a=2.0), InversePower(b=3.0, a=4.0)
 
@@ -31,16 +33,41 @@ COULOMB, DIPOLES = InversePower(b=1.0, a=2.0), InversePower(b=3.0, a=4.0)
 def main(out):
     """Published crystals, phonopy in three dimensions, and how much of the stiffness D* is in each kind of matter."""
     known = reference()['all_neighbours']
-    cells = {name: read_scene(ready_scene(name)).atoms() for name in SCENES}
+    cells = {name: crystal(name) for name in NAMES}
     ratios = {name: static_share(atoms) for name, atoms in cells.items()}
     checks = [*_planar_crystals(known), *_crystals_in_space(known, cells['fcc']),
               _mass_defect(),
               Check('steel balls, D*/D0 of a contact, 2/3 overlap / spacing', ratios['steel'],
                     2 / 3 * 3e-6 / 0.019997, 1e-9),
               Check('magnets, D*/D0 of a bond, 1/a', ratios['prototype'], 1 / 4.5824, 1e-12)]
-    checks += [Check(f'{SCENES[name]}: largest change of omega^2 by D* / highest omega^2', change, 0, 1e-3, control)
-               for name, change, control in ((n, static_change(cells[n]), n != 'steel') for n in SCENES)]
-    return Outcome(checks, [_draw_bands(out), _draw_shares(out, ratios)])
+    checks += [Check(f'{NAMES[name]}: largest change of omega^2 by D* / highest omega^2', change, 0, 1e-3, control)
+               for name, change, control in ((n, static_change(cells[n]), n != 'steel') for n in NAMES)]
+    return Outcome(checks, [_draw_bands(out, cells), _draw_shares(out, ratios)])
+
+
+def crystal(name):
+    """A unit cell of each kind of matter."""
+    magnets = read_scene('prototype').atoms()
+    if name == 'prototype':
+        return magnets
+    if name == 'honeycomb':  # on pillars of 80 N/m: those of the prototype would not hold it
+        atoms = lattices.honeycomb(10 * u.mm, 0.707 * u.g)
+        atoms.set_masses([0.707 * u.g, 1.5 * 0.707 * u.g])
+        atoms.calc = MagneticRepulsion(atoms, magnets.calc.laws, foundation=80 * u.N / u.m)
+    elif name == 'dust':  # melamine spheres of 8.6 um with 12 000 elementary charges, as far apart as the screening length
+        L = 0.8 * u.mm
+        atoms = lattices.triangular(L, 5e-13 * u.kg)
+        atoms.calc = AllNeighbours(atoms, Yukawa(3.3e-20 * u.J * u.m, 1 / L))
+    elif name == 'wigner':  # electrons on helium, 4.4e6 to the square centimetre
+        atoms = lattices.triangular(5.1e-6 * u.m, 9.1093837e-31 * u.kg)
+        atoms.calc = AllNeighbours(atoms, InversePower.coulomb(1.602176634e-19 * u.A * u.s))
+    elif name == 'fcc':  # phi = r^-12, with 18 neighbours
+        atoms = lattices.fcc(1.0, 1.0)
+        atoms.calc = MagneticRepulsion(atoms, InversePower(12.0, 13.0), shells=2)
+    else:  # balls of 20 mm pressed together by 3 um, 55 N in each contact
+        atoms = lattices.triangular(19.997 * u.mm, 32.68 * u.g)
+        atoms.calc = MagneticRepulsion(atoms, Hertz.spheres(20 * u.mm, 206e3 * u.N / u.mm**2, 0.3))
+    return atoms
 
 
 def static_share(atoms):
@@ -90,9 +117,8 @@ def _crystals_in_space(known, fcc):
         return AllNeighbours(cell, Yukawa(1.0, kappa)).get_potential_energy(cell)
 
     crossing = brentq(lambda kappa: energy(lattices.fcc, kappa) - energy(lattices.bcc, kappa), 0.8, 1.4, xtol=1e-6)
-    scene = read_scene(ready_scene('fcc'))
-    path = scene.lattice.path('GXWKGL', 60)
-    numerical = phonopy_bands(finite_displacements(fcc, scene.supercell()), path).omega
+    path = band_path(fcc, 'GXWKGL', 60)
+    numerical = phonopy_bands(finite_displacements(fcc, (4, 4, 4)), path).omega
     complete, conventional = (analytic_bands(fcc, path, model).omega for model in ('complete', 'conventional'))
 
     def apart(omega):
@@ -117,12 +143,11 @@ def _mass_defect():
     return Check('mode of a particle of half the mass in a chain / band edge', local / edge, (1 - 0.5**2) ** -0.5, 1e-9)
 
 
-def _draw_bands(out):
+def _draw_bands(out, cells):
     figure, axes = panels(2, 3, height=2.0)
-    letter_panels(axes, list(SCENES.values()))
-    for ax, name in zip(axes.flat, SCENES, strict=True):
-        scene = read_scene(ready_scene(name))
-        atoms, path = scene.atoms(), scene.lattice.path(scene.bands.path, 121)
+    letter_panels(axes, list(NAMES.values()))
+    for ax, (name, atoms) in zip(axes.flat, cells.items(), strict=True):
+        path = band_path(atoms, 'GXWKGL' if name == 'fcc' else 'GMKG', 121)
         plot_bands(analytic_bands(atoms, path), ax=ax)
         plot_bands(analytic_bands(atoms, path, 'conventional'), ax=ax, linestyle='--')
         if static_share(atoms) < COINCIDE:
@@ -141,7 +166,7 @@ def _draw_shares(out, ratios):
     ax.semilogx(shares, range(len(order)), 'o', color=COLOURS[0], markersize=5)
     for height, share in enumerate(shares):
         ax.annotate(f'{share:.2g}', (share, height), (6, 0), textcoords='offset points', va='center')
-    ax.set_yticks(range(len(order)), [SCENES[name] for name in order])
+    ax.set_yticks(range(len(order)), [NAMES[name] for name in order])
     ax.tick_params(axis='y', length=0)
     ax.grid(axis='y')
     ax.set(xlim=(3e-5, 3), ylim=(-0.6, len(order) - 0.4), xlabel="$D^*/D^0$ of nearest neighbours, $-(\\varphi'/r)/\\varphi''$")

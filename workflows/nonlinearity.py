@@ -1,4 +1,4 @@
-"""Nonlinearity: the oscillator's backbone, the second harmonic of a wave, the dilatation under a burst; perturbation theory.
+"""Nonlinearity: frequencies that shift with the amplitude, the second harmonic of a wave, the dilatation under a burst.
 
 A chain of bonds phi'', phi''' carries u = A cos(k n - w t).  To second order in A, with L0 = 1,
 
@@ -9,21 +9,16 @@ each with free waves, because the motion starts from a linear wave.  For f ~ r^-
 
 In the triangular lattice without a foundation, a = 4, shear at M softens, dw/w = -285/16 (A/L0)^2, and the waves that rotate at K
 stiffen, +475/36 (A/L0)^2: there each particle moves in the potential of Henon and Heiles.
-
-Nine particles in a row move along it; the two ends are held, and the middle one has half the mass. A vibration of the middle one
-is stable up to about 6 % of L0. Above that, waves next to it grow at its expense, and beyond about 24 % it is stable again.
 """
 
 import numpy as np
-from ase.constraints import FixAtoms, FixedLine
+from ase.constraints import FixedLine
 from scipy.interpolate import CubicSpline
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
 from magphonon.bands import bloch_modes
 from magphonon.plotting.axes import COLOURS, legend_above, letter_panels, new_axes, panels
-from magphonon.response import replicas
 from magphonon.scenes.scene import reference
-from magphonon.stability import nonlinear_modes
 from magphonon.stability.amplitude_shifts import frequency_shifts
 
 from .frf import batch
@@ -49,10 +44,6 @@ WAVES_OF_PLANE = {'M, shear, standing': ((0.5, 0, 0), 0, (2, 1), -285 / 16),
                   'halfway to M, longitudinal, travelling': ((0.25, 0, 0), 1, (4, 1), None)}
 """Wavevector, branch, supercell, and dw/w over (A/L0)^2 in closed form."""
 SWING, TURNS = 0.01, 60                # amplitude of L0, and periods of a run
-
-ROW, LIGHT = 9, 0.5                    # particles, and the mass of the middle one
-REACH, POINTS = 0.28, 8                # largest amplitude of its vibration, of L0, and steps on the way there
-BESIDE, ANEW = 1e-7, 10                # a disturbance, of L0; steps of order 4 in a period
 
 
 def main(out):
@@ -101,20 +92,8 @@ def main(out):
         Check('control: strain under a burst times the amplitude, against the amplitude, slope',
               slope(WAVES, np.array(under) * WAVES), 2, 0.1, control=True),
     ]
-    family, seen, rates = local_mode()
-    worst = int(family.growth.argmax())
-    last = family.amplitude[-1]
-    checks += [
-        Check(f'light particle in a row, w at {last:.2f} L0', family.omega[-1], seen[-1], 1e-4, consistency=True),
-        Check('control: light particle, w of small amplitude', family.omega[0], seen[-1], 1e-3, control=True),
-        Check(f'growth of disturbances at {family.amplitude[worst]:.2f} L0', family.growth[worst], rates[worst], 0.1,
-              consistency=True),
-        # of a fit over some beats, as all of them
-        Check('largest growth at stable amplitudes', max(rates[family.stable]), 0, 0.01),
-        Check('control: largest growth at all amplitudes', max(rates), 0, 0.01, control=True),
-    ]
     return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_waves(out, (t, h, expected), (x, e, forms)),
-                            draw_path(out, measured_waves), draw_local_mode(out, family, seen, rates)])
+                            draw_path(out, measured_waves)])
 
 
 def slope(x, y):
@@ -195,33 +174,6 @@ def in_plane(q, branch, cells, model='complete'):
     return -np.polyfit(t, turned, 1, w=np.sqrt(np.hanning(len(t))))[0] / w / SWING**2  # beats average out
 
 
-def local_mode():
-    """The vibrations of a light particle in a row: frequencies, and growth rates of disturbances in time steps."""
-    row = lattices.chain(1.0, 1.0).repeat((ROW, 1, 1))
-    row.pbc = False
-    row.set_masses(np.where(np.arange(ROW) == ROW // 2, LIGHT, 1.0))
-    row.set_constraint([FixAtoms([0, ROW - 1]), *(FixedLine(k, (1, 0, 0)) for k in range(1, ROW - 1))])
-    row.calc = MagneticRepulsion(row, LAW)
-    family = nonlinear_modes(row, ROW - 3, REACH, POINTS)  # the highest
-    away = np.random.default_rng(0).normal(size=ROW)
-    away -= away[::-1]  # of the other symmetry: what has the same runs apart without growing, at another frequency
-    runs = []
-    for harmonics in family.harmonics:
-        for disturbance in (0.0, BESIDE * np.pad(away[1:-1], 1)):
-            runs.append(row.copy())
-            runs[-1].calc = row.calc
-            runs[-1].positions[:, 0] += harmonics.sum(axis=0)[:, 0] + disturbance
-    dyn = DrivenVerlet(replicas(runs), 2 * np.pi / family.omega.max() / ANEW, order=4, engine='numpy')
-    record = Recorder(dyn, interval=2)
-    dyn.run(ANEW * TURNS)
-    t, u = record.times, record.displacements[..., 0].reshape(-1, len(family.omega), 2, ROW)
-    passes = [CubicSpline(t, x).roots(extrapolate=False) for x in u[:, :, 0, ROW // 2].T]
-    late = t > t[-1] / 3
-    apart = np.log(np.linalg.norm(u[late, :, 1] - u[late, :, 0], axis=2))
-    return (family, np.array([np.pi / np.polyfit(np.arange(len(x)), x, 1)[0] for x in passes]),
-            np.polyfit(t[late], apart, 1)[0])
-
-
 def evolved(psi, t):
     """The complex wave psi of a linear ring, travelling to the right, at the time t, and its rate of change."""
     q = 2 * np.pi * np.fft.fftfreq(len(psi))
@@ -241,7 +193,7 @@ def ring(psi, frames, every):
     momenta = np.zeros((len(psi), 3))
     momenta[:, 0] = v.real
     atoms.set_momenta(momenta)
-    dyn = DrivenVerlet(atoms, STEP, engine='numpy')  # three runs of a second do not repay compiled steps
+    dyn = DrivenVerlet(atoms, STEP)
     record = Recorder(dyn, interval=every)
     dyn.run(frames * every)
     return record.times, record.displacements[..., 0]
@@ -316,26 +268,6 @@ def draw_path(out, measured):
                         'How the frequency of waves of the triangular lattice (a = 4, no foundation) shifts with their '
                         'amplitude: perturbation theory (lines), time steps (circles). At the poles the second harmonic is '
                         'itself a free wave.')
-
-
-def draw_local_mode(out, family, seen, rates):
-    """Draw the frequency of the light particle over its amplitude, and the growth rates of disturbances."""
-    figure, (axes,) = panels(1, 2, height=2.5)
-    letter_panels(axes)
-    backbone, growth = axes
-    for lasts, look, name in ((family.stable, 'o', 'lasts'), (~family.stable, 'x', 'does not last')):
-        backbone.plot(family.amplitude[lasts], family.omega[lasts], look, color=COLOURS[0], fillstyle='none', label=name)
-    backbone.plot(family.amplitude, seen, '-', color=COLOURS[1], zorder=1, label='time steps')
-    growth.plot(family.amplitude, family.growth, 'o', color=COLOURS[0], fillstyle='none', label="Floquet's multipliers")
-    growth.plot(family.amplitude, rates, '-', color=COLOURS[1], zorder=1, label='time steps')
-    backbone.set(xlabel='amplitude $A/L_0$', ylabel=r'frequency $\omega$ $(\sqrt{f/(L_0 m)})$')
-    growth.set(xlabel='amplitude $A/L_0$', ylabel=r'growth $(\sqrt{f/(L_0 m)})$')
-    for ax in axes:
-        legend_above(ax, ncols=2)
-    return save_picture(figure, out / 'local_mode.png',
-                        'A light particle in a row vibrates: (a) its frequency, (b) how fast disturbances grow, in time '
-                        'steps over about ten of their beats. Between about 6 % and 24 % of the spacing two waves of the row '
-                        'grow at its expense.')
 
 
 def draw_waves(out, harmonic, slow):

@@ -4,13 +4,17 @@ import numpy as np
 from ase.constraints import FixedLine
 from scipy.optimize import brentq
 
-from magphonon import MagneticRepulsion, critical_foundation, propagate, read_scene, units as u
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, propagate, units as u
 from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions import Attraction
 from magphonon.plotting.axes import new_axes
 
 from .rows import Check, Outcome, save_picture
 
-MAGNETS = 4  # in the cell of the scene, as their kinds tell which attract each other
+A = 4.5824
+LAW = InversePower(b=1.6209e-10 * u.N * u.m**A, a=A)  # of the prototype: k1 = a f/L0 = 108.6 N/m
+SECOND = Attraction(InversePower(b=2**A * LAW.b, a=A))  # at twice the distance -k1/2
+MAGNETS = 4  # in the cell, each of its own kind: the kinds tell which attract each other
 TOO_SOFT = 0.4  # foundation in k1, where half of it is needed
 
 
@@ -41,10 +45,12 @@ def main(out):
 
 
 def chain(share):
-    """The cell of the scene, guided along the chain, on a foundation of `share` times k1; and k1 in N/mm."""
-    atoms = read_scene('signs').atoms()
-    k1 = atoms.calc.laws[0, 1].d2phi(atoms.cell.lengths()[0] / MAGNETS)
-    atoms.calc.set(foundation=share * k1)
+    """A cell of the prototype's magnets, 10 mm apart and guided along the chain, on a foundation of `share` k1; k1 in N/mm."""
+    atoms = lattices.chain(10 * u.mm, 0.707 * u.g).repeat((MAGNETS, 1, 1))
+    atoms.set_tags(range(MAGNETS))
+    laws = {(a, b): SECOND if (a, b) in ((0, 2), (1, 3)) else LAW for a in range(MAGNETS) for b in range(a, MAGNETS)}
+    k1 = LAW.d2phi(10 * u.mm)
+    atoms.calc = MagneticRepulsion(atoms, laws, shells=2, foundation=share * k1)
     atoms.set_constraint(FixedLine(range(MAGNETS), (1, 0, 0)))
     return atoms, k1
 

@@ -7,7 +7,7 @@ from tqdm import tqdm
 from .accuracy import save_chart
 from .rows import Outcome
 
-QUESTIONS = ('accuracy_bands', 'accuracy_transient', 'accuracy_frf', 'accuracy_nonlinear', 'accuracy_derivative')
+QUESTIONS = ('accuracy_bands', 'accuracy_transient', 'accuracy_frf', 'accuracy_nonlinear')
 
 
 def main(out, quick=False):

@@ -17,7 +17,6 @@ TITLES = {
     'stability': 'Buckling, range of linear motion',
     'plotting': 'Pictures',
     'design': 'Sensitivities, uncertainty, wanted bands',
-    'planning': 'The cheapest sufficient method (experimental)',
     'scenes': 'Scene files',
     'sweeps': 'Maps over parameters',
 }

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 from workflows.chapters import CHAPTERS, NAMES, run  # noqa: E402
 
-QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'phonopy_comparison', 'matter', 'uncertainty')
+QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'phonopy_comparison', 'matter')
 """Those that take a second or two each."""
 HEAD = """# Figures with numbers
 

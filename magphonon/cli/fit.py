@@ -25,17 +25,23 @@ from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
+from ..readers import content
+from ..tables import MOST_BYTES
 from .arguments import add_pictures, drawing, force, length, ready_table, share
-from .read import KINDS, columns_of, held
 
 HELP = 'the force between two particles, or the lattice, from everything that was measured'
 RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'
+KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
+         'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
+"""The kinds of records that a file may hold, and the function that reads each."""
 SAME = 1e-9  # relative difference of numbers that were only written in other units
 OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
              *(f'{one}_sigma' for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')))
@@ -80,12 +86,17 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                           'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
                         help='distance of the centres at contact; a table with a smaller one is refused (default: from --magnet)')
+    parser.add_argument('--dry-run', action='store_true', help='only say how each file is understood')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_pictures(parser, frequencies=False)
 
 
 def run(options: Namespace) -> None:
+    if options.dry_run:
+        for name in options.files:
+            print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
+        return
     _refuse_copies(options.files)
     if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
         _with_scene(options)
@@ -108,12 +119,47 @@ def _refuse_copies(names):
     known = []
     for name in names if len(names) > 1 else ():
         with suppress(ValueError, OSError):  # which the fit will report
-            columns = [np.ravel(column) for table in columns_of(*held(ready_table(name))) for column in table.values()]
-            known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
+            known.append((name, np.sort(np.concatenate([*_columns(*held(ready_table(name))).values()]))))
     for (first, one), (name, other) in combinations(known, 2):
         if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
             raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
                              'of them')
+
+
+def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
+    """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
+    faults = []
+    for kind, (module, reader) in KINDS.items():
+        try:
+            given = {'contact': contact} if kind == 'forces' else {}
+            return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
+        except ValueError as error:
+            faults.append(f'as {kind}: {error}')
+    content(file, MOST_BYTES)  # a file that cannot be read at all gives a single message
+    raise ValueError(f'{file} is no kind of record that can be read:\n  ' + '\n  '.join(faults))
+
+
+def _columns(kind, record):
+    """The numbers of a record in SI, by quantity and unit."""
+    if kind == 'forces':
+        return {'distance of the centres (m)': record.r / u.m, 'force (N)': record.f / u.N}
+    if kind == 'ridges':
+        return {'frequency (Hz)': record.frequencies_Hz, 'phase per step (rad)': record.xi}
+    if kind == 'a scan':
+        return {'time (s)': record.times / u.s} | {f'{part} (m)'.strip(): moved.ravel() / u.m
+                                                   for part, moved in record.motions.items()}
+    per, unit = ('', 1.0) if record[0].shaken else (' (m/N)', u.m / u.N)
+    return {'frequency (Hz)': np.concatenate([u.hertz(one.omega) for one in record]),
+            f'amplitude{per}': np.concatenate([abs(one.response) / unit for one in record])}
+
+
+def _understood(file, contact):
+    """Lines that say what a file holds and over which ranges, so that a wrong unit is seen."""
+    kind, record = held(file, contact)
+    yield f'{file} holds {kind}.'
+    for name, values in _columns(kind, record).items():
+        yield f'  {name}: {len(values)} values from {values.min():.6g} to {values.max():.6g}'
+    yield from (f'  {note}' for note in getattr(record, 'notes', ()))
 
 
 def _with_scene(options):
@@ -236,7 +282,7 @@ def _shape(name):
 
     law = read_scene(name).law
     if law.kind != 'magnets':
-        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as disc')
+        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as rings')
     return law.potential(), law.magnet().contact
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scene_files import ready_scene
 from sweeping import calls, formula, noted
 
-from magphonon import ready_scene
 from magphonon.sweeps import sweep
 
 xarray = pytest.importorskip('xarray')

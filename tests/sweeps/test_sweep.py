@@ -8,9 +8,10 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scene_files import ready_scene
 from sweeping import calls, formula, noted
 
-from magphonon import read_scene, ready_scene, units
+from magphonon import read_scene, units
 from magphonon.cli.main import main
 from magphonon.cli.sweep import axis_of
 from magphonon.plotting import plot_sweep
@@ -127,7 +128,7 @@ def test_every_question_is_answered(prototype):
     with pytest.raises(ValueError, match='the oscillator has no bands'):
         sweep(scene, {'frf.points': [501]}, 'bands.M.1')
     with pytest.raises(ValueError, match=r'no table \[frf\]'):
-        sweep(read_scene('fcc'), {'lattice.mass_kg': [1.0]}, 'frf.peak_Hz')
+        sweep(read_scene(ready_scene('fcc')), {'lattice.mass_kg': [1.0]}, 'frf.peak_Hz')
 
 
 def test_a_function_returns_numbers_or_arrays(tmp_path):
@@ -231,7 +232,7 @@ def test_the_journal_of_another_sweep_is_refused(tmp_path):
     for over, name in ((OVER | {'y': [0.0, 1.5]}, 'sums'), (OVER, 'other sums')):
         with pytest.raises(ValueError, match='a different sweep'):
             sweep(function, over, journal=file, name=name)
-    scene = read_scene('chain')
+    scene = read_scene(ready_scene('chain'))
     sweep(scene, {'lattice.mass_kg': [1.0]}, 'stability.needed', journal=tmp_path / 'chain')
     for other, over, ask in ((read_scene('square'), [1.0], 'stability.needed'), (scene, [2.0], 'stability.needed'),
                              (scene, [1.0], 'stability.margin')):

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, read_scene, ready_scene, units
 from magphonon.scenes.scene import reference
-from workflows import accuracy_bands, accuracy_derivative, accuracy_nonlinear
+from workflows import accuracy_bands, accuracy_nonlinear
 
 
 @pytest.fixture
@@ -41,18 +41,3 @@ def test_acceleration_of_the_pluck_is_the_calculators():
     found = pluck.acceleration(pluck.start[pluck.free])
     assert_allclose(found, expected, atol=1e-13 * abs(expected).max())
     assert abs(found + pluck.acceleration(-pluck.start[pluck.free])).max() > 0.01 * abs(found).max()  # it is not linear
-
-
-@pytest.mark.parametrize('held', [False, True])
-def test_linear_answer_to_a_kick_is_verlets_recursion(held, prototype):
-    lattice = prototype.repeat((4, 4, 1))
-    lattice.calc = MagneticRepulsion(lattice, prototype.calc.laws, **prototype.calc.parameters)
-    kick = accuracy_derivative.Kick(lattice, held)
-    K = lattice.calc.get_hessian(lattice).toarray() / lattice.get_masses()[0]
-    mobile = np.repeat(kick.free, 3)
-    before, now = np.zeros(48), np.zeros(48)
-    now[3 * kick.particle:3 * kick.particle + 2] = kick.dt * kick.direction
-    for _ in range(accuracy_derivative.STEPS - 1):
-        before, now = now, 2 * now - before - kick.dt**2 * mobile * (K @ now)
-    assert_allclose(kick.linear, now.reshape(-1, 3)[:, :2], atol=1e-11 * abs(now).max())  # round-off over 400 steps
-    assert abs(kick.linear - before.reshape(-1, 3)[:, :2]).max() > 0.01 * abs(now).max()  # one step earlier
