@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from .errors import shown
-from .headers import heading
+from .headers import Asked
 from .quantities import TIME
 
+TIMES = Asked({'time': TIME}, [], {})
 UNITS = 'unit', 'units'  # attributes of arrays that tell their unit, in small letters
 
 
@@ -72,31 +73,33 @@ def as_text(path: Any, arrays: Mapping[str, Any]) -> str:
     points; points of which nothing is known are numbered.
     """
     columns = {str(name): np.squeeze(values) for name, values in arrays.items() if np.size(values) > 1}
-    times = [len(values) for name, values in columns.items() if heading(name, '', {'time': TIME}, {}).quantity]
+    columns = _long(columns)
     shapes = {values.shape for values in columns.values()}
-    if times and len(shapes) > 1:
-        columns = _long(columns, times[0])
-    if len({values.shape for values in columns.values()}) > 1 or any(values.ndim > 1 for values in columns.values()):
+    if len(shapes) > 1 or any(len(shape) > 1 for shape in shapes):
         raise ValueError(f'{path} holds arrays of the shapes {", ".join(map(str, sorted(shapes)))}; give columns of one length, '
                          'or arrays (frames, points) with the times of the frames and the positions of the points')
-    for name, values in columns.items():
-        if values.dtype.kind not in 'iufbSUO':
-            raise ValueError(f'{path}: {name} holds no real numbers (its type is {values.dtype})')
-        if values.dtype.kind in 'bf' and (np.abs(values) < 2**53).all() and (values == np.round(values)).all():
-            columns[name] = values.astype(int)  # such as the numbers of points
     out = io.StringIO()
-    csv.writer(out).writerows([list(columns), *zip(*(values.tolist() for values in columns.values()), strict=True)])
+    csv.writer(out).writerows([[*columns], *zip(*(_listed(path, *one) for one in columns.items()), strict=True)])
     return out.getvalue()
 
 
-def _long(columns, frames):
+def _listed(path, name, values):
+    """The entries of a column, whole numbers without a decimal point, as the numbers of points are."""
+    if values.dtype.kind not in 'iufbSUO':
+        raise ValueError(f'{path}: {name} holds no real numbers (its type is {values.dtype})')
+    whole = values.dtype.kind in 'bf' and (abs(values) < 2**53).all() and (values == np.round(values)).all()
+    return (values.astype(int) if whole else values).tolist()
+
+
+def _long(columns):
     """Arrays over frames and points as columns of one length; unchanged if it is not certain which axis is which."""
-    points = {length for values in columns.values() for length in values.shape} - {frames}
-    if len(points) != 1:
+    times = [len(values) for name, values in columns.items() if TIMES.heading(name).unit]
+    points = {length for values in columns.values() for length in values.shape}.difference(times)
+    if len(times) != 1 or len(points) != 1:
         return columns
-    shape = frames, *points
+    shape = *times, *points
     long = {name: np.broadcast_to(values[:, None] if values.shape == shape[:1] else
                                   values.T if values.shape == shape[::-1] else values, shape).ravel()
             for name, values in columns.items()}
     numbered = all(values.shape != shape[1:] for values in columns.values())
-    return long | ({'point': np.tile(np.arange(1, shape[1] + 1), frames)} if numbered else {})
+    return long | ({'point': np.tile(np.arange(1, shape[1] + 1), shape[0])} if numbered else {})

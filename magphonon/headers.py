@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from .errors import did_you_mean, shown
@@ -38,34 +39,78 @@ class Heading(NamedTuple):
     unit: str | None = None  # None: not known
 
 
-def heading(name: str, below: str, columns: Mapping[str, Mapping[str, float]], points: Mapping[str, float]) -> Heading:
-    """What a name in the header means: one of the quantities in `columns`, or a column of one point in a unit of `points`.
-
-    `below` is what stands under the name in a line of units, if there is one.
+@dataclass(frozen=True)
+class Asked:
+    """The columns that a table may have: quantities with their units, such as {'x': LENGTH}; those that are needed, where of a
+    tuple one is enough; and units of columns that belong to one point each.
 
     Examples
     --------
-    >>> from magphonon.headers import heading
+    >>> from magphonon.headers import Asked
     >>> from magphonon.quantities import FORCE, LENGTH
-    >>> heading('Kraft [mN]', '', {'r': LENGTH, 'f': FORCE}, {})
+    >>> Asked({'r': LENGTH, 'f': FORCE}, [('r',), ('f',)], {}).heading('Kraft [mN]')
     Heading(name='Kraft [mN]', quantity='f', unit='mN')
     """
-    match = UNIT.fullmatch(name)
-    own, unit = (match[1], next(filter(None, match.groups()[1:]), '')) if match else (name, below)
-    if match and below:  # then what stands below is no line of units
-        return Heading(name)
-    word = re.sub(r'\W+', '_', own.lower()).strip('_')
-    for quantity, units in columns.items():
-        for known in (quantity, *WORDS.get(quantity, ())):
-            spelt = _unit_of(name, known, word, unit, units)
-            if spelt is not None:
+
+    columns: Mapping[str, Mapping[str, float]]
+    needed: Sequence[tuple[str, ...]]
+    points: Mapping[str, float]
+
+    def heading(self, name: str, below: str = '') -> Heading:
+        """What a name in the header means; `below` is what stands under it in a line of units."""
+        match = UNIT.fullmatch(name)
+        if match and below:  # then what stands below is no line of units
+            return Heading(name)
+        own, unit = (match[1], next(filter(None, match.groups()[1:]), '')) if match else (name, below)
+        word = re.sub(r'\W+', '_', own.lower()).strip('_')
+        known = [(quantity, quantity) for quantity in self.columns]
+        known += [(quantity, other) for quantity in self.columns for other in WORDS.get(quantity, ())]
+        for quantity, other in known:
+            if (spelt := _unit_of(name, other, word, unit, self.columns[quantity])) is not None:
                 return Heading(name, quantity, spelt)
-    begun = [q for q, units in columns.items() if word == q or (units and not unit and word.startswith(f'{q}_'))]
-    meant = begun or [q for q in columns if unit and word in WORDS.get(q, ())]
-    if meant:
-        return Heading(name, max(meant, key=len))
-    spelt = named_unit(unit, points) if unit else None
-    return Heading(name, f'*{own}', spelt) if spelt else Heading(name)
+        if unit:
+            meant, spelt = [quantity for quantity, other in known if word == other], named_unit(unit, self.points)
+            return Heading(name, meant[0]) if meant else Heading(name, spelt and f'*{own}', spelt)
+        begun = [quantity for quantity, units in self.columns.items() if units and f'{word}_'.startswith(f'{quantity}_')]
+        return Heading(name, max(begun, key=len, default=None))
+
+    def headings(self, names: Sequence[str], below: Sequence[str] = ()) -> list[Heading]:
+        """What each name in the header means."""
+        return list(map(self.heading, names, below or [''] * len(names)))
+
+    def lacking(self, heads: Collection[Heading]) -> list[tuple[str, ...]]:
+        """What is needed, and is in none of these columns."""
+        known = {head.quantity for head in heads if head.unit is not None}
+        return [one for one in self.needed if not known.intersection(one)]
+
+    def names(self, quantity: str) -> list[str]:
+        """Names of a column that holds this quantity."""
+        return [f'{quantity}_{unit}'.rstrip('_') for unit in self.columns[quantity] or ['']]
+
+    def size(self, head: Heading) -> float:
+        """The unit of a column in mm, g, ms; zero for words."""
+        return (self.columns.get(head.quantity or '') or self.points).get(head.unit or '', 0.0)
+
+    def by_quantity(self, path: Any, heads: Sequence[Heading], others: bool, layout: str) -> dict[str, Heading]:
+        """The heading of each quantity; ValueError for a quantity in two columns, and an unknown unit or name."""
+        told: dict[str, Heading] = {}
+        for head in heads:
+            if head.quantity is None:
+                if not others:
+                    near = did_you_mean(head.name, [name for quantity in self.columns for name in self.names(quantity)])
+                    raise ValueError(f'{path}: this kind of table has no column {shown(head.name)}{near or layout}')
+                continue
+            if head.unit is None:
+                names = ', '.join(self.names(head.quantity)[:4])
+                raise ValueError(f'{path}: the column {shown(head.name)} has no known unit; write {names}')
+            if head.quantity in told:
+                raise ValueError(f'{path}: the columns {shown(told[head.quantity].name)} and {shown(head.name)} say the same; '
+                                 'keep one of them')
+            told[head.quantity] = head
+        for either in self.lacking(told.values()):
+            raise ValueError(f'{path} lacks the column {self.names(either[0])[0]} (its header is '
+                             f'{shown(",".join(head.name for head in heads))}){layout}')
+        return told
 
 
 def _unit_of(name, known, word, unit, units):
@@ -76,48 +121,26 @@ def _unit_of(name, known, word, unit, units):
     return named_unit(unit, units) if word == known else None
 
 
-def by_quantity(path: Any, heads: Sequence[Heading], columns: Mapping[str, Mapping[str, float]], others: bool,
-                layout: str) -> dict[str, Heading]:
-    """The heading of each quantity; ValueError if two columns hold the same quantity, or a unit is unknown."""
-    told: dict[str, Heading] = {}
-    for head in heads:
-        if head.quantity and head.unit is None:
-            names = ', '.join(f'{head.quantity}_{unit}'.rstrip('_') for unit in [*columns[head.quantity]][:4])
-            raise ValueError(f'{path}: the column {shown(head.name)} has no known unit; write {names}')
-        if not (head.quantity or others):
-            known = [f'{q}_{unit}'.rstrip('_') for q, units in columns.items() for unit in units]
-            raise ValueError(f'{path}: this kind of table has no column {shown(head.name)}'
-                             f'{did_you_mean(head.name, known) or layout}')
-        if head.quantity in told:
-            both = ' and '.join(shown(one.name) for one in (told[head.quantity], head))
-            raise ValueError(f'{path}: the columns {both} say the same; keep one of them')
-        if head.quantity:
-            told[head.quantity] = head
-    return told
-
-
-def divided(path: Any, text: str, headings: Callable[..., list[Heading]], complete: Callable[[list[Heading]], bool],
-            ) -> tuple[list[Heading], str, list[tuple[int, str]]]:
+def divided(path: Any, text: str, asked: Asked) -> tuple[list[Heading], str, list[tuple[int, str]]]:
     """Headings, separator and numbered rows of a text; if no line names all that is needed, likely headings and no rows."""
     lines = [(n, line.strip(' ')) for n, line in enumerate(text.splitlines(), 1) if line.strip(' \t;,')]
-    names = [split(line) for _, line in lines[: PREAMBLE + 1]]
-    likely = []
-    for k in range(min(len(lines), PREAMBLE)):
-        below = names[k + 1] if k + 1 < len(names) and not any(map(NUMBER.match, names[k + 1])) else []
-        for units in (below, []) if len(below) == len(names[k]) else ([],):
-            heads = headings(names[k], units)
-            if complete(heads):
-                _refuse_rows(path, lines[:k], names, heads)
-                rows = [one for one in lines[k + 1 + bool(units) :] if one[1][0] not in COMMENT]
-                for n, line in (one for one in lines[k + 1 :] if one[1][0] in COMMENT):
-                    if complete(other := headings(split(line))) and other != heads:
-                        raise ValueError(f'line {n} of {path}: {shown(line)} names other columns or units than the header; keep '
-                                         'one of them')
-                return heads, separator(lines[k][1]), rows
-            likely.append(((not any(map(NUMBER.match, names[k])), sum(head.quantity is not None for head in heads)), heads))
-    if not likely:
+    if not lines:
         raise ValueError(f'{path} is empty')
-    return max(likely, key=lambda one: one[0])[1], '', []
+    names = [split(line) for _, line in lines[: PREAMBLE + 1]] + [[]]
+    for k, own in enumerate(names[:-1]):
+        for below in (names[k + 1], []):
+            heads = asked.headings(own, below) if len(below) in (0, len(own)) and not any(map(NUMBER.match, below)) else []
+            if heads and not asked.lacking(heads):
+                _refuse_rows(path, lines[:k], names, heads)
+                _refuse_other_headers(path, lines[k + 1 :], heads, asked)
+                rows = [one for one in lines[k + 1 + bool(below) :] if one[1][0] not in COMMENT]
+                return heads, separator(lines[k][1]), rows
+    return max((asked.headings(own) for own in names[:-1]), key=_likeness), '', []
+
+
+def _likeness(heads):
+    """How much the names in a line look like those of a header, for a message: they are no numbers, and some are known."""
+    return not any(NUMBER.match(head.name) for head in heads), sum(head.quantity is not None for head in heads)
 
 
 def _refuse_rows(path, lines, names, heads):
@@ -125,6 +148,14 @@ def _refuse_rows(path, lines, names, heads):
     for (n, _), cells in zip(lines, names, strict=False):
         if len(cells) == len(heads) and all(map(GROUPED.fullmatch, cells)):
             raise ValueError(f'line {n} of {path} holds numbers above the header; put the header first')
+
+
+def _refuse_other_headers(path, lines, heads, asked):
+    """Raise ValueError for a comment below the header that names other columns or units."""
+    for n, line in (one for one in lines if one[1][0] in COMMENT):
+        other = asked.headings(split(line))
+        if other != heads and not asked.lacking(other):
+            raise ValueError(f'line {n} of {path}: {shown(line)} names other columns or units than the header; keep one of them')
 
 
 def split(line: str, sign: str = '') -> list[str]:

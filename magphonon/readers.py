@@ -30,7 +30,7 @@ def content(path: str | PathLike[str], most: int) -> str | list[dict[str, Any]]:
     try:
         found = reader(path)
         return array_files.as_text(path, found) if isinstance(found, dict) else found
-    except (OSError, MemoryError):
+    except (PermissionError, MemoryError):
         raise
     except ImportError as error:
         raise ValueError(f"{path} is read by {error.name}; pip install 'magphonon[files]', or export it as CSV") from None

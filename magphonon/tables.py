@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import shown
 from .files import MEGABYTE
-from .headers import NUMBER, Heading, by_quantity, divided, heading, split
+from .headers import NUMBER, Asked, Heading, divided, split
 from .readers import content
 
 MOST_BYTES = 100 * MEGABYTE
@@ -69,47 +69,36 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
     Other names are refused unless `others`; in a unit of `points`, such a column belongs to one point and is called '*name'.
     `layout` tells users what the table should look like; `held` is the content of the file, if it is already known.
     """
-    layout, units = f'; {layout}' if layout else '', points or {}
-    needed = [one if isinstance(one, tuple) else (one,) for one in needed]
+    layout = f'; {layout}' if layout else ''
+    asked = Asked(columns, [one if isinstance(one, tuple) else (one,) for one in needed], points or {})
     text = content(path, most) if held is None else held
     if not isinstance(text, str):
         raise ValueError(f'{path} holds records of an instrument and no table{layout}')
-
-    def headings(names, below=()):
-        return [heading(name, below[k] if below else '', columns, units) for k, name in enumerate(names)]
-
-    def complete(heads):
-        known = {head.quantity for head in heads if head.unit is not None}
-        return all(known.intersection(one) for one in needed)
-
-    heads, sign, rows = divided(path, text, headings, complete)
-    told = by_quantity(path, heads, columns, others, layout)
-    for either in (one for one in needed if not told.keys() & {*one}):
-        example = next(f'{either[0]}_{unit}'.rstrip('_') for unit in columns[either[0]] or [''])
-        names = shown(','.join(head.name for head in heads))
-        raise ValueError(f'{path} lacks the column {example} (its header is {names}){layout}')
+    heads, sign, rows = divided(path, text, asked)
+    told = asked.by_quantity(path, heads, others, layout)
     if not rows:
         raise ValueError(f'{path} holds no rows below its header{layout}')
-    sizes = {q: (units if q.startswith('*') else columns[q]).get(head.unit or '', 0.0) for q, head in told.items()}
-    cells, signs = _cells(path, rows, sign, heads, told), set()
-    numbers = {q: _numbers(path, told[q].name, cells[q], rows, q in blank or q.startswith('*'), signs) for q in told if sizes[q]}
-    with np.errstate(over='ignore'):
-        values = {q: sizes[q] * numbers[q] if q in numbers else np.array(cells[q]) for q in told}
-    table = Table(path, told, sizes, values, np.array([n for n, _ in rows]))
-    for q in numbers:
+    units, cells = {q: asked.size(head) for q, head in told.items()}, _cells(path, rows, sign, heads, told)
+    values, signs = {}, set()
+    for q, unit in units.items():
+        may = q in blank or q.startswith('*')
+        with np.errstate(over='ignore'):
+            values[q] = _numbers(path, told[q].name, cells[q], rows, may, signs) * unit if unit else np.array(cells[q])
+    table = Table(path, told, units, values, np.array([n for n, _ in rows]))
+    for q in filter(units.get, units):
         table.refuse(q, np.isinf(values[q]), 'be a finite number')
     return table
 
 
 def _cells(path, rows, sign, heads, told):
     """The words in the column of each quantity."""
-    places, kept = {q: heads.index(head) for q, head in told.items()}, []
-    signs = [one for one in (sign, *'\t;, ') if one in rows[0][1]] or [sign]
-    sign = next((one for one in signs if len(split(rows[0][1], one)) == len(heads)), signs[0])
+    signs = [one for one in (sign, *'\t;, ') if one in rows[0][1]]
+    sign = next((one for one in signs if len(split(rows[0][1], one)) == len(heads)), [*signs, ','][0])
     reader = csv.reader((line for _, line in rows), delimiter=sign, skipinitialspace=True, strict=True)
+    places, kept = {q: heads.index(head) for q, head in told.items()}, []
     try:
-        for done, row in enumerate(reader, 1):
-            if reader.line_num != done:
+        for row in reader:
+            if reader.line_num > len(kept) + 1:
                 raise csv.Error('a quotation mark is not closed')
             if len(row) <= max(places.values()) or any(row[len(heads) :]):
                 raise csv.Error(f'it has {len(row)} values, not {len(heads)}: it was cut off, or holds a stray separator or '

@@ -27,12 +27,12 @@ def read_datasets(path: str | PathLike[str]) -> list[dict[str, Any]]:
         raise ValueError(f'{path} ends within a dataset; copy or export it again')
     sets = pyuff.UFF(str(path)).read_sets()
     sets = [sets] if isinstance(sets, dict) else list(sets)
-    for one in (one for one in sets if one['type'] == FUNCTION):
-        if len(one['data']) != one.get('num_pts', len(one['data'])):
+    for one in sets:
+        if one['type'] == FUNCTION and len(one['data']) != one.get('num_pts', len(one['data'])):
             raise ValueError(f'{path}: the function of node {one["rsp_node"]} has {len(one["data"])} of its {one["num_pts"]} '
                              'values; export it again')
-    turned = {int(system) for one in sets if one['type'] in NODES for system in np.atleast_1d(one['disp_cs'])}
-    if len(turned) > 1 or (turned - {0} and any(one['type'] in AXES for one in sets)):
+    systems = {int(system) for one in sets if one['type'] in NODES for system in np.atleast_1d(one['disp_cs'])}
+    if len(systems) > 1 or (systems != {0} and {one['type'] for one in sets}.intersection(AXES)):
         raise ValueError(f'{path} gives nodes axes of their own (dataset 18); export it with the axes of the whole structure')
     return sets
 
