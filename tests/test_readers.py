@@ -30,9 +30,9 @@ def rows(*columns, sign=',', comma=False, end=''):
 
 
 MACHINE = 'Prüfer:;Meier\nProbe:;Ring N42, 25 °C\nVorkraft [N];0,1\n\n'
-LABVIEW = ('LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nDate\t2026/11/23\n***End_of_Header***\t\n\t\nChannels\t2\n'
-           'Samples\t4\t4\nX0\t0.0\t0.0\n***End_of_Header***\t\t\n')
-TABLE, HALF = rows(R, F), rows(R, F / 2)
+LABVIEW = ('LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nDate\t2026/11/23\n***End_of_Header***\t\n\t\n'
+           'Channels\t2\nSamples\t4\t4\nX0\t0.0\t0.0\n***End_of_Header***\t\t\n')
+TABLE = rows(R, F)
 FORCES = {  # and R, or None where the file is refused
     'r [mm],F [N]\n' + TABLE: R,
     'Distance (mm),Force (mN)\n' + rows(R, 1e3 * F): R,
@@ -148,7 +148,8 @@ def with_attributes(file):
 
 def matlab_73(path):
     """Of its version 7.3: a user block, and arrays of one row."""
-    hdf5(path, lambda file: [file.create_dataset(name, data=x[None]) for name, x in (('r_mm', R), ('f_N', F))], userblock_size=512)
+    hdf5(path, lambda file: [file.create_dataset(name, data=x[None]) for name, x in (('r_mm', R), ('f_N', F))],
+         userblock_size=512)
     path.write_bytes(b'MATLAB 7.3 MAT-file, Platform: GLNXA64'.ljust(116) + bytes(8) + b'\x00\x02IM' + path.read_bytes()[128:])
 
 
@@ -328,8 +329,8 @@ def test_tables_of_transfer_functions(text, tmp_path):
 FUNCTION = {'type': 58, 'binary': 0, 'func_type': 4, 'rsp_node': 1, 'rsp_dir': 1, 'ref_node': 2, 'ref_dir': 1, 'x': HZ,
             'data': 1e-3 * H, 'abscissa_spec_data_type': 18, 'ordinate_spec_data_type': 8, 'orddenom_spec_data_type': 13}
 RECORD = FUNCTION | {'func_type': 1, 'abscissa_spec_data_type': 17, 'orddenom_spec_data_type': 0, 'data': V[:, 0], 'x': T / 1e3}
-PLACES = {'type': 15, 'node_nums': [1, 2], 'x': [0.0, 0.01], 'y': [0.0, 0.0], 'z': [0.0, 0.0], 'def_cs': [0, 0], 'disp_cs': [0, 0],
-          'color': [0, 0]}
+PLACES = {'type': 15, 'node_nums': [1, 2], 'x': [0.0, 0.01], 'y': [0.0, 0.0], 'z': [0.0, 0.0], 'def_cs': [0, 0],
+          'disp_cs': [0, 0], 'color': [0, 0]}
 AXES = {'type': 18, 'cs_num': [1], 'ref_cs_num': [0], 'ref_o': [np.zeros(3)], 'x_point': [np.array([-1.0, 0, 0])],
         'xz_point': [np.array([0, 0, 1.0])]}
 

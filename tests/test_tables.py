@@ -132,7 +132,8 @@ def test_a_table_is_read_or_refused_in_one_line(text, tmp_path):
     assert len(str(error.value)) < 700
 
 
-@pytest.mark.parametrize(('text', 'line'), [('time_s,x_m\n1,2\n\n3,x\n', 4), ('# a\ntime_s,x_m\n1\n', 3), ('x_m\ttime_s\n1\t"2\n', 2)])
+@pytest.mark.parametrize(('text', 'line'), [
+    ('time_s,x_m\n1,2\n\n3,x\n', 4), ('# a\ntime_s,x_m\n1\n', 3), ('x_m\ttime_s\n1\t"2\n', 2)])
 def test_a_refusal_names_the_line(text, line, tmp_path):
     with pytest.raises(ValueError, match=rf'line {line} of .*t\.csv'):
         read_table(write(tmp_path, text), COLUMNS, ['time', 'x'])
