@@ -75,6 +75,12 @@ def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
     parser.add_argument('-o', '--output', metavar='DIR', default=default,
                         help='directory for the results, created if it does not exist (default: the name of the input and of the '
                              f'command, such as {parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
+    add_force(parser)
+
+
+def add_force(parser: ArgumentParser) -> None:
+    """Add the option --force."""
+    parser.add_argument('--force', action='store_true', help='replace files that exist; without it the command refuses')
 
 
 def find_inputs(options: Namespace) -> None:
@@ -106,10 +112,9 @@ def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[st
 
 
 def left_out(scene: Scene) -> list[str]:
-    """A line that says which of the given keys of [bands] only the command `bands` uses, if there are any."""
-    given = '' if scene.bands is None else scene.bands.beyond
-    return [f'{given} ignored here: this command computes linear motion without losses or heat; "magphonon bands" includes '
-            'both'] if given else []
+    """A line that says that only the command `bands` uses the damping of [bands], if it is given."""
+    return ['bands.damping_per_s ignored here: this command computes motion without losses; "magphonon bands" includes them'
+            ] if scene.bands is not None and scene.bands.damping_per_s is not None else []
 
 
 def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
@@ -124,12 +129,15 @@ def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
 
 @contextmanager
 def answering(options: Namespace, scene: Scene,
-              *tables: str) -> Iterator[tuple[Path, Callable[[FigureBase, str], None], list[str]]]:
-    """Context with the folder of results, a function that saves pictures in it, and a list of lines to print at the end."""
+              *names: str) -> Iterator[tuple[Path, Callable[[FigureBase, str], None], list[str]]]:
+    """Context with the folder of results, a function that saves pictures in it, and a list of lines to print at the end.
+
+    The `names` are those of the results, in patterns (see `results`).
+    """
     from .results import results
 
     told: list[str] = []
-    with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
+    with results(options, *names) as folder, drawing(options, folder, scene.title) as save:
         yield folder, save, told
     print(*told, f'pictures and data are in {options.output}', sep='\n')
 

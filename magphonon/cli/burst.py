@@ -19,7 +19,6 @@ from .arguments import add_output, add_pictures, add_scene, answering
 FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
 HELP = 'send tone bursts through a patch and see their fronts, with D* and without it'
 MOST_THREADS = 1024
-RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', '*_film.gif', 'row.csv', 'ridges.*'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -48,7 +47,7 @@ def run(options: Namespace) -> None:
     engine = _engine(options)
     scene = read_scene(options.scene)
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.perfect_cell()
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'row.csv', 'ridges.*', *(f'{name}_*' for name in plan.names)) as (folder, save, told):
         records, largest, patches = {}, {}, {model: scene.patch_atoms(model) for model in MODELS}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
             passages = {model: _send(scene, k, cell, patch, engine(name, model)) for model, patch in patches.items()}

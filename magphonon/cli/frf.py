@@ -11,7 +11,6 @@ from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
 HELP = 'frequency response to a force or a shaken bench, compared with measurements if you have any'
-RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
 MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
 MOST_COUNTED = 10_000
@@ -37,9 +36,8 @@ def run(options: Namespace) -> None:
     from .neighbours import omission
 
     scene = read_scene(options.scene)
-    tables = [] if options.measured is None else [options.measured]
     plan, measured, relaxation = scene.wanted('frf'), _measured(scene, options), scene.relaxation()
-    with answering(options, scene, *tables) as (folder, save, told):
+    with answering(options, scene, 'frf.*', 'frf_*.npz', 'frf_measured.*') as (folder, save, told):
         first, lines = _responses(scene, plan, folder, save)
         lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
         told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save),

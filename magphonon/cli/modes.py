@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from ..stiffness.rest import LinearSystem
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
-RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
@@ -57,7 +56,7 @@ def run(options: Namespace) -> None:
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
             raise ValueError(f'--{option} {given}: the scene has no patch whose modes could be computed; add a table [patch]')
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*') as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
         if lattice is not None:
             _write_lattice(folder, case)

@@ -34,7 +34,7 @@ def run(options: Namespace, scene: Scene) -> None:
     def designed(steps, x, **more):
         return optimise(patch, objective, over, steps=steps, start=x, report=lambda x, value: best.update(x=x), **more)
 
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
+    with results(options, 'design.*', 'design_*') as folder, drawing(options, folder, scene.title) as save:
         stopped = False
         try:
             design = designed(plan.steps, best.get('x'), starts=plan.starts, compare=True)

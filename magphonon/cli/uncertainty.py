@@ -11,7 +11,6 @@ from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, answering
 
 HELP = 'how uncertain bands and responses are, given the tolerances of the parts'
-RESULTS = 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*'
 SAMPLES = 1000
 """Number of lattices drawn at random to check the linear propagation.  The relative sampling error of their standard deviation is
 1/sqrt(2 SAMPLES), 2.2 %."""
@@ -42,7 +41,7 @@ def run(options: Namespace) -> None:
     if bands and (scene.single or scene.finite):
         raise ValueError(f'the scene {scene.title!r} has no [frf], so there is no response whose uncertainty could be computed; '
                          'add [frf]')
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*') as (folder, save, told):
         if bands:
             told += _bands(folder, save, scene, tolerances, options.verbose) if tolerances.changes else []
             told += [OWN_SCATTER] if tolerances.scatter else []

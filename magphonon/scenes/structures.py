@@ -7,7 +7,6 @@ from __future__ import annotations
 import warnings
 from copy import deepcopy
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -16,9 +15,8 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import find_mic
-from ase.io.jsonio import encode
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, computed_field, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from .. import units as u
 from ..bands.bands import band_path
@@ -31,7 +29,6 @@ from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
-from ..stiffness.restartable import Restartable
 from ..tables import read_table
 from .fields import Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
 
@@ -277,15 +274,6 @@ class FileLattice(Table):
     def spacing_m(self) -> float:
         """Distance of nearest particles in m."""
         return nearest_distance(self._atoms) / u.m
-
-    @computed_field
-    @property
-    def contents(self) -> str:
-        """SHA-256 of the contents of the file, by which results are linked to their structure."""
-        atoms, calc = self._atoms, self._atoms.calc
-        calculator = calc.todict() if isinstance(calc, Restartable) else dict(getattr(calc, 'parameters', {}))
-        parts = [atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator]
-        return sha256(encode(parts).encode()).hexdigest()
 
     def path(self, points: str | None, npoints: int) -> BandPath:
         """Path through special points, `ase.dft.kpoints.BandPath`."""

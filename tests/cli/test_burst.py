@@ -280,7 +280,7 @@ def struck(number, scene_file, tmp_path):
     process = subprocess.Popen([sys.executable, '-m', 'magphonon', 'burst', str(scene), '-o', str(out)],
                                stderr=subprocess.PIPE, text=True)
     try:
-        while process.poll() is None and not list(out.glob('.partial-*/*.csv')):
+        while process.poll() is None and not list(out.glob('.magphonon-*/*.csv')):
             time.sleep(0.02)
     finally:
         process.send_signal(number)
