@@ -58,8 +58,8 @@ print('\n'.join(['x_px,y_px,held', *rows[:3]]))
 # %%
 # The scene
 # ---------
-# ``positions = "rest"`` says that the table gives the positions of the magnets at rest.  ``[uncertainty]`` says by how much each
-# magnet and pillar may differ from its nominal values.  The command line for this scene is ``magphonon modes photo.toml``.
+# ``positions = "rest"`` says that the table gives the positions of the magnets at rest.  The command line for this scene is
+# ``magphonon modes photo.toml``.
 
 text = f"""title = "From a photo"
 [lattice]
@@ -79,11 +79,6 @@ shells = 1
 
 [foundation]
 stiffness_N_per_m = 60
-
-[uncertainty]
-each_strength_percent = 2.5
-each_stiffness_percent = 5
-each_position_m = 2e-5
 """
 (folder / 'photo.toml').write_text(text, encoding='utf-8')
 scene = read_scene(folder / 'photo.toml')
@@ -92,12 +87,13 @@ found = modes(scene.atoms())
 # %%
 # How well?
 # ---------
-# ``mode_scatter`` computes the standard deviations of the frequencies, to first order in the deviations of ``[uncertainty]``.
-# ``magphonon modes`` prints them beside the frequencies.
+# ``mode_scatter`` computes the standard deviations of the frequencies, to first order in the deviations of the sites.  The
+# position is that measured in the photo.
 
 from magphonon.design import mode_scatter
 
-std = u.hertz(mode_scatter(scene.atoms(), scene.uncertainty.tolerances(scene).scatter, found).std)
+scatter = Scatter(position=0.02 * u.mm, strength=0.025, stiffness=0.05)
+std = u.hertz(mode_scatter(scene.atoms(), scatter, found, at_rest=True).std)
 for k in range(4):
     print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} +- {std[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
 
@@ -116,24 +112,3 @@ ax.plot(count, 100 * (twice.frequencies_Hz[:20] / first - 1), 's', color=COLOURS
 ax.axhline(0, color='0.5', linewidth=0.8)
 ax.set(xlabel='mode', ylabel='off the truth (%)', xticks=count[::3])
 ax.legend(frameon=False)
-
-# %%
-# Measured shapes
-# ---------------
-# A vibrometer has measured the three lowest modes at half of the magnets, along x.  ``magphonon modes photo.toml --compare
-# shapes.csv`` finds the computed modes that match them.  A match needs a MAC (modal assurance criterion, 1 for equal shapes)
-# above a half, and above the value that chance alone would reach.
-
-from magphonon.response import compared
-
-points = np.flatnonzero(~held)[::2]
-lines = [f'{k + 1},{truth.frequencies_Hz[k]},{x},{y},{truth.shapes[k, i, 0]}' for k in range(3) for i in points
-         for x, y in [true.positions[i, :2]]]
-(folder / 'shapes.csv').write_text('\n'.join(['mode,frequency_Hz,x_mm,y_mm,u_x', *lines]), encoding='utf-8')
-comparison = compared(folder / 'shapes.csv', scene.atoms(), found)
-for name, mac, least, best in zip(comparison.names, comparison.mac, comparison.least, comparison.best, strict=True):
-    print(f'measured mode {name}: mode {best + 1}, MAC {mac[best]:.2f} (a match needs {least:.2f})')
-
-from magphonon.plotting import plot_comparison
-
-ax = plot_comparison(comparison, found)

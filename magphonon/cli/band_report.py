@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
     from phonopy import Phonopy
 
+    from ..design.uncertainty import Spread
     from ..scenes.scene import Scene
 
 ZERO_FRACTION = 1e-5
@@ -50,6 +51,7 @@ class Case:
     bands: dict[str, Bands]
     phonon: Phonopy | None = None  # None where it is not installed, and where forces depend on the velocity
     lossy: Bands | None = None
+    spread: Spread | None = None
 
     @property
     def path(self) -> BandPath:
@@ -129,6 +131,22 @@ def frequencies(case: Case) -> Iterator[str]:
         lowest = case.bands['complete'].frequencies_Hz.min()
         but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
         yield f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}'
+
+
+@REPORT.check
+def tolerances(case: Case) -> Finding | None:
+    """The standard deviations of the frequencies at special points; always printed, because the scene asks for them."""
+    if case.spread is None:
+        return None
+    lines = ['standard deviations due to [uncertainty] (Hz): in all, and by each cause alone']
+    stds = {'all': case.spread.std, **case.spread.contributions}
+    lines += [f'{"":18}' + ''.join(f'{name:>{max(len(name) + 2, 12)}}' for name in stds)]
+    for name, point in points_on(case.path).items():
+        at = abs(case.path.kpts - point).max(axis=1).argmin()
+        for branch in range(case.spread.values.shape[1]):
+            lines.append(f'{f"  {name}, branch {branch + 1}":18}'
+                         + ''.join(f'{units.hertz(std[at, branch]):{max(len(cause) + 2, 12)}.3g}' for cause, std in stds.items()))
+    return Finding(case.spread, '\n'.join(lines), fault=True)
 
 
 @REPORT.remark

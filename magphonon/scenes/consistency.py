@@ -71,7 +71,7 @@ def check(scene: Scene) -> None:
     faults = []
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
                            ('bands', _bands), ('frf', _frf), ('burst', _burst), ('vibrometer', _vibrometer),
-                           ('foundation', _pillar), ('foundation', _two_springs), ('foundation', _out_of_plane),
+                           ('foundation', _two_springs), ('foundation', _out_of_plane),
                            ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene))):
         try:
             if getattr(scene, table) is not None:
@@ -128,12 +128,6 @@ def _vibrometer(scene: Scene) -> None:
                          f'{scene.vibrometer.noise_m!r}')
 
 
-def _pillar(scene: Scene) -> None:
-    if scene.foundation.moving_mass and scene.uncertainty:
-        raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] treats pillars as massless; '
-                         'remove it, and add 33/140 of the mass of a pillar to lattice.mass_kg')
-
-
 def _two_springs(scene: Scene) -> None:
     if scene.foundation.stiffness_y_N_per_m is None:
         return
@@ -188,7 +182,7 @@ def _file(scene: Scene) -> None:
     if lattice.cell().has('stiffness') and scene.foundation is not None:
         raise ValueError(f'foundation: {lattice.file} gives the stiffness of each particle; remove [foundation] or this column')
     if lattice.cell().has('relative_damping'):
-        _refuse(scene, ('burst', 'uncertainty'), f'it supports only one damping for all particles, but {lattice.file} '
+        _refuse(scene, ('burst',), f'it supports only one damping for all particles, but {lattice.file} '
                 'has the column relative_damping; remove one of the two')
     if lattice.relaxed and lattice.positions == 'rest':
         raise ValueError('lattice.relaxed moves the particles, but positions = "rest" says that they are at rest; remove relaxed')
@@ -203,9 +197,6 @@ def _imperfect(scene: Scene) -> None:
     if scene.single or (scene.patch is None and not scene.finite):
         raise ValueError(f'{name}: there is no structure to put them in; add a table [patch], such as kind = "supercell" with '
                          'cells_1 and cells_2')
-    if scene.uncertainty is not None and (scene.disorder is not None or scene.uncertainty.tolerances(scene).changes):
-        raise ValueError(f'{name} and uncertainty: tolerances that all particles share are for the perfect lattice; keep only '
-                         'those of each site (each_strength_percent and so on) beside [defects], or remove one of the tables')
 
 
 def _kinds(scene: Scene) -> None:

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, read_scene, ready_scene, sound_speeds, units as u
+from magphonon import AllNeighbours, read_scene, ready_scene, sound_speeds, units as u
 from magphonon.bands import bloch_modes
 from magphonon.cli.main import main
 from magphonon.cli.neighbours import neighbours, speeds
@@ -91,27 +91,6 @@ def lattice_text(tmp_path, shells, **tables):
 
     file.write_text('\n'.join(lines('', text)))
     return str(file)
-
-
-def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('magphonon.cli.uncertainty.SAMPLES', 60)
-    tables = {'uncertainty': {'spacing_percent': 1.0}, 'bands': {'path': 'GMKG', 'points': 20, 'supercell': [3, 3]}}
-    for shells in (1, None):
-        scene = lattice_text(tmp_path, shells, **tables)
-        assert main(['uncertainty', '--verbose', scene, '-o', str(tmp_path / f'out_{shells}')]) == 0
-        text = capsys.readouterr().out
-        assert ('branch 1 at M by more than the 95 % interval.' in text) == (shells == 1)
-        assert 'at G' not in text.partition('not enough here')[2].partition('\n')[0]  # where nothing moves it, and no interval is
-        assert 'branch 1 at K' not in text.partition('not enough here')[2].partition('\n')[0]  # moved by less than the interval
-        assert ('shells of neighbours (shells = "auto")' in text) == (shells is None)
-    value, std = map(float, next(line for line in text.splitlines() if line.startswith('  M, branch 1')).split()[3:5])
-    law, truths = InversePower(0.6 * 8**3.8, 3.8), []
-    for kind in (AllNeighbours, MagneticRepulsion):
-        cell = lattices.triangular(8.0, 0.8)
-        cell.calc = kind(cell, law, foundation=0.02)
-        truths.append(u.hertz(bloch_modes(cell, [[0.5, 0, 0]])[0][0, 0]))
-    assert abs(truths[0] - value) < 0.1 * std
-    assert abs(truths[1] - value) > 1.96 * std  # the control
 
 
 @pytest.mark.parametrize(('command', 'name', 'words'), [

@@ -11,7 +11,7 @@ from magphonon.cli.bands import _draw
 from magphonon.cli.main import main
 from magphonon.plotting.axes import label_frequencies
 
-DRAWING = ('bands', 'burst', 'fit', 'frf', 'modes', 'spectrum', 'uncertainty')
+DRAWING = ('bands', 'burst', 'fit', 'frf', 'modes', 'spectrum')
 WITHOUT_FREQUENCIES = ('fit',)
 
 

@@ -134,8 +134,6 @@ def test_a_row_repeats_along_its_period_alone():
     ({'disorder': {'seed': 1, 'mass_percent': 50.0}}, 'mass_percent must lie between 0 and 20'),
     ({'disorder': {'seed': 1, 'position_m': 0.02}}, r'disorder\.position_m = 0\.02 is more than a tenth'),
     ({'patch': None, 'frf': None}, r'defects: there is no structure to put them in; add a table \[patch\]'),
-    ({'uncertainty': {'mass_percent': 1.0}},
-     'defects and uncertainty: tolerances that all particles share are for the perfect'),
 ])
 def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
     def written(value):

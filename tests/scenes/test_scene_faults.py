@@ -14,10 +14,10 @@ from scene_files import ready_scene
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands
 from magphonon.interactions.pair_laws import repulsion
+from magphonon.scenes.band_fits import varied
 from magphonon.scenes.fields import unit_of
 from magphonon.scenes.scene import Scene, read_scene
 from magphonon.scenes.sources import Source
-from magphonon.scenes.tolerances import varied
 
 NAN = math.nan
 FORCES = {'distances_m': [0.008, 0.01, 0.012, 0.015], 'forces_N': [0.66, 0.2369, 0.103, 0.037]}
@@ -147,7 +147,7 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'law': {'kind': 'table', 'shells': 1, 'file': 'nowhere.csv'}}, 'law.file: '),
     ({'law': {'kind': 'table', 'shells': 1, 'file': 3}}, 'law.file must be the name of a file in quotes, not 3'),
     ({'law': {'kind': 'table', 'shells': 1, 'file': 'a\0b'}}, "law.file must be the name of a file in quotes, not 'a\\x00b'"),
-    ({'uncertainty': {'a_percent': 450.0}}, 'uncertainty.a_percent = 450.0 is '),
+    ({'uncertainty': {'mass_percent': 450.0}}, 'uncertainty.mass_percent must lie between 0 and 50, not 450.0'),
     *(({'law': None, wrong: {}} if wrong == 'laws' else {key: None, wrong: 1.0}, f'did you mean {meant!r}?')
       for key, wrong, meant in (('lattice.spacing_m', 'lattice.spacing_mm', 'spacing_m'), ('law.shells', 'law.shels', 'shells'),
                                 ('lattice', 'latice', 'lattice'), ('law.b_N_m_a', 'law.b', 'b_N_m_a'),
@@ -286,13 +286,11 @@ def test_a_measured_force_in_place_of_the_grade(tmp_path):
     assert '\n# [law.calibration]' in text
     for line in ('[law.calibration]', 'distance_m', 'force_N'):
         text = text.replace(f'# {line}', line)
-    (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nforce_N = 0.001\n')
+    (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nforce_percent = 0.4\n')
     scene = read_scene(tmp_path / 'my.toml')
     law = scene.law.potential()
     assert repulsion(law, 10.0) == pytest.approx(0.2369)
     (change,) = scene.uncertainty.tolerances(scene).changes.values()
     assert change.law.dphi(15.0) == pytest.approx(law.dphi(15.0))
     assert repulsion(varied(scene, {'force': 1.1}).law.potential(), 15.0) == pytest.approx(1.1 * repulsion(law, 15.0))
-    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx((0.001 / 0.2369) ** 2)
-    (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nremanence_percent = 1.0\n')
-    assert 'its parameters are spacing, mass, force' in refusal(tmp_path / 'my.toml')
+    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx(0.004**2)
