@@ -133,7 +133,7 @@ def _thermal_run(folder, plan, scene, atoms, path):
     """Thermal bands at the special points that fit into the supercell."""
     from ..bands.bands import points_on
     from ..bands.bloch import bloch_modes
-    from ..dynamics.cages import Diverged
+    from ..errors import Diverged
     from ..waves.thermal import fits, thermal_run
     from .band_report import ZERO_FRACTION
 
