@@ -625,7 +625,7 @@ def test_bursts_reach_the_branches_above_all_stiffness(turn):
 
 @pytest.mark.slow
 def test_bursts_of_particles_that_gyrate_follow_their_branches(tmp_path, capsys):
-    text = ready_scene('prototype').read_text().replace('mass_kg = 7.07e-4 ', 'gyration_rad_per_s = 300.0\nmass_kg = 7.07e-4 ')
+    text = ready_scene('bench').read_text().replace('mass_kg = 7.07e-4 ', 'gyration_rad_per_s = 300.0\nmass_kg = 7.07e-4 ')
     for key, value in (('side_m', '0.24'), ('carriers_Hz', '[36]'), ('directions_deg', '[90]'), ('noise_m', '1e-9')):
         text = re.sub(rf'^{key} = .*', f'{key} = {value}', text, flags=re.MULTILINE)
     (tmp_path / 'scene.toml').write_text(text)

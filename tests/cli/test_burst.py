@@ -15,8 +15,9 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
-from magphonon import read_scene, ready_scene
+from magphonon import read_scene
 from magphonon.cli import burst
 from magphonon.cli.main import main
 from magphonon.stability.amplitude_shifts import frequency_shifts
@@ -176,7 +177,7 @@ def test_a_burst_in_the_gap_is_said_not_to_travel(scene_file, tmp_path, capsys):
     changes = [('side_m = 0.3', 'side_m = 0.15'), (r'carriers_Hz = .*', 'carriers_Hz = [15]'), ('cycles = 5', 'cycles = 12'),
                (r'directions_deg = .*', 'directions_deg = [90]'), ('duration_s = 0.5', 'duration_s = 0.9'),
                (r'(?s)\[vibrometer\].*?\n\n', '')]
-    scene = scene_file(*changes, name='prototype', small=())
+    scene = scene_file(*changes, name='bench', small=())
     assert main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
     for model, steps in (('complete', 2.92), ('conventional', 3.03)):

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 from matplotlib.figure import Figure
+from scene_files import ready_scene
 
-from magphonon import analytic_bands, read_scene, ready_scene
+from magphonon import analytic_bands, read_scene
 from magphonon.cli.arguments import drawing
 from magphonon.cli.bands import _draw
 from magphonon.cli.main import main
@@ -67,7 +68,7 @@ def test_fmax_ends_axes_of_frequencies_and_no_others(tmp_path):
 
 @pytest.mark.parametrize('highest', [80.0, 141.0])
 def test_names_of_branches_stand_within_the_axes_that_end_at_fmax(highest):
-    scene = read_scene(ready_scene('prototype'))
+    scene = read_scene(ready_scene('bench'))
     atoms, path = scene.atoms(), scene.band_path()
     found = {model: analytic_bands(atoms, path, model, vectors=True) for model in ('complete', 'conventional')}
     figures = {}

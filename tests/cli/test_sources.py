@@ -87,6 +87,6 @@ def test_parents_of_the_results_are_made_and_go_with_them_if_they_fail(desk, cap
     assert main(['bands', 'mine.toml', '-o', 'a/b/c/d']) == 0
     assert (desk / 'a' / 'b' / 'c' / 'd' / 'bands.csv').exists()
     before = names(desk)
-    (desk / 'narrow.toml').write_text(ready_scene('prototype').read_text().replace('[3, 3]', '[2, 2]'))
+    (desk / 'narrow.toml').write_text(ready_scene('bench').read_text().replace('[3, 3]', '[2, 2]'))
     assert main(['bands', 'narrow.toml', '-o', 'a/e/f/g']) == 2
     assert names(desk) == sorted([*before, 'narrow.toml'])

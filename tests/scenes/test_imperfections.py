@@ -97,9 +97,9 @@ def test_the_tables_build_what_python_builds(model):
 
 def test_a_patch_with_a_rim_keeps_it():
     """Hexagon of the prototype: one magnet in its middle is missing; the rim stays held where it was."""
-    whole = scene(name='prototype', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
+    whole = scene(name='bench', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
                   foundation={'stiffness_N_per_m': 60.0})
-    holed = scene(name='prototype', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
+    holed = scene(name='bench', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
                   foundation={'stiffness_N_per_m': 60.0}, defects={'vacancies_m': [[0.0, 0.0]]})
     perfect, atoms = whole.patch_atoms(), holed.patch_atoms()
     assert len(atoms) == len(perfect) - 1

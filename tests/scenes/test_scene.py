@@ -37,7 +37,7 @@ LAWS = {
 def test_prototype_is_the_papers(tmp_path):
     """Frequencies of the supplement, recomputed in 50-digit arithmetic; 1e-9 is the accuracy wanted, round-off is 1e-14."""
     numbers = reference()['prototype']
-    scene = read_scene(ready_scene('prototype'))
+    scene = read_scene(ready_scene('bench'))
     atoms = scene.atoms()
     assert_allclose(scene.foundation.stiffness / (u.N / u.m), numbers['k_eq'], rtol=1e-9)
     assert_allclose(repulsion(atoms.calc.laws, 10 * u.mm) / u.N, numbers['f_at_spacing'], rtol=1e-9)
@@ -176,6 +176,6 @@ def test_in_a_patch_of_several_shells_each_free_particle_has_all_its_neighbours(
 
 
 def test_a_scene_does_not_change():
-    scene = read_scene(ready_scene('prototype'))
+    scene = read_scene(ready_scene('bench'))
     with pytest.raises(ValueError, match='frozen'):
         scene.lattice.spacing_m = 0.02

@@ -37,7 +37,7 @@ def refusal(file):
 
 # --- drawn faults ----------------------------------------------------------------------------------------------------
 
-SCENES = 'prototype', 'tolerances', 'vacancy', 'layer', 'design', 'oscillator'
+SCENES = 'bench', 'tolerances', 'vacancy', 'layer', 'design', 'oscillator'
 DRAWN = 12
 """Scenes drawn from each ready one."""
 SCHEMA = Scene.model_json_schema()
@@ -77,7 +77,7 @@ def spoil(place, table, schema, rng):
 def answer(scene, as_toml):
     content = ''.join(f'{key} = {as_toml(value)}\n' for key, value in scene.items()).encode()
     try:
-        read_scene(Source('drawn', content, ready_scene('prototype').parent))
+        read_scene(Source('drawn', content, ready_scene('bench').parent))
     except ValueError as error:
         return [line.removeprefix('drawn: ') for line in str(error).splitlines()]
     return []
@@ -190,10 +190,10 @@ def test_a_magnet_has_the_density_of_a_magnet(mass, fine, scene_file):
 @pytest.mark.parametrize('spacing', [2e-6, 3e-4, 5e5])
 def test_lattices_of_every_size(spacing, scene_file):
     """Frequencies depend on b r^-(a+1) alone; ASE knows no lattice of 2 um, and the path is made for it all the same."""
-    k = read_scene(ready_scene('prototype')).foundation.pillar.stiffness_N_per_m  # such pillars would overlap in a small lattice
+    k = read_scene(ready_scene('bench')).foundation.pillar.stiffness_N_per_m  # such pillars would overlap in a small lattice
     small = {'lattice.spacing_m': spacing, 'law.b_N_m_a': 1.6209e-10 * (spacing / 0.01) ** 5.5824,
              'foundation': {'stiffness_N_per_m': k}}
-    expected = analytic_bands(read_scene(ready_scene('prototype')).atoms(), read_scene(ready_scene('prototype')).band_path())
+    expected = analytic_bands(read_scene(ready_scene('bench')).atoms(), read_scene(ready_scene('bench')).band_path())
     scene = read_scene(scene_file(small))
     numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path())
     assert_allclose(analytic_bands(scene.atoms(), scene.band_path()).omega, expected.omega, rtol=1e-10)
@@ -212,7 +212,7 @@ def test_a_scene_without_bands_has_those_of_ases_path(scene_file, table, shells,
 
 @pytest.mark.parametrize('table', ['patch', 'burst', 'frf', 'uncertainty'])
 def test_missing_table_is_shown_in_a_scene_that_has_it(table):
-    wanting = read_scene(ready_scene('prototype')).model_copy(update={table: None})
+    wanting = read_scene(ready_scene('bench')).model_copy(update={table: None})
     with pytest.raises(ValueError, match=r'add one, as in') as caught:
         wanting.wanted(table)
     assert getattr(read_scene(ready_scene(str(caught.value).split()[-1].strip('"'))), table) is not None
@@ -233,8 +233,8 @@ def test_files_that_are_no_scene(content, words, tmp_path, request):
 
 def test_windows_byte_order_mark(tmp_path):
     file = tmp_path / 'windows.toml'
-    file.write_bytes(b'\xef\xbb\xbf' + ready_scene('prototype').read_text().replace('\n', '\r\n').encode())
-    assert read_scene(file) == read_scene(ready_scene('prototype'))
+    file.write_bytes(b'\xef\xbb\xbf' + ready_scene('bench').read_text().replace('\n', '\r\n').encode())
+    assert read_scene(file) == read_scene(ready_scene('bench'))
 
 
 @pytest.mark.skipif(not os.path.exists('/dev/zero'), reason='a system without such files')
