@@ -115,7 +115,7 @@ def lammps(atoms, tmp_path):
 
 
 def moved(atoms):
-    dyn = DrivenVerlet(atoms, 0.01, engine='numpy')
+    dyn = DrivenVerlet(atoms, 0.01, engine='compiled')
     dyn.atoms.positions[0, 0] += 0.01
     dyn.run(20)
     return dyn.atoms.positions - PATCH.positions
