@@ -51,7 +51,7 @@ def run(options: Namespace) -> None:
         border = stability_boundary_of_exponents(atoms, explorer.exponents.values)
     else:
         border = stability_boundary(atoms, explorer.scales)
-    perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
+    perfect = 'This lattice is perfect: [defects] belong to a patch.' if scene.defects else ''
     template = _template(options.scene.text, scene, atoms)
     _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
            [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])

@@ -206,8 +206,6 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 def parameters_in(scene: Scene) -> tuple[str, ...]:
     """The parameters of any scene, also of a finite structure or the oscillator, that a fit may vary."""
     shape = FITTED[one_of('law.kind', scene.law.kind, tuple(FITTED))].shape
-    if scene.laws_of_kinds:
-        raise ValueError('laws_of_kinds: a fit varies one law for all pairs; use particles of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
         raise ValueError('foundation.out_of_plane: a fit uses waves in the plane; remove this table')
     if scene.foundation and scene.foundation.leans:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import warnings
 from copy import deepcopy
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -16,9 +15,8 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import find_mic
-from ase.io.jsonio import encode
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, computed_field, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from .. import units as u
 from ..bands.bands import band_path
@@ -30,21 +28,20 @@ from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
-from ..stiffness.restartable import Restartable
 from ..tables import LENGTH, MASS, PURE, STIFFNESS, read_table
 from .fields import Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
-COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
+COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'held': PURE, 'mass': MASS, 'strength': PURE,
            'stiffness': STIFFNESS, 'relative_damping': PURE}
 LAYOUT = ('a table of particles has the columns x_m,y_m (or x_mm,y_mm, or of a photo x_px,y_px) and, where wanted, '
-          'z_m,kind,held,mass_kg,strength,stiffness_N_per_m,relative_damping')
+          'z_m,held,mass_kg,strength,stiffness_N_per_m,relative_damping')
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
-MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m  # largest number of a kind, and largest coordinate; what is farther is in another unit
+FARTHEST = 1e6 * u.m  # largest coordinate; what is farther is in another unit
 NEAREST_m = 1e-6, 1e6
 """Range of the distance of nearest particles, as of `lattice.spacing_m`; beyond it a unit is wrong."""
-OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
+OF_ASE = {'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
           'stiffness_N_per_m': 'stiffness, in N/mm'}
 """Columns of tables, and what a file that ASE reads has in their place."""
 PACKAGE_UNIT_m = 1e-3
@@ -58,7 +55,7 @@ Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 def read_particles(path: Path) -> Atoms:
     """The particles of a table of text, without a cell.
 
-    Kinds become tags, and held particles get FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
+    Held particles get FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
     table has these columns.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
@@ -66,16 +63,13 @@ def read_particles(path: Path) -> Atoms:
         raise ValueError(f'{path} has the columns {table.header["x"]} and {table.header["y"]}; give both in pixels or none')
     for name in 'xyz':
         table.refuse(name, abs(table.get(name, 0.0)) > FARTHEST, 'lie within 1e6 m')
-    for name, wrong, must in (('kind', lambda x: (x != np.round(x)) | (abs(x) > MOST_KINDS), 'be a whole number'),
-                              ('held', lambda x: (x != 0) & (x != 1), 'be 0 or 1'), ('mass', lambda x: x <= 0, 'be positive'),
+    for name, wrong, must in (('held', lambda x: (x != 0) & (x != 1), 'be 0 or 1'), ('mass', lambda x: x <= 0, 'be positive'),
                               ('stiffness', lambda x: x < 0, 'not be negative'),
                               ('relative_damping', lambda x: x < 0, 'not be negative')):
         table.refuse(name, wrong(table.get(name, 1.0)), must)
     atoms = Atoms(['Nd'] * len(table), positions=np.stack([table['x'], table['y'], table.get('z', 0.0)], axis=1))
     if 'mass' in table:
         atoms.set_masses(table['mass'])  # pyright: ignore[reportArgumentType]  ASE declares text
-    if 'kind' in table:
-        atoms.set_tags(table['kind'].astype(int))
     if table.get('held', 0).any():
         atoms.set_constraint(FixAtoms(mask=table['held'] == 1))
     for name in ('strength', 'stiffness', 'relative_damping'):
@@ -93,7 +87,7 @@ class FileLattice(Table):
 
     kind: Literal['file']
     file: Text = Field(description='the file with the particles, beside the scene: a table .csv with the columns x_m,y_m and, '
-                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m,relative_damping (or x_mm, mass_g and so on; '
+                       'where wanted, held,mass_kg,strength,stiffness_N_per_m,relative_damping (or x_mm, mass_g and so on; '
                        'x_px,y_px of a photo), or any file that ASE reads',
                        examples=['particles.csv'])
     length_unit_m: Annotated[Positive, within(1e-12, 1e6, 'metres')] = Field(
@@ -249,11 +243,6 @@ class FileLattice(Table):
         return f'lattice.file = {self.file!r}, whose nearest particles are {self.spacing_m:.6g} m apart'
 
     @property
-    def least_mass_kg(self) -> float:
-        """Mass of the lightest particle in kg."""
-        return float(self.cell().get_masses().min()) / u.kg
-
-    @property
     def finite(self) -> bool:
         """Whether the structure is not periodic in any direction."""
         return not self._atoms.pbc.any()
@@ -262,15 +251,6 @@ class FileLattice(Table):
     def spacing_m(self) -> float:
         """Distance of nearest particles in m."""
         return nearest_distance(self._atoms) / u.m
-
-    @computed_field
-    @property
-    def contents(self) -> str:
-        """SHA-256 of the contents of the file, by which results are linked to their structure."""
-        atoms, calc = self._atoms, self._atoms.calc
-        calculator = calc.todict() if isinstance(calc, Restartable) else dict(getattr(calc, 'parameters', {}))
-        parts = [atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator]
-        return sha256(encode(parts).encode()).hexdigest()
 
     def path(self, points: str | None, npoints: int) -> BandPath:
         """Path through special points, `ase.dft.kpoints.BandPath`."""
