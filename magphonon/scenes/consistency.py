@@ -68,6 +68,9 @@ def _lattice(scene: Scene) -> None:
     if scene.turns and law.shells == ALL:
         raise ValueError(f"lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = '{law.asked}', does not support "
                          'gyration; choose a number of shells')
+    if foundation is not None and foundation.out_of_plane is not None:
+        _refuse({name: getattr(scene, name) is not None for name in ('burst', 'uncertainty')},
+                'it cannot be computed out of the plane; remove it, or [foundation.out_of_plane]')
     if foundation is not None and (scene.single or lattice.cell().pbc.all()):
         _refuse({'foundation.out_of_plane': foundation.out_of_plane, 'foundation.stiffness_y_N_per_m':
                  foundation.stiffness_y_N_per_m}, f'the {lattice.kind} lattice has no plane; remove it')
@@ -152,7 +155,7 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     repulsion, pillar = abs(calc.law.d2phi(lengths)).max(), scene.foundation and scene.foundation.pillar
     if not calc.law.dphi(lengths).any() or not LEAST_SHARE * k <= repulsion:
         raise ValueError(f'{lattice.spacing_given} is so large, or the law of so short a range ({numbers}), that no force acts '
-                         f'beside [foundation], {k / (u.N / u.m):.3g} N/m; lengths are in metres, check units and exponents')
+                         f'beside [foundation], {k / (u.N / u.m):.3g} N/m; check their units and exponents (lengths in m)')
     if pillar and 2 * pillar.radius_m > lattice.spacing_m:
         raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
                          f'{lattice.spacing_given}; radii are in metres')

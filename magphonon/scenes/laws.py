@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, create_model, field_serializer, model_validator
 
 from .. import units as u
-from ..errors import MOST, one_of, positive, shown, whole
+from ..errors import one_of, positive, shown, whole
 from ..interactions.law_cards import Kind, kinds_of_laws
 from ..interactions.magnet_pairs import magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, grade_remanence
@@ -20,15 +20,19 @@ ALL, AUTO = 'all', 'auto'
 TOLERANCE = 1e-3
 """Largest relative change of a frequency by neighbours that are left out, for shells = 'auto': spacings and forces of real
 lattices are hardly known better."""
+MOST_SHELLS = 300
+"""Largest number of shells, about 4000 neighbours of each particle; beyond it the sum over all neighbours is used."""
 
 
 def _shells(value):
     if isinstance(value, str) and value in (ALL, AUTO):
         return value
     try:
-        return whole('', value)
+        if (shells := whole('', value)) <= MOST_SHELLS:
+            return shells
     except ValueError:
-        raise ValueError(f' must be a whole number from 1 to {MOST}, {AUTO!r} or {ALL!r}, not {shown(value)}') from None
+        pass
+    raise ValueError(f' must be a whole number from 1 to {MOST_SHELLS}, {AUTO!r} or {ALL!r}, not {shown(value)}')
 
 
 Shells = Annotated[int | Literal['auto', 'all'], BeforeValidator(_shells),
