@@ -18,7 +18,6 @@ TITLES = {
     'plotting': 'Pictures',
     'design': 'Sensitivities, uncertainty, wanted bands',
     'scenes': 'Scene files',
-    'sweeps': 'Maps over parameters',
 }
 """Rooms in the order of the page, from the ground up; a room that is not named here comes last."""
 

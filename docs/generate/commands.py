@@ -27,8 +27,6 @@ EXAMPLES = {
     'reproduce': ['magphonon reproduce chain -o out'],
     'scene': ['magphonon scene'],
     'spectrum': ['magphonon spectrum scan.csv wave.toml'],
-    'sweep': ['magphonon sweep prototype --over law.a=2:6:17 --over foundation.pillar.height_m=0.1:0.6:11 '
-              '--over law.force_N=0.2369 --ask bands.M.1 --executor here'],
     'uncertainty': ['magphonon uncertainty oscillator'],
 }
 GIVEN = {

@@ -19,7 +19,6 @@ from .evanescent import (
     ComplexBands as ComplexBands,
     complex_bands as complex_bands,
 )
-from .floquet import FloquetBands as FloquetBands, floquet_bands as floquet_bands
 from .force_constants import (
     extracted_dstar as extracted_dstar,
     finite_displacements as finite_displacements,

@@ -18,7 +18,7 @@ from ..stiffness.bond import Model, stiffness_change
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import bloch_matrix, mass_weighted
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .bloch import bloch_modes, wavevectors
 
 FLOPPY = 1e-12  # fraction of the largest stiffness below which a motion counts as one without stiffness, as a translation is
@@ -41,7 +41,7 @@ class Gruneisen(NamedTuple):
     gamma: np.ndarray
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: Model | None = None) -> Gruneisen:
     """Grueneisen parameters `-d ln w/d ln V` of the bands; V is the length, area or volume of a cell.
 

@@ -9,7 +9,6 @@ from math import isinf, isnan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import units
 from ..bands.bands import Bands, cut_off, points_on, sound_speeds
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
     from phonopy import Phonopy
 
-    from ..bands.floquet import FloquetBands
     from ..scenes.scene import Scene
     from ..waves.thermal import ThermalBands
 
@@ -66,19 +64,6 @@ class Case:
 
 
 REPORT = Findings()
-
-
-def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> list[str]:
-    """Lines that say which waves of Floquet bands grow, and where; `x` are distances along the path in rad/mm."""
-    lines = []
-    for model, found in bands.items():
-        k, rate = found.growth.argmax(), found.growth.max() * units.s
-        grows = found.growth.max() > 1e-9 * abs(found.omega).max()
-        what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
-        lines.append(f'{model}: {what}')
-    return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics '
-            'above each frequency and as many below. Waves grow in narrow ranges of wavevectors, so some may have been missed: '
-            '"magphonon check" searches everywhere.']
 
 
 def _in_words(value):

@@ -30,21 +30,17 @@ def run(options: Namespace) -> int:
     from ..scenes.scene import read_scene
     from .band_report import REPORT, Case
 
-    scene, status = read_scene(options.scene), 0
+    scene = read_scene(options.scene)
     with answering(options, scene) as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
-        if scene.foundation is not None and scene.foundation.modulation is not None:
-            told += _floquet(folder, save, atoms, path, plan, options.fmax)
-        else:
-            bands, phonon = _bands(scene, atoms, path)
-            lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
-            _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
-            hot = _thermal_run(folder, plan, scene, atoms, path) if plan.temperature_J is not None else None
-            _draw(save, scene, bands, options.fmax, hot)
-            case = Case(scene, atoms, bands, phonon, lossy, hot)
-            told += REPORT.told(case, options.verbose)
-            status = int(REPORT.find('two_roads', case).fault)
-    return status
+        bands, phonon = _bands(scene, atoms, path)
+        lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
+        _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
+        hot = _thermal_run(folder, plan, scene, atoms, path) if plan.temperature_J is not None else None
+        _draw(save, scene, bands, options.fmax, hot)
+        case = Case(scene, atoms, bands, phonon, lossy, hot)
+        told += REPORT.told(case, options.verbose)
+    return int(REPORT.find('two_roads', case).fault)
 
 
 def _bands(scene, atoms, path):
@@ -63,28 +59,6 @@ def _bands(scene, atoms, path):
         given = scene.wanted('bands').supercell or scene.supercell()
         raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
     return bands | {'phonopy': phonopy_bands(phonon, path, vectors=True)}, phonon
-
-
-def _floquet(folder, save, atoms, path, plan, highest_Hz):
-    """Compute, save and draw Floquet bands along a path and back, and return the lines that report them."""
-    from ..bands.floquet import floquet_bands
-    from ..plotting.floquet import plot_floquet
-    from .band_report import floquet_report
-
-    damping = 0.0 if plan.damping_per_s is None else plan.damping_of(atoms)
-    q, x = np.concatenate([-path.kpts[::-1], path.kpts]), path.get_linear_kpoint_axis()[0]
-    x = np.concatenate([-x[::-1], x])
-    bands = {model: floquet_bands(atoms, q, model, damping) for model in atoms.calc.bloch_models}
-    names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [x * units.m, *q.T]
-    for model, found in bands.items():
-        for k in range(found.omega.shape[1]):
-            names += [f'{model}_{k + 1}_Hz', f'{model}_{k + 1}_growth_per_s', f'{model}_{k + 1}_weight']
-            columns += [found.frequencies_Hz[:, k].real, np.imag(found.omega[:, k]) * units.s, found.weight[:, k]]
-    write_columns(folder / 'bands.csv', names, columns)
-    ax = plot_floquet(bands['complete'], x)
-    ax.set_ylim(top=highest_Hz)
-    save(ax.figure, 'bands')
-    return floquet_report(bands, x)
 
 
 def _save(folder, bands, phonon):

@@ -53,7 +53,7 @@ def run(options: Namespace) -> int:
     found = REPORT.asked(case, options.verbose)
     print(*(('\n' if options.verbose else '') + one.words for name, one in found.items()
             if one.words and (options.verbose or one.fault or name == REPORT.first)),
-          *([] if options.verbose or case.modulated else omission(case.scene, False)), sep='\n')
+          *([] if options.verbose else omission(case.scene, False)), sep='\n')
     return int(any(one.fault for one in found.values()))
 
 
@@ -80,11 +80,6 @@ class Case:
             return None
         return self.scene.patch_atoms() if self.relaxation is None else self.relaxation.atoms
 
-    @property
-    def modulated(self) -> bool:
-        """Whether the springs of the foundation change in time."""
-        return self.scene.foundation is not None and self.scene.foundation.modulation is not None
-
     @cached_property
     def damping(self) -> Any:
         losses = self.scene.bands is not None and self.scene.bands.damping_per_s is not None
@@ -95,7 +90,7 @@ class Case:
         """The verdict on the lattice or the finite structure."""
         from ..stability.verdicts import verdict
 
-        supercell = self.scene.supercell() if self.scene.bands is not None and not self.modulated else None
+        supercell = self.scene.supercell() if self.scene.bands is not None else None
         return verdict(self.atoms, supercell=supercell, damping=self.damping)
 
     @cached_property
@@ -164,7 +159,7 @@ def cut_off(case: Case) -> str | None:
     """The cut-off frequency, the lowest at Gamma, if a foundation or held particles cause one."""
     from ..bands import bands
 
-    if not case.atoms.pbc.any() or case.judged.residual or case.modulated or (lowest := bands.cut_off(case.atoms)) is None:
+    if not case.atoms.pbc.any() or case.judged.residual or (lowest := bands.cut_off(case.atoms)) is None:
         return None
     holds = 'The held particles and the foundation give' if case.atoms.constraints else 'The foundation gives'
     return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz at Gamma: below it no long waves propagate.'
@@ -175,7 +170,7 @@ def others(case: Case) -> list[str]:
     """How the omitted neighbours would change the frequencies."""
     from .neighbours import neighbours
 
-    return [] if case.modulated else neighbours(case.scene)
+    return neighbours(case.scene)
 
 
 @REPORT.remark
@@ -202,7 +197,7 @@ def leaning(case: Case) -> str | None:
 
     scene = case.scene
     leant = scene.with_lean(True)
-    if case.modulated or scene.single or leant is scene or scene.foundation is None or scene.foundation.leans:
+    if scene.single or leant is scene or scene.foundation is None or scene.foundation.leans:
         return None
     points = {'Gamma' if name == 'G' else name: q for name, q in scene.special_points.items()}
     try:

@@ -20,7 +20,6 @@ from .designs import (
     plot_sites as plot_sites,
 )
 from .fits import plot_band_fits as plot_band_fits, plot_fit as plot_fit
-from .floquet import plot_floquet as plot_floquet
 from .modes import (
     plot_comparison as plot_comparison,
     plot_extents as plot_extents,
@@ -35,7 +34,6 @@ from .response import (
     plot_transfer as plot_transfer,
 )
 from .structures import plot_lattice as plot_lattice, plot_patch as plot_patch
-from .sweeps import plot_sweep as plot_sweep
 from .waves import (
     crossing as crossing,
     plot_crossing as plot_crossing,

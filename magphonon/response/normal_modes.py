@@ -20,7 +20,7 @@ from ..stiffness.matrices import lossless_modes, signed_root
 from ..stiffness.mirrors import eigenpairs_of, eigenvalues_of
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
-from ..traits import LINEAR, STIFF, takes
+from ..traits import LIKE, LINEAR, takes
 
 SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
@@ -127,7 +127,7 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     return modes(system).omega if system.turning else signed_root(eigenvalues_of(system))
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     """Number of modes below an angular frequency in rad/ms, counted by one sparse factorisation, without any mode.
 
@@ -241,7 +241,7 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     return Localisation(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     """All modes with frequencies within a gap of the lattice: the local modes of defects, in structures of any size.
 

@@ -151,7 +151,7 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
                          f'exponents ({numbers})')
     if scene.members:
         return
-    lattice, lengths, k = scene.lattice, calc.bonds.lengths, np.max(calc.site_stiffness)
+    lattice, lengths, k = scene.lattice, calc.bonds.lengths, np.max(calc.foundation)
     repulsion, pillar = abs(calc.law.d2phi(lengths)).max(), scene.foundation and scene.foundation.pillar
     if not calc.law.dphi(lengths).any() or not LEAST_SHARE * k <= repulsion:
         raise ValueError(f'{lattice.spacing_given} is so large, or the law of so short a range ({numbers}), that no force acts '
@@ -159,7 +159,8 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     if pillar and 2 * pillar.radius_m > lattice.spacing_m:
         raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
                          f'{lattice.spacing_given}; radii are in metres')
-    density = (mass := scene.perfect_cell().get_masses().min() / u.kg) / lattice.spacing_m**3
+    mass = lattice.cell().get_masses().min() / u.kg
+    density = mass / lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {mass:.6g} and {lattice.spacing_given} make {density / 1e3:.2g} g/cm3, denser than any '
                       'metal; check their units, which are kg and m', stacklevel=2)

@@ -40,7 +40,7 @@ from ..stiffness.calculator import PairCalculator
 from ..stiffness.leaning import leaning
 from ..stiffness.relaxation import Relaxation, relaxed
 from ..stiffness.rest import freedom
-from ..stiffness.site_laws import of_sites
+from ..stiffness.sites import of_sites
 from .consistency import check
 from .fields import Table, Title, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell

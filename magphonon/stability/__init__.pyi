@@ -17,5 +17,4 @@ from .buckling import (
     stability_boundary as stability_boundary,
     stability_boundary_of_exponents as stability_boundary_of_exponents,
 )
-from .pumping import ParametricGrowth as ParametricGrowth, parametric_growth as parametric_growth
 from .verdicts import Buckling as Buckling, Finding as Finding, Verdict as Verdict, verdict as verdict

@@ -20,15 +20,11 @@ from ..results import InHertz
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import LinearSystem
-from ..stiffness.site_laws import site_blocks
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 
 ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squared frequency is zero
 HARMONICS = 8
 """Number of harmonics of the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
-DIFFERENCE = 1e-3
-"""Displacement of a site, in shortest bonds, over which the stiffness of its law is differenced: the error is 1e-6 of the
-derivatives two orders higher, the round-off 1e-10."""
 ROUNDS = 60  # largest number of iterations; a vibration that has not converged by then is far from linear
 STEADY = 1e-6  # share of a force below which it is round-off
 DEGENERACY = 1e-6
@@ -74,7 +70,7 @@ class Shifts(InHertz):
         return np.divide(share, self.harmonic, out=np.full(len(self.harmonic), np.inf), where=self.harmonic > 0)
 
 
-@takes('site law', 'constraints', 'out of plane', 'conventional', 'attraction', 'unlike')
+@takes('constraints', 'out of plane', 'conventional', 'attraction', 'unlike')
 def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:
     """Frequency shifts with amplitude, of waves of any wavevector or of the softest and stiffest mode of a finite structure.
 
@@ -126,7 +122,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
         raise ValueError('a wavevector needs a periodic cell' + f' of at most {DENSE} free directions' * bool(pbc.any()) +
                          '; leave q out to get the softest and the stiffest mode')
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
-    waves = _Waves(system, law_derivatives(calc.law, calc.bonds.lengths), site_derivatives(calc), zone)
+    waves = _Waves(system, law_derivatives(calc.law, calc.bonds.lengths), zone)
     rows = []
     for k in edges if q is None else wavevectors(q):
         for group in waves.at(k):
@@ -137,13 +133,10 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
 
 @dataclass(frozen=True)
 class _Waves:
-    """The waves of a structure, with the derivatives psi2, psi3, psi4 of the law of each bond by the square of its length, and
-    the third and fourth derivatives of the energies of the sites, shape (particles, dim, dim, dim[, dim]), zero for springs.
-    """
+    """The waves of a structure, with the derivatives psi2, psi3, psi4 of the law of each bond by the square of its length."""
 
     system: LinearSystem
     psi: tuple[NDArray[np.float64], ...]
-    sites: tuple[Any, Any]
     zone: bool
 
     def stiffness(self, q):
@@ -213,25 +206,19 @@ class _Waves:
 
         d = changes(C, u)
 
-        def follows(D, C, force, on_sites):
-            """Changes of bond vectors and displacements caused by forces of bonds and on sites, with the stiffness D."""
-            g = P.T @ (C.conj().T @ force + on_sites).ravel()
+        def follows(D, C, force):
+            """Changes of bond vectors and displacements caused by forces of bonds, with the stiffness D."""
+            g = P.T @ (C.conj().T @ force).ravel()
             x = _solve(D, g)
-            resonant = np.linalg.norm(D @ x - g) > STEADY * np.linalg.norm(abs(C.T) @ abs(force) + abs(on_sites))
+            resonant = np.linalg.norm(D @ x - g) > STEADY * np.linalg.norm(abs(C.T) @ abs(force))
             moved = (P @ (-x / 4)).reshape(u.shape)
             return changes(C, moved), moved, resonant
 
         D2 = self.stiffness(twice) - 4 * w**2 * M
-        V3, V4 = self.sites
-
-        def third(x, y):
-            return np.einsum('iabc,ib,ic->ia', V3, x, y) if np.ndim(V3) else 0.0 * x
-
-        fourth = np.einsum('iabcd,ib,ic,id->ia', V4, u, u, u.conj()) if np.ndim(V4) else 0.0
-        d0, U0, _ = follows(self.stiffness((0, 0, 0)), C0, self.phi3(R, d, d.conj()).real, third(u, u.conj()).real)
-        d2, U2, resonant = follows(D2, C2, self.phi3(R, d, d), third(u, u))
+        d0, _, _ = follows(self.stiffness((0, 0, 0)), C0, self.phi3(R, d, d.conj()).real)
+        d2, U2, resonant = follows(D2, C2, self.phi3(R, d, d))
         T = self.phi3(R, d, d0) + self.phi3(R, d.conj(), d2) / 2 + self.phi4(R, d, d, d.conj()) / 8
-        N = P.T @ (C.conj().T @ T + third(u, U0) + third(u.conj(), U2) / 2 + fourth / 8).ravel()
+        N = P.T @ (C.conj().T @ T).ravel()
         scale = 2 * w**2 * (e.conj() @ (M @ e)).real
         leak = np.linalg.norm(others.conj().T @ N) / scale
         return (np.inf, np.inf, leak) if resonant else ((e.conj() @ N).real / scale, _largest(U2), leak)
@@ -282,22 +269,6 @@ def law_derivatives(law: Any, r: NDArray[np.float64]) -> tuple[NDArray[np.float6
             (p4 - 6 * p3 / r + 15 * p2 / r**2 - 15 * p1 / r**3) / (16 * r**4))
 
 
-def site_derivatives(calc: Any) -> tuple[Any, Any]:
-    """Third and fourth derivatives of the energy of each site at rest, by differences of its stiffness; zero for springs."""
-    if not calc.tie.known:
-        return 0.0, 0.0
-    n, dim = len(calc.reference), calc.dim
-    h = DIFFERENCE * calc.bonds.lengths.min()
-
-    def K(*steps):
-        return site_blocks(calc.site_stiffness_at(np.broadcast_to(h * np.sum(steps, axis=0), (n, dim))), n, dim)
-
-    e = np.eye(dim)
-    V3 = np.stack([K(c) - K(-c) for c in e], axis=-1) / (2 * h)
-    V4 = np.stack([np.stack([K(c, d) - K(c, -d) - K(-c, d) + K(-c, -d) for c in e], axis=-1) for d in e], axis=-1) / (4 * h**2)
-    return V3, V4
-
-
 @dataclass(frozen=True)
 class Vibration:
     """A periodic free vibration of one mode at a finite amplitude.
@@ -333,7 +304,7 @@ class StronglyNonlinear(PhysicsError):
         self.evaluations = evaluations
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Callable[[float], float]) -> Vibration:
     """The periodic vibration of one mode at a finite amplitude.
 

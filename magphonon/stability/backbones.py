@@ -24,7 +24,7 @@ from ..dynamics.splittings import SPLITTINGS
 from ..errors import PhysicsError, positive, whole
 from ..results import InHertz
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .amplitude_shifts import forces_at
 
 HARMONICS = 6
@@ -71,7 +71,7 @@ class NonlinearModes(InHertz):
         return self.growth == 0
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, points: int = 20) -> NonlinearModes:
     """Follow one mode of a finite structure, or of a supercell, from a small to a large amplitude.
 

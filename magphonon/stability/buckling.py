@@ -26,9 +26,8 @@ from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
-from ..stiffness.site_laws import Foundation
-from ..stiffness.sites import Sites
-from ..traits import LIKE, STIFF, all_but, refuse, takes
+from ..stiffness.sites import Foundation, Sites
+from ..traits import LIKE, all_but, refuse, takes
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
@@ -93,7 +92,7 @@ def _over_zone(matrix, cell, pbc, particles, steps):
     return SoftMode(*softest_wave(matrix, cell, pbc, steps))
 
 
-@takes('all neighbours', *STIFF)
+@takes('all neighbours', *LIKE)
 def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> SoftMode:
     """Softest mode of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
@@ -108,8 +107,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: f
     calc, cell = atoms.calc, atoms.atoms
     K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model or calc.model)
     added = foundation - common_spring(atoms)
-    springs = calc.site_stiffness + (added * np.eye(calc.dim) if np.ndim(calc.site_stiffness) == 3 else added)
-    return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
+    return softest(calc.bonds, K, atoms.free, cell, calc.foundation + added, atoms.masses if weighted else None, steps)
 
 
 def on_the_verge(spring: float, needed: float) -> bool:
@@ -130,10 +128,8 @@ def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
 
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
-    """Stiffness of the softest spring of all free particles in N/mm; for other site laws their smallest curvature."""
-    springs = atoms.calc.site_stiffness
-    springs = np.linalg.eigvalsh(springs) if np.ndim(springs) == 3 else springs
-    return _softest_spring(atoms, np.broadcast_to(springs, (len(atoms), atoms.calc.dim)))
+    """Stiffness of the softest spring of all free particles in N/mm."""
+    return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim)))
 
 
 def _softest_spring(atoms, springs):
@@ -220,7 +216,7 @@ class CriticalFoundation(NamedTuple):
     q: NDArray[np.float64]
 
 
-@takes('all neighbours', *STIFF)
+@takes('all neighbours', *LIKE)
 def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
@@ -258,7 +254,7 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
     return CriticalFoundation(found.needed, found.q)
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) -> float | None:
     """Spacing at which the foundation of `atoms` no longer holds them, as a multiple of the present spacing.
 
@@ -329,7 +325,7 @@ class CriticalSupport(NamedTuple):
     alone: float
 
 
-@takes('site law', 'constraints', 'conventional', 'attraction', 'unlike')
+@takes('constraints', 'conventional', 'attraction', 'unlike')
 def critical_support(atoms: Atoms | LinearSystem, magnets: bool = True) -> CriticalSupport:
     """Stiffness out of the plane that the supports of planar particles must provide.
 

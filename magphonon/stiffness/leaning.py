@@ -13,7 +13,7 @@ from .all_neighbours import AllNeighbours
 from .ewald import lattice_sum
 from .matrices import own_stiffness
 from .repulsion import Repulsion
-from .site_laws import each_spring
+from .sites import each_spring
 
 EQUAL = 1e-9  # relative difference of what leaning takes from the springs of two sites that is round-off
 

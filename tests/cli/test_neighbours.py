@@ -164,10 +164,3 @@ def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
         (tmp_path / 'own.toml').write_text(ready_scene('bench').read_text())
         assert main(['fit', 'prototype_ridges', '--bands', name if name == 'prototype' else str(tmp_path / name)]) == 0
         assert ('farther ones would shift branch 1 at the ridges' in capsys.readouterr().out) == warned
-
-
-def test_a_sweep_says_it_of_the_scene(tmp_path, capsys):
-    assert main(['sweep', '--verbose', 'prototype', '--over', 'lattice.spacing_m=0.009,0.01', '--ask', 'bands.M.1',
-                 '--executor', 'here', '-o', str(tmp_path)]) == 0
-    told = 'At the values of the scene itself: Nearest neighbours only (shells = 1): farther ones would shift branch 1 at M'
-    assert told in capsys.readouterr().out

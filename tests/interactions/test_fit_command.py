@@ -80,7 +80,6 @@ def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
     said = capsys.readouterr().out
     assert 'Assumed beforehand: the zero of the distances is known to 0.2 mm' in said
     assert 'Causes of the uncertainty of the slope, as shares of its variance: zero of distance' in said
-    assert 'measure the zero of the distances to 0.02 mm: the slope df/dr would then be known to' in said
     assert '8 to 15 mm do not determine the kind of law' in said
     assert main(['fit', '--verbose', str(SYNTHETIC), '--magnet', 'rings']) == 0
     assert 'The shape of rings, rather than a free curve, has the probability' in capsys.readouterr().out

@@ -52,7 +52,6 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
     'ideal': {'as `120` and': lambda: 19.0985931710274 * 2 * np.pi, '`400` rad/s': lambda: 63.6619772367581 * 2 * np.pi},
     'layer': {'`12 000` elementary': lambda: CHARGE,
               'above `1.11e-9`': lambda: reference()['layer']['gate'][0] ** 2 * 3.3e-20 / 8e-4**3},
-    'modulated': {'cut-off of `26.55` Hz': lambda: hertz(PILLAR / MASS)},
     'neighbours': {'from `58.2`': lambda: hertz((PILLAR + (2 * A - 6) * FORCE / L) / MASS),
                    'to `67.5` Hz': lambda: np.sqrt(1 + ROD) * shear('neighbours'),
                    '`27` % of a magnet': lambda: 100 * ROD, 'to `59.9` Hz': lambda: shear('neighbours'),

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from scipy.integrate import quad
-from scipy.optimize import brentq
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, OnSite, Recorder, lattices, modes
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, modes
 from magphonon.errors import PhysicsError
 from magphonon.stability import frequency_shifts, nonlinear_modes
 
@@ -41,29 +40,6 @@ def test_one_particle_has_the_period_of_its_energy():
         assert omega == pytest.approx(2 * np.pi / (4 * quarter), rel=2e-4)  # the seventh harmonic is left out
     assert family.stable.all()
     assert family.omega[-1] > 1.2 * family.omega[0]
-
-
-def test_a_bistable_site_has_the_period_of_its_energy_in_one_well():
-    atoms = row([1.0, 0.8, 1.0])
-    wells = OnSite.along((1, 0), lambda u: u**4 / 4 - u**2 / 2, lambda u: u**3 - u, lambda u: 3 * u**2 - 1)
-    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=wells, anchors=atoms.positions - [1.0, 0, 0])
-
-    def energy(x):
-        return ((1 + x) ** -3 + (1 - x) ** -3) / 3 + (1 + x) ** 4 / 4 - (1 + x) ** 2 / 2
-
-    family = nonlinear_modes(atoms, 0, 0.1, points=2)
-    for u, omega in zip(family.harmonics[:, :, 1, 0], family.omega, strict=True):
-        out, back = u.sum(), (u * (-1) ** np.arange(len(u))).sum()  # at the phases 0 and pi
-        there = brentq(lambda x, out=out: energy(x) - energy(out), 0.5 * back, 1.5 * back)
-        assert back == pytest.approx(there, rel=1e-5)
-        middle, half = (out + there) / 2, (out - there) / 2
-
-        def time(s, m=middle, h=half):
-            return abs(h) * np.cos(s) / np.sqrt(2 / 0.8 * (energy(m + h) - energy(m + h * np.sin(s))))
-
-        assert omega == pytest.approx(np.pi / quad(time, -np.pi / 2, np.pi / 2)[0], rel=2e-4)
-    plain = np.sqrt(8 / 0.8)
-    assert family.omega[0] > 1.05 * plain  # the control: without the curvature 2 of a well
 
 
 def drawn_patch(rng):

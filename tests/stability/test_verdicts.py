@@ -13,7 +13,6 @@ from magphonon import (
     Constant,
     InversePower,
     MagneticRepulsion,
-    OnSite,
     Yukawa,
     critical_foundation,
     lattices,
@@ -301,28 +300,3 @@ def test_a_planar_structure_is_in_its_plane_already():
     atoms = lattices.square(1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=5.0)
     assert atoms.calc.in_plane() is atoms.calc
-
-
-@pytest.mark.parametrize('seed', range(8))
-def test_magnets_with_several_wells_stand_where_no_wave_grows(seed):
-    """Of a triangular lattice, all magnets in one place of drawn wells, against Eq. 4 over a mesh of wavevectors."""
-    rng = np.random.default_rng([seed, 61])
-    A, at, k, b, a = rng.uniform(0.5, 6), rng.uniform(0, 0.4), rng.uniform(0.2, 4), rng.uniform(0.5, 2), rng.uniform(2, 5)
-    n = np.array([np.cos(seed), np.sin(seed)])
-    wells = OnSite.along(n, lambda u: A * (3 * u**4 - u**2 / 2), lambda u: A * (12 * u**3 - u), lambda u: A * (36 * u**2 - 1),
-                         k=k)
-    cell = lattices.triangular(1.0, 0.7)
-    anchors = cell.positions - at * np.append(n, 0)
-    cell.calc = MagneticRepulsion(cell, InversePower(b, a), foundation=wells, anchors=anchors).balanced([0])
-    angles = np.pi / 3 * np.arange(3)
-    R = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    nn = R[:, :, None] * R[:, None, :]
-    bonds = b * (a * nn - (np.eye(2) - nn))  # phi'' = a b and phi' = -b at the distance 1
-    q = 2 * np.pi * np.stack(np.meshgrid(*[np.arange(0, 2, 1 / 48)] * 2), axis=-1).reshape(-1, 2)
-    K = np.tensordot(2 - 2 * np.cos(q @ R.T), bonds, 1) + k * np.eye(2) + A * (36 * at**2 - 1) * np.outer(n, n)
-    lowest = np.linalg.eigvalsh(K).min()
-    judged = verdict(cell)
-    assert judged.stable == (lowest > 0)
-    assert ('buckles' in str(judged)) == (lowest < 0)
-    if lowest < 0:
-        assert judged.buckling.growth == pytest.approx(np.sqrt(-lowest / 0.7), rel=5e-3)  # between points of the mesh

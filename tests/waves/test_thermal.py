@@ -8,7 +8,7 @@ from ase.constraints import FixAtoms, FixedLine
 from scipy.integrate import quad
 from structures import structure
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, Travelling, lattices, read_scene, ready_scene
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, read_scene, ready_scene
 from magphonon.bands import bloch_modes
 from magphonon.cli.arguments import lattice_and_patch
 from magphonon.cli.main import main
@@ -249,14 +249,6 @@ def test_gyration_does_not_change_the_stiffness_of_waves():
     assert abs((found.omega - bloch_modes(cell, q)[0]) / found.error).max() > 8  # the control: frequencies with gyration
     cold = thermal_run(cell, (4, 4, 1), kT, q, steps=900)
     np.testing.assert_allclose(cold.omega, exact, rtol=1e-5)
-
-
-def test_a_modulation_is_refused_before_the_run(monkeypatch):
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=Travelling(3.0, 0.1, 1.0, (0, 0)))
-    monkeypatch.setattr(DrivenVerlet, 'run', lambda *_: pytest.fail('it ran'))
-    with pytest.raises(ValueError, match='thermal_run does not support a foundation that changes'):
-        thermal_run(cell, (2, 2, 1), 1e-3, [(0.5, 0, 0)])
 
 
 def test_the_command_tells_it_and_refuses_what_it_cannot(tmp_path, monkeypatch, capsys):
