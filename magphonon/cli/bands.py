@@ -13,7 +13,7 @@ import numpy as np
 from .. import units
 from ..errors import PhysicsError
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 
@@ -21,7 +21,7 @@ HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> int:
@@ -36,7 +36,7 @@ def run(options: Namespace) -> int:
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
         hot = _thermal_run(folder, plan, scene, atoms, path) if plan.temperature_J is not None else None
-        _draw(save, scene, bands, options.fmax, hot)
+        _draw(save, scene, bands, hot)
         case = Case(scene, atoms, bands, phonon, lossy, hot)
         told += REPORT.told(case, options.verbose)
     return int(REPORT.find('two_roads', case).fault)
@@ -81,7 +81,7 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands, highest_Hz, hot=None):
+def _draw(save, scene, bands, hot=None):
     from ..bands.zone import PLANAR
     from ..plotting.bands import name_branches, plot_bands, plot_thermal
     from ..plotting.zone import plot_zone
@@ -95,7 +95,6 @@ def _draw(save, scene, bands, highest_Hz, hot=None):
         plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
     if hot is not None:
         plot_thermal(ax, hot, bands['complete'].path)
-    ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.perfect_cell().pbc) == PLANAR:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import units
 from ..findings import Finding, Findings
-from .arguments import add_scene
+from .arguments import add_scene, add_verbose
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -37,6 +37,7 @@ SEEN = 1e-3
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
+    add_verbose(parser)
 
 
 def run(options: Namespace) -> int:

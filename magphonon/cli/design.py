@@ -7,7 +7,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from .. import units as u
-from .arguments import add_output, add_pictures, add_scene
+from .arguments import add_output, add_scene, add_style
 
 HELP = 'find the spacing and foundation, or every magnet of a patch, for the frequencies that you want'
 RESULTS = 'design.*', 'design_*.png', 'design_*.pdf', 'design_*.gif'
@@ -21,7 +21,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--resume', action='store_true', help='with [[design.targets]]: continue from the design in the '
                                                               'directory of results')
     add_output(parser)
-    add_pictures(parser, frequencies=False)
+    add_style(parser)
 
 
 def run(options: Namespace) -> None:

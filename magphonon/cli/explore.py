@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
     perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
     _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
-           [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])
+           [*filter(None, [perfect]), *left_out(scene), *omission(scene, False)])
 
 
 def _write(options, file, page, words):
