@@ -15,7 +15,6 @@ import tomllib
 import warnings
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
-from functools import partial
 from io import StringIO
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from magphonon.cli import main, uncertainty
 from magphonon.response import frf
 from magphonon.scenes import band_fits
 from magphonon.scenes.scene import Scene, ready_scene, ready_scenes
-from magphonon.waves import thermal
 
 resource = pytest.importorskip('resource')
 pytestmark = pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='the limit of memory needs to know what is used')
@@ -282,13 +280,12 @@ def verdict(command, files, folder, output=True, between=()):
 
 @pytest.fixture(autouse=True)
 def cheap(monkeypatch, tmp_path):
-    """Pictures are drawn all the same, with few pixels; fewer lattices are drawn at random, thermal motion is shorter, and fewer
-    ridges are suspected: the limits of time are for commands that hang, on slow processors too.
+    """Pictures are drawn all the same, with few pixels; fewer lattices are drawn at random, and fewer ridges are suspected: the
+    limits of time are for commands that hang, on slow processors too.
     """
     monkeypatch.chdir(tmp_path)  # where a design of sites writes what it found
     monkeypatch.setitem(mpl.rcParams, 'savefig.dpi', 20)
     monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
-    monkeypatch.setattr(thermal, 'thermal_run', partial(thermal.thermal_run, steps=thermal.STEPS // 4))
     monkeypatch.setattr(band_fits, 'SUSPECTS', 1)
 
 

@@ -102,10 +102,9 @@ def default_folder(options: Namespace) -> str:
 
 
 def left_out(scene: Scene) -> list[str]:
-    """A line that says which of the given keys of [bands] only the command `bands` uses, if there are any."""
-    given = '' if scene.bands is None else scene.bands.beyond
-    return [f'{given} ignored here: this command computes linear motion without losses or heat; "magphonon bands" includes '
-            'both'] if given else []
+    """A line that says that only the command `bands` uses the damping of [bands], if it is given."""
+    return ['bands.damping_per_s ignored here: this command computes motion without losses; "magphonon bands" includes them'
+            ] if scene.bands is not None and scene.bands.damping_per_s is not None else []
 
 
 def add_style(parser: ArgumentParser) -> None:

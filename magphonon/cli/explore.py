@@ -9,8 +9,13 @@ from __future__ import annotations
 
 import tomllib
 from argparse import ArgumentParser, Namespace
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import bisect
 
 from .. import units as u
 from ..files import whole_file
@@ -18,9 +23,11 @@ from .arguments import add_force, add_scene, default_folder, left_out
 from .results import refuse_existing
 
 if TYPE_CHECKING:
+    from ..plotting.explorer import Explorer
     from ..scenes.scene import Scene
 
 HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'
+EXACT = 1e-9  # width of the interval within which an exponent is found
 CYCLES = 120  # of the tone in a structure, most of which is nearly steady
 
 
@@ -33,7 +40,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..plotting.explorer import POINTS, Explorer, structure_page
     from ..scenes.scene import read_scene
-    from ..stability.buckling import stability_boundary, stability_boundary_of_exponents
     from .neighbours import omission
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
@@ -49,14 +55,39 @@ def run(options: Namespace) -> None:
     atoms = scene.perfect_cell()
     points = scene.bands.path if scene.bands is not None else None
     explorer = Explorer(atoms, scene.lattice.path(points, POINTS))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
-    if explorer.exponents is not None:
-        border = stability_boundary_of_exponents(atoms, explorer.exponents.values)
-    else:
-        border = stability_boundary(atoms, explorer.scales)
     perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
-    _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
+    _write(options, file, explorer.page(scene.title, options.scene.text, template, border(explorer), perfect),
            [*filter(None, [perfect]), *left_out(scene), *omission(scene, False)])
+
+
+def border(explorer: Explorer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Exponents, or multiples of the spacing where the slider of the exponent is missing, and the foundation needed, in N/mm.
+
+    The exponents above which the lattice needs no foundation are added, because the foundation needed has a kink there.
+    """
+    from ..interactions.pair_laws import InversePower
+    from ..stability.buckling import STEPS, critical_foundation, softest_of
+    from ..stiffness.rest import LinearSystem
+
+    atoms = explorer.atoms
+    if explorer.exponents is None:
+        system = LinearSystem.of(atoms)
+        return explorer.scales, np.array([softest_of(system, scale=scale, steps=STEPS).needed for scale in explorer.scales])
+    calc: Any = atoms.calc
+    shortest, force = explorer.spacing, -calc.law.dphi(explorer.spacing)
+
+    def needed(a):
+        cell = atoms.copy()
+        cell.calc = calc.changed(laws=InversePower(force * shortest**a, a))
+        return critical_foundation(cell, steps=STEPS).k
+
+    found = {a: needed(a) for a in explorer.exponents.values.tolist()}
+    for low, high in pairwise([*found]):
+        if (found[low] > 0) != (found[high] > 0):
+            found[bisect(lambda a: 1 if needed(a) > 0 else -1, low, high, xtol=EXACT)] = 0.0
+    at = np.array(sorted(found))
+    return at, np.array([found[a] for a in at.tolist()])
 
 
 def _write(options, file, page, words):
@@ -103,9 +134,6 @@ def _refuse_unknown(scene: Scene) -> None:
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
         raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; omit this table, or use '
                          '"magphonon bands"')
-    if scene.foundation is not None and scene.foundation.leans:
-        raise ValueError('foundation.pillar.lean: leaning softens the foundation by an amount that depends on the spacing, '
-                         'which the explorer does not compute; omit lean, or use "magphonon bands"')
     if scene.cell().pbc.all():
         raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, but the explorer draws planar ones; use '
                          '"magphonon bands"')

@@ -86,8 +86,6 @@ def _supports(scene: Scene) -> None:
     if scene.trap is not None and (not scene.finite or scene.foundation is not None or scene.law.kind == 'saved'):
         raise ValueError('trap: a trap needs a finite structure from a file, a law given in the scene, and no [foundation]; '
                          'remove [trap] or what contradicts it')
-    if scene.foundation is not None and scene.foundation.leans:
-        _lean(scene)
 
 
 def _title(scene: Scene) -> None:
@@ -135,18 +133,6 @@ def _pillar(scene: Scene) -> None:
     if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
         raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
                          'remove it, and add 33/140 of the mass of a pillar to lattice.mass_kg')
-
-
-def _lean(scene: Scene) -> None:
-    tables = 'defects', 'disorder', 'laws_of_kinds', 'uncertainty', 'design'
-    beside = [f'[{name}]' for name in tables if getattr(scene, name)]
-    beside += ['[foundation.out_of_plane]'] if scene.foundation.out_of_plane is not None else []
-    if beside:
-        raise ValueError(f'foundation.pillar.lean: leaning magnets are supported only in the plane of a perfect lattice; remove '
-                         f'{", ".join(beside)} or lean')
-    if scene.single or isinstance(scene.lattice, FileLattice) or scene.lattice.cell().pbc.all():
-        raise ValueError(f'foundation.pillar.lean: kind = "{scene.lattice.kind}" is not a perfect lattice of magnets on a plane; '
-                         'remove lean')
 
 
 def _two_springs(scene: Scene) -> None:
@@ -255,15 +241,8 @@ def _bands(scene: Scene) -> None:
     kind, wanted, periodic = scene.lattice.kind, scene.bands.supercell, int(scene.lattice.cell().pbc.sum())
     if wanted is not None and len(wanted) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
-    if scene.bands.beyond:
-        _refuse(scene, ('uncertainty', 'design'), 'it supports only bands without damping or temperature; remove [{0}] or '
-                + scene.bands.beyond)
-    if scene.bands.temperature_J is not None:
-        cell = scene.perfect_cell()
-        leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
-        if scene.law.shells == ALL or leaves or scene.turns:
-            raise ValueError('bands.temperature_J needs time steps, for planar lattices with a number of shells, without '
-                             'gyration or motion out of the plane; remove temperature_J, or what contradicts it')
+    if scene.bands.damping_per_s is not None:
+        _refuse(scene, ('uncertainty', 'design'), 'it supports only bands without damping; remove [{0}] or bands.damping_per_s')
     if scene.bands.path is None:
         return
     known = scene.special_points

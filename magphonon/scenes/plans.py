@@ -30,7 +30,6 @@ from .fields import (
     Count,
     Counts,
     Duration,
-    Energy,
     Force,
     Frequencies,
     Frequency,
@@ -81,14 +80,6 @@ class BandPlan(Damped):
     damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s; if given, the bands of '
                                                          'the complete model are computed again, with the decay of each mode',
                                        examples=[4.0])
-    temperature_J: Energy | None = Field(None, description='kT in J; if given, the motion of the supercell in a bath of this '
-                                                           'temperature is computed, which gives the stiffness of waves in '
-                                                           'thermal motion', examples=[2.4e-5])
-
-    @property
-    def beyond(self) -> str:
-        """The given keys that linear bands without losses do not support, in words; empty if there are none."""
-        return ' and '.join(f'bands.{key}' for key in ('damping_per_s', 'temperature_J') if getattr(self, key) is not None)
 
 
 class Pick(Table):

@@ -2,9 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 from scene_files import ready_scene
 
+from magphonon import InversePower, MagneticRepulsion, Yukawa, critical_foundation, lattices
+from magphonon.bands import band_path
+from magphonon.cli.explore import border
 from magphonon.cli.main import main
 from magphonon.plotting import explorer
 
@@ -79,3 +83,42 @@ def test_other_files_are_replaced_with_force_alone(few_values, tmp_path, capsys)
     assert main(['explore', 'square', '-o', str(tmp_path / 'mine.html'), '--force']) == 0
     assert 'my own page' not in (tmp_path / 'mine.html').read_text(encoding='utf-8')
     assert [file.name for file in tmp_path.iterdir()] == ['mine.html']
+
+
+LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
+
+
+def made(kind, spacing, law, foundation=0.0):
+    cell = getattr(lattices, kind)(spacing, 1.3)
+    cell.calc = MagneticRepulsion(cell, law, shells=2, foundation=foundation)
+    return cell
+
+
+@pytest.mark.parametrize('kind', LATTICES)
+def test_the_border_over_spacings_is_what_the_lattice_of_this_spacing_needs(kind, few_values):
+    rng = np.random.default_rng(LATTICES.index(kind))
+    spacing = rng.uniform(0.5, 20)
+    law = Yukawa(rng.uniform(1, 9), rng.uniform(0.5, 2) / spacing)
+    cell = made(kind, spacing, law, foundation=rng.uniform(0, 1))
+    at, needed = border(explorer.Explorer(cell, band_path(cell, None, 5)))
+    anew = [critical_foundation(made(kind, scale * spacing, law))[0] for scale in at[::5]]
+    # two meshes find the same minimum, each to about 1e-12 of the stiffest bond
+    np.testing.assert_allclose(needed[::5], anew, rtol=1e-9, atol=1e-9 * law.d2phi(at[0] * spacing))
+
+
+@pytest.mark.parametrize('kind', LATTICES)
+def test_the_border_over_exponents_is_what_a_law_with_the_same_force_needs(kind, few_values):
+    rng = np.random.default_rng(10 + LATTICES.index(kind))
+    spacing, force = rng.uniform(0.5, 20), rng.uniform(0.1, 5)
+    cell = made(kind, spacing, InversePower(force * spacing**3.0, 3.0))
+    at, needed = border(explorer.Explorer(cell, band_path(cell, None, 5)))
+    anew = [critical_foundation(made(kind, spacing, InversePower(force * spacing**a, a)))[0] for a in at[::5]]
+    np.testing.assert_allclose(needed[::5], anew, rtol=1e-9, atol=1e-9 * 9 * force / spacing)
+
+
+def test_the_border_of_a_triangular_lattice_ends_at_the_exponent_three(few_values):
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.58))
+    at, needed = border(explorer.Explorer(cell, band_path(cell, None, 5)))
+    assert at[needed == 0].min() == pytest.approx(3.0, abs=2e-9)  # the interval of the search
+    np.testing.assert_allclose(needed, np.maximum(0, 2 * (3 - at)), rtol=1e-9, atol=1e-8)  # 2 (3 - a) f/L at M
