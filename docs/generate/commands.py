@@ -18,7 +18,6 @@ EXAMPLES = {
     'bands': ['magphonon bands prototype', 'magphonon bands prototype --verbose --force'],
     'burst': ['magphonon burst wave.toml'],
     'check': ['magphonon check square', 'magphonon check square --verbose'],
-    'design': ['magphonon design design'],
     'explore': ['magphonon explore prototype'],
     'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out',
             'magphonon fit ridges.csv --bands prototype -o lattice'],

@@ -28,14 +28,14 @@ def add_scene(parser: ArgumentParser, needs: str = '', example: str = 'prototype
 
 def length(text: str) -> float:
     """A length in mm from words such as '10mm', or '0.01' in m."""
-    from ..tables import LENGTH
+    from ..quantities import LENGTH
 
     return _quantity(text, LENGTH)
 
 
 def force(text: str) -> float:
     """A force in N from words such as '5mN', or '0.005' in N."""
-    from ..tables import FORCE
+    from ..quantities import FORCE
 
     return _quantity(text, FORCE)
 
