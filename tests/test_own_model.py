@@ -19,14 +19,12 @@ from magphonon.bands import (
     band_ranges,
     chern_numbers,
     group_velocities,
-    gruneisen_parameters,
     lattice_density,
     sound_speeds,
     zone_map,
 )
 from magphonon.bands.bloch import bloch_modes, damped_modes
 from magphonon.design import StiffnessDerivative, Tolerances, frequency_sensitivities, frequency_spread
-from magphonon.stability import critical_spacing
 from magphonon.stiffness import LinearSystem
 
 Q = np.random.default_rng(11).uniform(-0.5, 0.5, (3, 3))
@@ -47,10 +45,8 @@ PERFECT = {  # of perfect lattices
     'sound_speeds': lambda a, *m: sound_speeds(a, None, *m),
     'zone_map': lambda a, *m: np.nan_to_num(zone_map(a, 6, *m).omega),
     'complex_bands': lambda a, *m: np.sort(abs(complex_bands(a, (0, 1, 0), [0.8], *m).xi[:, :2])),
-    'gruneisen_parameters': lambda a, *m: gruneisen_parameters(a, Q * a.pbc, *m).gamma,
     'frequency_sensitivities': lambda a, *m: frequency_sensitivities(a, Q * a.pbc, HARDER, *m)[1],
     'frequency_spread': lambda a, *m: frequency_spread(a, Q * a.pbc, Tolerances({'p': HARDER[0]}, np.eye(1)), *m).std,
-    'critical_spacing': lambda a, *m: critical_spacing(a, *m) or 0.0,
 }
 
 

@@ -138,21 +138,15 @@ CELLS = {
     'band_ranges': lambda a: bands.band_ranges(a, 6),
     'zone_map': lambda a: bands.zone_map(a, 6).omega,
     'complex_bands': lambda a: abs(mp.complex_bands(a, (0, 1, 0), [9.5]).xi[:, :2]),
-    'gruneisen_parameters': lambda a: bands.gruneisen_parameters(a, Q),
     'neighbour_shifts': lambda a: bands.neighbour_shifts(a, Q),
     'converged_shells': lambda a: bands.converged_shells(a, Q, 1e-3),
     'finite_displacements': lambda a: mp.phonopy_bands(mp.finite_displacements(a), path(a)).omega,
     'critical_foundation': lambda a: mp.critical_foundation(a).k,
     'softest_of': lambda a: stability.buckling.softest_of(a).lowest,
-    'critical_spacing': stability.critical_spacing,
-    'critical_support': stability.critical_support,
-    'stability_boundary': lambda a: stability.stability_boundary(a, [0.5, 1.0]).needed,
-    'stability_boundary_of_exponents': lambda a: stability.stability_boundary_of_exponents(a, [2.0]).needed,
     'frequency_shifts': lambda a: stability.frequency_shifts(a),
     'verdict': judged,
     'elastic_moduli': stiffness.elastic_moduli,
     'for_ase_tools': lambda a: displaced(mp.for_ase_tools(a)).get_forces(),
-    'foundation_for': lambda a: design.foundation_for(a, 2.0),
     'frequency_sensitivities': lambda a: design.frequency_sensitivities(a, Q, HARDER),
     'frequency_spread': lambda a: design.frequency_spread(a, Q, SPREAD).std,
     'branch': lambda a: waves.branch(a, (0, 1, 0), 0).omega,
@@ -169,7 +163,6 @@ PATCHES = {
     'density_of_states': lambda a: response.density_of_states(a, np.linspace(5, 12, 9)),
     'critical_foundation': lambda a: mp.critical_foundation(a).k,
     'frequency_shifts': lambda a: stability.frequency_shifts(a),
-    'nonlinear_modes': lambda a: stability.nonlinear_modes(a, 3, 0.01, points=1).omega,
     'mode_scatter': lambda a: design.mode_scatter(a, design.SiteScatter(strength=0.01))[1],
     'response_sensitivities': lambda a: design.response_sensitivities(a, pushed(a), np.array([5.0]), 0.1, HARDER),
     'write_lammps_input': lammps,
@@ -188,9 +181,6 @@ SAME = {  # traits that change no answer, by the tool
     'cut_off': {'all neighbours', 'conventional'},  # all particles move alike
     'sound_speeds': {'unlike'}, 'elastic_moduli': {'unlike'},  # of the lattice without its springs
     'converged_shells': {'all neighbours'},
-    'foundation_for': TRAITS.keys(),  # m w^2, whatever holds the particles apart
-    'critical_support': {'unlike', 'conventional'},  # of the bonds alone
-    'stability_boundary_of_exponents': {'unlike'},
     'verdict': {'gyration', 'constraints', 'conventional', 'oblique'},  # stiffness holds it, by the complete model
     'highest_frequency': {'gyration'},  # the limit of a step is that of stiffness
     'frequency_bound': {'gyration', 'constraints', 'conventional'},
@@ -247,9 +237,8 @@ def of_unequal(base, way, strengths=UNEQUAL):
     return made(atoms, laws, k=springs)
 
 
-APART = {'write_lammps_input', 'stability_boundary_of_exponents', 'neighbour_shifts',
-         'converged_shells', 'foundation_for', 'for_ase_tools'}
-"""Tools that are not compared: of files, of one law, of one mass, of sums that end elsewhere."""
+APART = {'write_lammps_input', 'neighbour_shifts', 'converged_shells', 'for_ase_tools'}
+"""Tools that are not compared: of files, of one law, of sums that end elsewhere."""
 
 
 @pytest.mark.parametrize(('tool', 'base'), [(name, base) for base, tools in ((CELL, CELLS), (PATCH, PATCHES)) for name in tools
@@ -266,8 +255,8 @@ def test_strengths_are_laws_of_kinds(tool, base):
 
 
 HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
-           'series_response', 'stepped_response', 'thermal_bands', 'thermal_run', 'response_spread',
-           'Variables', 'chern_numbers', 'edge_flow', 'vibration'}
+           'series_response', 'stepped_response', 'thermal_bands', 'response_spread',
+           'Variables', 'chern_numbers', 'edge_flow'}
 """Declared, and asked in the tests of their rooms: they take more than a structure."""
 
 

@@ -25,7 +25,6 @@ from .force_constants import (
     foundation_recovered as foundation_recovered,
     phonopy_bands as phonopy_bands,
 )
-from .gruneisen import Gruneisen as Gruneisen, gruneisen_parameters as gruneisen_parameters
 from .neighbours import (
     ConvergedShells as ConvergedShells,
     NeighbourShifts as NeighbourShifts,

@@ -18,8 +18,7 @@ from ase.dft.kpoints import BandPath, parse_path_string
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, positive
-from ..files import Saved, not_saved, saved_arrays
-from ..results import InHertz
+from ..results import InHertz, Saved, not_saved, saved_arrays
 from ..stiffness.matrices import mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import each_spring

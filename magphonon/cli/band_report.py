@@ -1,4 +1,4 @@
-"""The report of `magphonon bands`: frequencies and speeds, decays, thermal motion, Chern numbers, stability."""
+"""The report of `magphonon bands`: frequencies and speeds, decays, Chern numbers, stability."""
 
 from __future__ import annotations
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from phonopy import Phonopy
 
     from ..scenes.scene import Scene
-    from ..waves.thermal import ThermalBands
 
 ZERO_FRACTION = 1e-5
 """Fraction of the highest frequency below which a number is shown as zero: it is the square root of a rounded eigenvalue."""
@@ -51,7 +50,6 @@ class Case:
     bands: dict[str, Bands]
     phonon: Phonopy | None = None  # None where it is not installed, and where forces depend on the velocity
     lossy: Bands | None = None
-    hot: ThermalBands | None = None
 
     @property
     def path(self) -> BandPath:
@@ -160,20 +158,6 @@ def decays(case: Case) -> Iterator[str]:
         for branch, (w, decay) in enumerate(zip(lossy.omega[at], lossy.decay[at], strict=True)):
             said = (f'{decay / np.hypot(w, decay):16.4g}' if w > 0 else f'{"overdamped" if decay >= 0 else "grows":>16}')
             yield f'{f"  {name}, branch {branch + 1}":18}{units.hertz(max(w, 0.0)):16.7g}{decay * units.s:14.6g}{said}'
-
-
-@REPORT.remark
-def thermal_motion(case: Case) -> Iterator[str]:
-    """Frequencies in thermal motion at the special points, beside the linear ones."""
-    if (hot := case.hot) is None:
-        return
-    yield f'\n{"in thermal motion":18}{"frequency (Hz)":>16}{"+-":>10}{"linear (Hz)":>16}{"change of stiffness":>22}'
-    for q, *rows in zip(hot.q, hot.omega, hot.error, hot.linear, strict=True):
-        name = next(name for name, point in case.path.special_points.items() if np.allclose(point, q))
-        for branch, (w, error, linear) in enumerate(zip(*rows, strict=True)):
-            change = f'{100 * ((w / linear) ** 2 - 1):+.2g} %' if linear > 0 else ''
-            yield (f'{f"  {name}, branch {branch + 1}":18}{units.hertz(w):16.6g}{units.hertz(error):10.2g}'
-                   f'{units.hertz(linear):16.6g}{change:>22}')
 
 
 @REPORT.remark

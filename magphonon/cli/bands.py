@@ -11,18 +11,16 @@ from argparse import ArgumentParser, Namespace
 import numpy as np
 
 from .. import units
-from ..errors import PhysicsError
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
-RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> int:
@@ -31,14 +29,13 @@ def run(options: Namespace) -> int:
     from .band_report import REPORT, Case
 
     scene = read_scene(options.scene)
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         bands, phonon = _bands(scene, atoms, path)
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
-        hot = _thermal_run(folder, plan, scene, atoms, path) if plan.temperature_J is not None else None
-        _draw(save, scene, bands, options.fmax, hot)
-        case = Case(scene, atoms, bands, phonon, lossy, hot)
+        _draw(save, scene, bands)
+        case = Case(scene, atoms, bands, phonon, lossy)
         told += REPORT.told(case, options.verbose)
     return int(REPORT.find('two_roads', case).fault)
 
@@ -82,9 +79,9 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands, highest_Hz, hot=None):
+def _draw(save, scene, bands):
     from ..bands.zone import PLANAR
-    from ..plotting.bands import name_branches, plot_bands, plot_thermal
+    from ..plotting.bands import name_branches, plot_bands
     from ..plotting.zone import plot_zone
     from ..scenes.laws import ALL
 
@@ -94,32 +91,7 @@ def _draw(save, scene, bands, highest_Hz, hot=None):
     if 'phonopy' in bands:
         name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
         plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
-    if hot is not None:
-        plot_thermal(ax, hot, bands['complete'].path)
-    ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.perfect_cell().pbc) == PLANAR:
         save(plot_zone(bands['complete'].path).figure, 'zone')
-
-
-def _thermal_run(folder, plan, scene, atoms, path):
-    """Thermal bands at the special points that fit into the supercell."""
-    from ..bands.bands import points_on
-    from ..bands.bloch import bloch_modes
-    from ..dynamics.cages import Diverged
-    from ..waves.thermal import fits, thermal_run
-    from .band_report import ZERO_FRACTION
-
-    repeats, points = scene.supercell(), points_on(path)
-    q = np.array([points[name] for name in sorted(points)])
-    linear = bloch_modes(atoms, q)[0]
-    q = q[fits(q, np.diag(repeats)) & (linear.min(axis=1) > ZERO_FRACTION * linear.max())]  # not Gamma without a foundation
-    try:
-        hot = thermal_run(atoms, repeats, plan.temperature_J * units.J, q)
-    except Diverged as error:
-        raise PhysicsError(f'bands.temperature_J = {plan.temperature_J:g} tears the lattice apart: after '
-                           f'{error.time / units.s:.4g} s particle {error.particle} had left its neighbours; lower the '
-                           'temperature, or give a stiffer foundation if the lattice buckles ("magphonon check")') from None
-    hot.save(folder / 'bands_thermal.npz')
-    return hot

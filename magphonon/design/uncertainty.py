@@ -18,8 +18,8 @@ from tqdm import tqdm
 
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
-from ..files import Saved
 from ..response.frf import Dof
+from ..results import Saved
 from ..stiffness.bond import Model
 from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes

@@ -19,8 +19,7 @@ from scipy import sparse
 from tqdm import tqdm
 
 from ..errors import finite, one_of, positive, refuse_memory
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.factors import inverse
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem, components, refuse_held

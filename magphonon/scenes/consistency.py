@@ -153,7 +153,7 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
         return
     lattice, lengths, k = scene.lattice, calc.bonds.lengths, np.max(calc.foundation)
     repulsion, pillar = abs(calc.law.d2phi(lengths)).max(), scene.foundation and scene.foundation.pillar
-    if not calc.law.dphi(lengths).any() or not LEAST_SHARE * k <= repulsion:
+    if not repulsion > LEAST_SHARE * k:
         raise ValueError(f'{lattice.spacing_given} is so large, or the law of so short a range ({numbers}), that no force acts '
                          f'beside [foundation], {k / (u.N / u.m):.3g} N/m; check their units and exponents (lengths in m)')
     if pillar and 2 * pillar.radius_m > lattice.spacing_m:

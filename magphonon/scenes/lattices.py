@@ -127,8 +127,6 @@ class Pillar(Table):
     height_m: Length = Field(description='the height in m')
     density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = Field(
         None, description='the density in kg/m3; with it 33/140 of the mass of a pillar moves with its particle')
-    lean: Flag = Field(False, description='true if the magnets tilt with the tips of their pillars, which softens the pillars a '
-                                          'little; height_m is then the height of the magnets', examples=[True])
 
     @property
     def stiffness_N_per_m(self) -> float:
@@ -197,16 +195,6 @@ class Foundation(Table):
     def law(self, in_plane: PairLaw) -> Law:
         """The pair law of the particles, which is `in_plane` for particles at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
-
-    @property
-    def leans(self) -> bool:
-        """Whether the magnets lean with their pillars."""
-        return self.pillar is not None and self.pillar.lean
-
-    @property
-    def height(self) -> float:
-        """Height of the pillars in mm; infinite for other springs, which do not lean."""
-        return self.pillar.height_m * u.m if self.pillar else np.inf
 
     @property
     def moving_mass(self) -> float:

@@ -37,16 +37,14 @@ from ..response.frf import Dof
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
 from ..stiffness.bond import Model
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.leaning import leaning
 from ..stiffness.relaxation import Relaxation, relaxed
 from ..stiffness.rest import freedom
-from ..stiffness.sites import of_sites
 from .consistency import check
 from .fields import Table, Title, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell
 from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, SavedLaw
 from .members import Members, joined
-from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan
+from .plans import BandPlan, BurstPlan, FrfPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import Defects, FileLattice
 from .tolerances import Uncertainty
@@ -92,7 +90,6 @@ class Scene(Table):
     defects: Defects | None = None
     burst: BurstPlan | None = None
     uncertainty: Uncertainty | None = None
-    design: DesignPlan | None = None
 
     _name: str = PrivateAttr('')
 
@@ -216,19 +213,7 @@ class Scene(Table):
         `like` is the cell of a scene that differs only in numbers; if given, its pairs of neighbours are used.
         """
         atoms = self._standing(like)
-        if self.foundation and self.foundation.leans:
-            try:
-                atoms.calc = leaning(atoms.calc, self.foundation.height)
-            except ValueError as error:
-                raise ValueError(f'foundation.pillar.lean: {error}') from None
         return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
-
-    def with_lean(self, lean: bool) -> Scene:
-        """The same scene with pillars that lean with their magnets, or with upright ones; unchanged without pillars."""
-        if self.foundation is None or self.foundation.pillar is None:
-            return self
-        pillar = self.foundation.pillar.model_copy(update={'lean': lean})
-        return self.model_copy(update={'foundation': self.foundation.model_copy(update={'pillar': pillar})})
 
     @_units_told_by_keys()
     def _standing(self, like: Atoms | None = None) -> Atoms:
@@ -322,8 +307,6 @@ class Scene(Table):
             patch.calc.set(model=model)
             return patch
         sites = self._sites(patch)
-        if self.foundation and self.foundation.leans:
-            sites['foundation'] = of_sites(calc.foundation, slice(1))  # each site has the same
         if self.law.shells == 1 and self.lattice.cutoff is None:
             patch.calc = PairCalculator(patch, calc.laws, model=model, **sites)
             return patch

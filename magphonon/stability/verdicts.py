@@ -380,7 +380,7 @@ def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
     search = case.balanced and case.listed and not case.touching
     searched = search and case.large <= (SPACED if case.finite else 0)
-    scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
+    scale = 1.0 if case.verge else critical_spacing(case.system) if searched else None
     unjudged = 'the spacing at which the structure buckles' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
@@ -542,8 +542,8 @@ def supports(case: Case) -> Finding:
     if case.large and not case.finite:
         return Finding(unjudged='the supports')
     magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
-    wave, alone = critical_support(case.system) if magnets else (None, None)
-    found = Supports(wave, alone, critical_support(case.system, magnets=False).wave)
+    wave, alone = critical_support(case.system, magnets=True) if magnets else (None, None)
+    found = Supports(wave, alone, critical_support(case.system, magnets=False)[0])
     need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
     if not found.central:
         return Finding(found)

@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite
-from ..files import Saved
 from ..interactions.pair_laws import PairLaw
+from ..results import Saved
 from ..traits import takes
 from .all_neighbours import AllNeighbours
 from .calculator import PairCalculator, bond_virial, measure, same_cell

@@ -219,7 +219,7 @@ def test_modes_and_frf_say_how_well_they_are_known(tmp_path, capsys):
     ('x_px,y_px', 'points_px = [[0, 0], [9, 9]]', 'give the pixels of two known points'),
     ('x_px,y_px', 'points_px = [[1, 1], [1, 1]]\npoints_m = [[0, 0], [1, 0]]', 'give the pixels of two known points'),
     ('x_px,y_px', 'points_px = [[1, 1]]\npoints_m = [[0, 0]]', 'give the pixels of two known points'),
-    ('x_px,y_mm', '', 'has the columns x_px and y_mm; give both in pixels or none'),
+    ('x_px,y_mm', '', 'has the columns x_px, y_mm; give both in pixels or none'),
     ('x_mm,y_mm', 'points_px = [[0, 0], [9, 9]]', 'belong to a table with the columns x_px,y_px; remove them'),
     ('x_mm,y_mm', 'positions = "feet"', "lattice.positions must be one of 'anchors', 'rest'"),
 ])
