@@ -50,7 +50,7 @@ class Design:
     needed: float
 
 
-@takes('all neighbours', 'conventional', 'attraction', 'oblique', 'unlike')
+@takes('all neighbours', 'conventional', 'oblique')
 def foundation_for(atoms: Atoms, cut_off: float) -> float:
     """Foundation stiffness in N/mm at which uniform motion has the frequency `cut_off` in rad/ms.
 
