@@ -147,7 +147,6 @@ CELLS = {
     'verdict': judged,
     'elastic_moduli': stiffness.elastic_moduli,
     'for_ase_tools': lambda a: displaced(mp.for_ase_tools(a)).get_forces(),
-    'foundation_for': lambda a: design.foundation_for(a, 2.0),
     'frequency_sensitivities': lambda a: design.frequency_sensitivities(a, Q, HARDER),
     'frequency_spread': lambda a: design.frequency_spread(a, Q, SPREAD).std,
     'branch': lambda a: waves.branch(a, (0, 1, 0), 0).omega,
@@ -182,7 +181,6 @@ SAME = {  # traits that change no answer, by the tool
     'cut_off': {'all neighbours', 'conventional'},  # all particles move alike
     'sound_speeds': {'unlike'}, 'elastic_moduli': {'unlike'},  # of the lattice without its springs
     'converged_shells': {'all neighbours'},
-    'foundation_for': TRAITS.keys(),  # m w^2, whatever holds the particles apart
     'verdict': {'gyration', 'constraints', 'conventional', 'oblique'},  # stiffness holds it, by the complete model
     'highest_frequency': {'gyration'},  # the limit of a step is that of stiffness
     'frequency_bound': {'gyration', 'constraints', 'conventional'},
@@ -239,9 +237,8 @@ def of_unequal(base, way, strengths=UNEQUAL):
     return made(atoms, laws, k=springs)
 
 
-APART = {'write_lammps_input', 'neighbour_shifts',
-         'converged_shells', 'foundation_for', 'for_ase_tools'}
-"""Tools that are not compared: of files, of one law, of one mass, of sums that end elsewhere."""
+APART = {'write_lammps_input', 'neighbour_shifts', 'converged_shells', 'for_ase_tools'}
+"""Tools that are not compared: of files, of one law, of sums that end elsewhere."""
 
 
 @pytest.mark.parametrize(('tool', 'base'), [(name, base) for base, tools in ((CELL, CELLS), (PATCH, PATCHES)) for name in tools

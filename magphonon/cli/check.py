@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import units
 from ..findings import Finding, Findings
-from .arguments import add_scene
+from .arguments import add_scene, add_verbose
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -35,6 +35,7 @@ TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
+    add_verbose(parser)
 
 
 def run(options: Namespace) -> int:

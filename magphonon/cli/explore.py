@@ -58,7 +58,7 @@ def run(options: Namespace) -> None:
     perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
     _write(options, file, explorer.page(scene.title, options.scene.text, template, border(explorer), perfect),
-           [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])
+           [*filter(None, [perfect]), *left_out(scene), *omission(scene, False)])
 
 
 def border(explorer: Explorer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

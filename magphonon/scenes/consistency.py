@@ -42,7 +42,7 @@ MOST_SHELLS = 300
 MOST_LEGS = 100
 """Largest number of points along a path; a picture has no room for more names."""
 
-IN_PLANE = 'frf', 'burst', 'vibrometer', 'uncertainty', 'design'
+IN_PLANE = 'frf', 'burst', 'vibrometer', 'uncertainty'
 """Tables of computations that do not support motion out of the plane."""
 
 
@@ -72,8 +72,7 @@ def check(scene: Scene) -> None:
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
                            ('bands', _bands), ('frf', _frf), ('burst', _burst), ('vibrometer', _vibrometer),
                            ('foundation', _pillar), ('foundation', _two_springs), ('foundation', _out_of_plane),
-                           ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene)),
-                           ('design', lambda scene: scene.design.check(scene))):
+                           ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene))):
         try:
             if getattr(scene, table) is not None:
                 checked(scene)
@@ -130,16 +129,14 @@ def _vibrometer(scene: Scene) -> None:
 
 
 def _pillar(scene: Scene) -> None:
-    if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
-        raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
+    if scene.foundation.moving_mass and scene.uncertainty:
+        raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] treats pillars as massless; '
                          'remove it, and add 33/140 of the mass of a pillar to lattice.mass_kg')
 
 
 def _two_springs(scene: Scene) -> None:
     if scene.foundation.stiffness_y_N_per_m is None:
         return
-    if scene.design is not None:
-        raise ValueError('foundation.stiffness_y_N_per_m: [design] gives one stiffness for x and y; remove it')
     if scene.single or scene.lattice.cell().pbc.all():
         raise ValueError(f'foundation.stiffness_y_N_per_m: {scene.lattice.kind} has no plane; remove it')
 
@@ -177,9 +174,6 @@ def _file(scene: Scene) -> None:
         raise ValueError(f'law.kind = "{scene.law.kind}" {does}; it belongs to lattice.kind = "file"')
     if scene.members and lattice.cutoff_m is not None:
         raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove cutoff_m')
-    if scene.design is not None and not scene.design.targets:
-        _refuse(scene, ('design',), 'it varies the spacing and the shells of a lattice, but particles from a file have neither; '
-                'remove the table [{0}]')
     if lattice.finite:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
                 'periods, and [{0}] needs a lattice; remove the table, or give the file a cell')
@@ -230,7 +224,7 @@ def _kinds(scene: Scene) -> None:
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    _refuse(scene, ('design', 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
+    _refuse(scene, ('uncertainty',), 'it supports only one law for all particles; remove [{0}] or '
                                                   '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
         raise ValueError('laws_of_kinds: the tags of particles are their kinds, but this patch uses tags to mark its rim; choose '
@@ -242,7 +236,7 @@ def _bands(scene: Scene) -> None:
     if wanted is not None and len(wanted) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
     if scene.bands.damping_per_s is not None:
-        _refuse(scene, ('uncertainty', 'design'), 'it supports only bands without damping; remove [{0}] or bands.damping_per_s')
+        _refuse(scene, ('uncertainty',), 'it supports only bands without damping; remove [{0}] or bands.damping_per_s')
     if scene.bands.path is None:
         return
     known = scene.special_points

@@ -44,7 +44,7 @@ from .fields import Table, Text, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell, Trap
 from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .members import Members, joined
-from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, VibrometerPlan
+from .plans import BandPlan, BurstPlan, FrfPlan, VibrometerPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import Defects, Disorder, FileLattice
 from .tolerances import Uncertainty
@@ -94,7 +94,6 @@ class Scene(Table):
     burst: BurstPlan | None = None
     vibrometer: VibrometerPlan | None = None
     uncertainty: Uncertainty | None = None
-    design: DesignPlan | None = None
 
     _name: str = PrivateAttr('')
 

@@ -46,7 +46,6 @@ def turn(k):
 
 QUOTED = {  # scene -> words with the number in quotes -> what it is
     'demultiplexer': {'with `1e-3` of the force': lambda: 4.5 ** -A},
-    'design': {'spacing of `10` mm': lambda: 1e3 * L},
     'gyro': {'so soft that `72` turns a minute': lambda: 7.5 / (2 * np.pi) * 60, 'of the bench, `7.5` rad/s': lambda: 15 / 2,
              'less `0.040` = m W^2': lambda: MASS * 7.5**2},
     'ideal': {'as `120` and': lambda: 19.0985931710274 * 2 * np.pi, '`400` rad/s': lambda: 63.6619772367581 * 2 * np.pi},
