@@ -85,7 +85,7 @@ def flow(M, C, K, P):
     return np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy', pytest.param('compiled', marks=pytest.mark.slow)])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_time_steps_turn_velocities_as_the_matrix_exponential_does_to_second_order(engine):
     rng = np.random.default_rng(1)
     for alike in False, True:
@@ -120,19 +120,19 @@ def test_time_steps_turn_velocities_as_the_matrix_exponential_does_to_second_ord
 
 
 @pytest.mark.slow
-def test_compiled_threads_turn_as_numpy_does():
+def test_compiled_threads_turn_as_ases_loop_does():
     ends = []
-    for engine in 'numpy', 'compiled':
+    for engine in 'ase', 'compiled':
         patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 40.0)
         patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0, gyration=2.0)
         patch.set_momenta(1e-3 * np.random.default_rng(3).normal(size=(len(patch), 3)) * [1, 1, 0])
         dyn = DrivenVerlet(patch, 0.05, engine=engine, threads=2)
         dyn.run(60)
         ends.append(dyn.displacements)
-    assert abs(ends[1] - ends[0]).max() < 1e-13 * abs(ends[0]).max()
+    assert abs(ends[1] - ends[0]).max() < 1e-11 * abs(ends[0]).max()  # positions of 40 mm are rounded
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy', 'compiled'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine):
     def largest(share):
         patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
@@ -144,7 +144,7 @@ def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine
         return patch.get_kinetic_energy() / start
 
     assert largest(0.99) < 10
-    if engine == 'numpy':
+    if engine == 'compiled':
         with pytest.raises(Diverged):
             largest(1.3)
 
@@ -379,7 +379,7 @@ def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
     start = atoms.copy()
     start.calc = atoms.calc
     start.positions[4, 0] += 1e-6
-    dyn = DrivenVerlet(start, 0.02, engine='numpy')
+    dyn = DrivenVerlet(start, 0.02, engine='compiled')
     dyn.run(6000)
     assert bool(abs(dyn.displacements).max() < 1e-4) is stable
 
@@ -402,7 +402,7 @@ def bounded(atoms, dt):
     run.calc = atoms.calc
     free = LinearSystem.of(run, 'gyration').mobile
     run.positions[free, :2] += 1e-9 * np.random.default_rng(0).normal(size=(free.sum(), 2))
-    dyn = DrivenVerlet(run, dt, engine='numpy', allow_unstable=True)
+    dyn = DrivenVerlet(run, dt, engine='compiled', allow_unstable=True)
     try:
         dyn.run(6000)
     except Diverged:
@@ -522,26 +522,6 @@ def test_a_shaken_bench_takes_gyration_along_or_not():
         receptance(patch, d, answer, omega, damping, 'moon')
 
 
-def test_a_scene_says_what_gyration_turns_on_a_shaken_bench(tmp_path, capsys):
-    lattice = ready_scene('walls').read_text()
-    for long, short in (('cells_1 = 30', 'cells_1 = 6'), ('cells_2 = 20', 'cells_2 = 5'), ('points = 126', 'points = 5')):
-        lattice = lattice.replace(long, short)
-    head = lattice[: lattice.index('[frf.wall]')]
-    response = lattice[lattice.index('[frf.response]') :]
-    head = head.replace('[lattice]\n', '[lattice]\ngyration_rad_per_s = 60.0\n', 1)
-    peaks = []
-    for n, said in enumerate(('', 'gyration_seen_from = "bench"\n', 'gyration_seen_from = "floor"\n')):
-        (tmp_path / 'scene.toml').write_text(f'{head}base_deg = 0.0\n{said}\n{response}')
-        ends = main(['frf', '--verbose', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / f'{n}')])
-        if not said:
-            assert ends == 2
-            assert 'frf.gyration_seen_from: particles gyrate on a shaken bench' in capsys.readouterr().err
-        else:
-            assert ends == 0
-            peaks.append(np.genfromtxt(tmp_path / f'{n}' / 'frf.csv', delimiter=',', names=True)['complete_amplitude'])
-    assert abs(peaks[0] / peaks[1] - 1).max() > 0.02
-
-
 @pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
 def test_check_judges_a_scene_on_both_sides_of_what_gyration_holds(tmp_path, capsys, g, stable):
     write_scene(hill(g), tmp_path / 'hill.toml')
@@ -625,7 +605,7 @@ def test_bursts_reach_the_branches_above_all_stiffness(turn):
 
 @pytest.mark.slow
 def test_bursts_of_particles_that_gyrate_follow_their_branches(tmp_path, capsys):
-    text = ready_scene('prototype').read_text().replace('mass_kg = 7.07e-4 ', 'gyration_rad_per_s = 300.0\nmass_kg = 7.07e-4 ')
+    text = ready_scene('bench').read_text().replace('mass_kg = 7.07e-4 ', 'gyration_rad_per_s = 300.0\nmass_kg = 7.07e-4 ')
     for key, value in (('side_m', '0.24'), ('carriers_Hz', '[36]'), ('directions_deg', '[90]'), ('noise_m', '1e-9')):
         text = re.sub(rf'^{key} = .*', f'{key} = {value}', text, flags=re.MULTILINE)
     (tmp_path / 'scene.toml').write_text(text)

@@ -5,7 +5,6 @@ import os
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import datetime
-from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
@@ -32,8 +31,6 @@ def main(arguments=None):
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f'there is no workflow {unknown[0]!r}; choose from {", ".join(NAMES)}')
-    if find_spec('jinja2') is None:
-        parser.error("the report needs jinja2, which is not installed; pip install 'magphonon[report]'")
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -16,10 +16,8 @@ TITLES = {
     'waves': 'Tone bursts, spectra, ridges',
     'stability': 'Buckling, range of linear motion',
     'plotting': 'Pictures',
-    'design': 'Sensitivities, uncertainty, wanted bands',
-    'planning': 'The cheapest sufficient method (experimental)',
+    'design': 'Sensitivities, uncertainty, fits, designs',
     'scenes': 'Scene files',
-    'sweeps': 'Maps over parameters',
 }
 """Rooms in the order of the page, from the ground up; a room that is not named here comes last."""
 

@@ -2,13 +2,13 @@
 
 from importlib import import_module
 
-from magphonon.traits import KNOWN, TOOLS, TRAITS
+from magphonon.traits import TOOLS, TRAITS, caller
 
 from . import api
 
 HEAD = """# Which tool takes what
 
-A structure may have more than masses, bonds and constant springs. Each tool declares which of these it supports, and refuses
+A structure may have more than masses, bonds and springs. Each tool declares which of these it supports, and refuses
 the rest: its message names the trait, the tools that support it, and what to do instead. The tables are made from these
 declarations (`magphonon/traits.py`). If a tool of your own calls `LinearSystem.of(atoms)`, structures with {refused} raise
 an error there, unless the tool declares these traits with `magphonon.traits.takes`.
@@ -17,7 +17,7 @@ an error there, unless the tool declares these traits with `magphonon.traits.tak
 |---|---|
 """
 LEFT_OUT = """
-ASE's own dynamics and optimisers cannot be refused, and see forces alone: they ignore gyration and modulation.
+ASE's own dynamics and optimisers cannot be refused, and see forces alone: they ignore gyration.
 """
 
 
@@ -39,7 +39,7 @@ def write(folder):
 
 def page(rooms):
     """The page for tools by room."""
-    parts = [HEAD.format(refused=' and '.join(name for name in TRAITS if name not in KNOWN))]
+    parts = [HEAD.format(refused=' and '.join(name for name in TRAITS if name not in caller().takes))]
     parts += [f'| {one.name} | {one.words} |\n' for one in TRAITS.values()]
     for room, tools in rooms.items():
         parts += [f'\n## {room}\n\n| tool | {" | ".join(TRAITS)} |\n|---|{"---|" * len(TRAITS)}\n']

@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import units
 from ..findings import Finding, Findings
-from .arguments import add_scene
+from .arguments import add_scene, add_verbose
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -28,15 +28,14 @@ JUDGED = 20_000
 """Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
-         'dos': 'bands.density.lattice_density', 'burst': 'response.propagation.propagate', 'plan': 'planning.peak.plan_peak',
-         'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.stability_boundary'}
+         'burst': 'response.propagation.propagate',
+         'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.critical_foundation'}
 """The tool that each command calls first: a command supports what this tool declares."""
-SEEN = 1e-3
-"""Relative change of a frequency by leaning pillars above which it is reported; real lattices are hardly known to better."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
+    add_verbose(parser)
 
 
 def run(options: Namespace) -> int:
@@ -48,12 +47,12 @@ def run(options: Namespace) -> int:
     try:
         case.relaxation  # noqa: B018  all that follows is about the structure at rest
     except ValueError as error:
-        print(f'Defects and disorder: {error}.')
+        print(f'Defects: {error}.')
         return 1
     found = REPORT.asked(case, options.verbose)
     print(*(('\n' if options.verbose else '') + one.words for name, one in found.items()
             if one.words and (options.verbose or one.fault or name == REPORT.first)),
-          *([] if options.verbose or case.modulated else omission(case.scene, False)), sep='\n')
+          *([] if options.verbose else omission(case.scene, False)), sep='\n')
     return int(any(one.fault for one in found.values()))
 
 
@@ -65,7 +64,7 @@ class Case:
 
     @cached_property
     def relaxation(self) -> Any:
-        """The relaxed structure with its defects or disorder; None if the scene has neither."""
+        """The relaxed structure with its defects; None if the scene has none."""
         return self.scene.relaxation()
 
     @cached_property
@@ -80,11 +79,6 @@ class Case:
             return None
         return self.scene.patch_atoms() if self.relaxation is None else self.relaxation.atoms
 
-    @property
-    def modulated(self) -> bool:
-        """Whether the springs of the foundation change in time."""
-        return self.scene.foundation is not None and self.scene.foundation.modulation is not None
-
     @cached_property
     def damping(self) -> Any:
         losses = self.scene.bands is not None and self.scene.bands.damping_per_s is not None
@@ -95,7 +89,7 @@ class Case:
         """The verdict on the lattice or the finite structure."""
         from ..stability.verdicts import verdict
 
-        supercell = self.scene.supercell() if self.scene.bands is not None and not self.modulated else None
+        supercell = self.scene.supercell() if self.scene.bands is not None else None
         return verdict(self.atoms, supercell=supercell, damping=self.damping)
 
     @cached_property
@@ -138,8 +132,8 @@ def guided(case: Case) -> str | None:
 
 @REPORT.check
 def defects(case: Case) -> str | None:
-    """How far a structure with defects or disorder moved to its rest."""
-    return case.relaxation and f'Defects and disorder: {case.relaxation} This equilibrium is stable.'
+    """How far a structure with defects moved to its rest."""
+    return case.relaxation and f'Defects: {case.relaxation} This equilibrium is stable.'
 
 
 @REPORT.check
@@ -164,7 +158,7 @@ def cut_off(case: Case) -> str | None:
     """The cut-off frequency, the lowest at Gamma, if a foundation or held particles cause one."""
     from ..bands import bands
 
-    if not case.atoms.pbc.any() or case.judged.residual or case.modulated or (lowest := bands.cut_off(case.atoms)) is None:
+    if not case.atoms.pbc.any() or case.judged.residual or (lowest := bands.cut_off(case.atoms)) is None:
         return None
     holds = 'The held particles and the foundation give' if case.atoms.constraints else 'The foundation gives'
     return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz at Gamma: below it no long waves propagate.'
@@ -175,7 +169,7 @@ def others(case: Case) -> list[str]:
     """How the omitted neighbours would change the frequencies."""
     from .neighbours import neighbours
 
-    return [] if case.modulated else neighbours(case.scene)
+    return neighbours(case.scene)
 
 
 @REPORT.remark
@@ -193,37 +187,6 @@ def commands(case: Case) -> str | None:
             why = str(error).partition(' does not support ')[2].partition(' (')[0].partition(';')[0]
             refused.setdefault(why, []).append(f'"magphonon {command}"')
     return '\n'.join(f'Commands that do not support {why}: {", ".join(named)}.' for why, named in refused.items()) or None
-
-
-@REPORT.check
-def leaning(case: Case) -> str | None:
-    """How leaning pillars, which the scene omits, would shift the lowest branch, if they matter."""
-    from ..bands.bloch import bloch_modes
-
-    scene = case.scene
-    leant = scene.with_lean(True)
-    if case.modulated or scene.single or leant is scene or scene.foundation is None or scene.foundation.leans:
-        return None
-    points = {'Gamma' if name == 'G' else name: q for name, q in scene.special_points.items()}
-    try:
-        here, there = (units.hertz(bloch_modes(one.perfect_cell(), [*points.values()])[0][:, 0]) for one in (scene, leant))
-    except ValueError:  # the effect of leaning is not known for this lattice
-        return None
-    shifts = [f'at {name} from {a:.6g} to {b:.6g} Hz' for name, a, b in zip(points, here, there, strict=True)
-              if abs(b - a) > SEEN * abs(a)]
-    return (f'Not modelled: pillars lean, and the magnets with them. This would shift the lowest branch {", ".join(shifts)}. '
-            'Write lean = true in [foundation.pillar] to include it.') if shifts else None
-
-
-@REPORT.check
-def cost(case: Case) -> Finding | None:
-    """The memory that the commands need for this scene; a fault if it is not available."""
-    from .costs import COSTS
-
-    expected = [COSTS.find(name, case.scene) for name in COSTS if getattr(case.scene, name, None) is not None]
-    lines = [f'Too large: {one.words}.' if one.fault else f'  {one.words}' for one in expected if one.words]
-    words = '\n'.join(['Estimated cost of each table:', *lines])
-    return Finding(expected, words, any(one.fault for one in expected)) if lines else None
 
 
 def _large(patch, perfect):

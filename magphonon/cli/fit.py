@@ -11,9 +11,8 @@ source sent the waves; the intervals allow for the shift that such a source give
 Responses: with `--frf SCENE` the files hold measured transfer functions, as tables or universal files. Force, exponent,
 foundation and damping of the patch or the structure of the scene are fitted to them, with D* and without.
 
-All together: if a scene is named first, `magphonon fit mine.toml forces.csv ridges.csv`, each of the other files is recognised by
-its contents. Forces, ridges and transfer functions are then fitted together, with one law, one foundation and one mass. The
-report says which record contradicts the others, and what to measure next.
+If a scene is named first, `magphonon fit mine.toml ridges.csv`, the other files are recognised by their contents.  Records of
+different kinds are fitted one after the other: what one fit finds is given to the next by --prior.
 
 docs/coverage.md says how often the 95 % intervals contain the true value.
 """
@@ -21,31 +20,36 @@ docs/coverage.md says how often the 95 % intervals contain the true value.
 from __future__ import annotations
 
 import re
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
-from .arguments import add_pictures, drawing, force, length, ready_table, share
-from .read import KINDS, columns_of, held
+from ..readers import content
+from ..tables import MOST_BYTES
+from .arguments import add_force, add_style, add_verbose, drawing, force, length, ready_table, share
 
-HELP = 'the force between two particles, or the lattice, from everything that was measured'
-RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'
+HELP = 'the force between two particles, or the lattice, from measurements'
+KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
+         'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
+"""The kinds of records that a file may hold, and the function that reads each."""
 SAME = 1e-9  # relative difference of numbers that were only written in other units
-OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
-             *(f'{one}_sigma' for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')))
+OF_FORCES = 'spacing', 'contact'
+ERRORS = {'distance': length, 'zero': force, 'hysteresis': force, 'backlash': length, 'gain': share, 'pair': share}
+"""Errors that --sigma names, and the function that reads the value of each."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('files', metavar='FILE', nargs='+',
                         help='one table of forces with the columns r_mm (distance of the centres), f_N and perhaps sigma_N and '
-                             'direction (approach, return); or a scene and every measurement of its lattice, each recognised by '
-                             'its contents; or with --bands the ridges that "magphonon spectrum" writes. The tables '
+                             'direction (approach, return); or a scene and measurements of its lattice, recognised by '
+                             'their contents; or with --bands the ridges that "magphonon spectrum" writes. The tables '
                              'prototype_force, prototype_ridges and synthetic_force come with the package')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
@@ -62,30 +66,38 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'according to how far the fit misses this ridge')
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, such as 10mm (default: the middle of the '
                                                                     'measured distances)')
-    for name, reader, metavar, words in (
-            ('distance', length, 'R', 'standard uncertainty of the zero of the distances, such as 0.1mm; this error matters most '
-                                      '(default: 0.2mm)'),
-            ('zero', force, 'F', 'standard uncertainty of the zero of the force, such as 5mN (default: a tenth of the largest '
-                                 'force)'),
-            ('hysteresis', force, 'F', 'half the difference between the forces on return and on approach (default: a hundredth '
-                                       'of the largest force)'),
-            ('backlash', length, 'R', 'standard uncertainty due to the backlash of the drive (default: 0.1mm)'),
-            ('gain', share, 'X', 'standard uncertainty of the gain of the load cell, as a fraction (default: 0.01)')):
-        parser.add_argument(f'--{name}-sigma', metavar=metavar, type=reader, help=words)
-    parser.add_argument('--pair-sigma', metavar='X', type=share,
-                        help='standard deviation of the force from one pair to the next, as a fraction (default: the scatter of '
-                             'several pairs in one table, else 0)')
-    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of your magnets: their known shape '
-                                                          'narrows the intervals; if the data contradict it, a free curve is '
-                                                          'fitted instead')
+    parser.add_argument('--sigma', metavar='NAME=VALUE', type=_sigma, action='append', default=[], dest='sigmas',
+                        help='standard uncertainty of an error that all rows of a table share, such as --sigma distance=0.05mm: '
+                             'distance, of the zero of the distances, which matters most (default: 0.2mm); zero, of the force (a '
+                             'tenth of the largest force); hysteresis, half the difference between return and approach (a '
+                             'hundredth of the largest force); backlash of the drive (0.1mm); gain of the load cell (1%%); pair, '
+                             'the standard deviation from one pair to the next (the scatter of several pairs in one table, else '
+                             '0); may be given several times')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact; a table with a smaller one is refused (default: from --magnet)')
+                        help='distance of the centres at contact; a table with a smaller one is refused (default: that of a '
+                             'scene of magnets)')
+    parser.add_argument('--dry-run', action='store_true', help='only say how each file is understood')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
-    add_pictures(parser, frequencies=False)
+    add_force(parser)
+    add_verbose(parser)
+    add_style(parser)
+    parser.set_defaults(magnet=None)
+
+
+def _sigma(text):
+    """Name and value of an error from words such as 'distance=0.05mm'."""
+    name, _, value = text.partition('=')
+    if name not in ERRORS:
+        raise ArgumentTypeError(f'{text!r} must be one of {", ".join(ERRORS)} with its value, such as distance=0.05mm')
+    return name, ERRORS[name](value)
 
 
 def run(options: Namespace) -> None:
+    if options.dry_run:
+        for name in options.files:
+            print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
+        return
     _refuse_copies(options.files)
     if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
         _with_scene(options)
@@ -108,22 +120,59 @@ def _refuse_copies(names):
     known = []
     for name in names if len(names) > 1 else ():
         with suppress(ValueError, OSError):  # which the fit will report
-            columns = [np.ravel(column) for table in columns_of(*held(ready_table(name))) for column in table.values()]
-            known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
+            known.append((name, np.sort(np.concatenate([*_columns(*held(ready_table(name))).values()]))))
     for (first, one), (name, other) in combinations(known, 2):
         if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
             raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
                              'of them')
 
 
+def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
+    """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
+    if file.endswith('.toml'):
+        raise ValueError(f'{file} is a scene and holds no measurements')
+    faults = []
+    for kind, (module, reader) in KINDS.items():
+        try:
+            given = {'contact': contact} if kind == 'forces' else {}
+            return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
+        except ValueError as error:
+            faults.append(f'as {kind}: {error}')
+    content(file, MOST_BYTES)  # a file that cannot be read at all gives a single message
+    raise ValueError(f'{file} is no kind of record that can be read:\n  ' + '\n  '.join(faults))
+
+
+def _columns(kind, record):
+    """The numbers of a record in SI, by quantity and unit."""
+    if kind == 'forces':
+        return {'distance of the centres (m)': record.r / u.m, 'force (N)': record.f / u.N}
+    if kind == 'ridges':
+        return {'frequency (Hz)': record.frequencies_Hz, 'phase per step (rad)': record.xi}
+    if kind == 'a scan':
+        return {'time (s)': record.times / u.s} | {f'{part} (m)'.strip(): moved.ravel() / u.m
+                                                   for part, moved in record.motions.items()}
+    per, unit = ('', 1.0) if record[0].shaken else (' (m/N)', u.m / u.N)
+    return {'frequency (Hz)': np.concatenate([u.hertz(one.omega) for one in record]),
+            f'amplitude{per}': np.concatenate([abs(one.response) / unit for one in record])}
+
+
+def _understood(file, contact):
+    """Lines that say what a file holds and over which ranges, so that a wrong unit is seen."""
+    kind, record = held(file, contact)
+    yield f'{file} holds {kind}.'
+    for name, values in _columns(kind, record).items():
+        yield f'  {name}: {len(values)} values from {values.min():.6g} to {values.max():.6g}'
+    yield from (f'  {note}' for note in getattr(record, 'notes', ()))
+
+
 def _with_scene(options):
-    """Run the fit for a scene and files that are recognised by their contents: of one kind of record, or of all together."""
+    """Run the fit for a scene and files of one kind of record, which is recognised by their contents."""
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
 
     scene, *names = options.files
     if not names:
-        raise ValueError(f'{scene} is a scene; name after it what was measured: magphonon fit {scene} forces.csv ridges.csv')
+        raise ValueError(f'{scene} is a scene; name after it what was measured: magphonon fit {scene} ridges.csv')
     law = read_scene(source_of(scene)).law
     contact = not_negative('--contact', options.contact or 0.0, 'mm') or (law.magnet().contact if law.kind == 'magnets' else 0.0)
     records = {name: held(ready_table(name), contact) for name in names}
@@ -133,55 +182,24 @@ def _with_scene(options):
     if [*kinds['forces']] == names and len(names) == 1:
         known = read_scene(source_of(scene))
         options.files, options.spacing = names, options.spacing or known.lattice.spacing_m * u.m
-        options.magnet = options.magnet or (scene if law.kind == 'magnets' else None)
+        options.magnet = scene if law.kind == 'magnets' else None
     elif [*kinds['ridges']] == names:
         options.scene, options.files = scene, names
     elif [*kinds['transfer functions']] == names:
         options.frf, options.files = scene, names
     else:
-        _fit_together(options, scene, kinds)
-        return
+        found = ', '.join(f'{name} holds {kind}' for kind, some in kinds.items() for name in some)
+        raise ValueError(f'{found}: one fit takes one kind of record, and one table of forces. Fit them one after the other, and '
+                         'give what one fit finds to the next by --prior, such as --prior force_N=0.288+-0.01')
     _of_one_kind(options)
 
 
-def _fit_together(options, name, kinds):
-    """Fit all records of one lattice at once, and report the result."""
-    from ..scenes.frf_fits import GAIN, KEYS, UNITS
-    from ..scenes.joint_fits import fit_records
-    from ..scenes.scene import read_scene
-    from ..scenes.sources import source_of
-    from ..waves.ridge_tables import read_ridges
-    from .joint_report import joint_report
-
-    for option in ('fix', 'without', 'magnet', 'spacing'):
-        if getattr(options, option):
-            raise ValueError(f'--{option} is only for a fit of one kind of record; leave it out, or write the value into the '
-                             f'scene')
-    options.scene = source_of(name)
-    scene = read_scene(options.scene)
-    found = fit_records(scene, kinds['forces'], read_ridges(*map(ready_table, kinds['ridges'])) if kinds['ridges'] else None,
-                        _shared_errors(options),
-                        options.pair_sigma or 0.0,
-                        _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}),
-                        [one for functions in kinds['transfer functions'].values() for one in functions],
-                        GAIN if options.gain_sigma is None else options.gain_sigma)
-    _told(options, scene, [ready_table(one) for names in kinds.values() for one in names], partial(joint_report, found),
-          'joint_fit')
-
-
-def _shared_errors(options):
-    from ..interactions.fits import SharedErrors
-
-    given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
-    return SharedErrors(**{name: value for name, value in given.items() if value is not None})
-
-
-def _told(options, scene, tables, report, name, figure=None):
+def _told(options, scene, report, name, figure=None):
     """Print a report; if there is a folder of results, write the full report and its picture, if any, into it."""
     from .results import results
 
     if options.output is not None:
-        with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
+        with results(options, f'{name}.*') as folder, drawing(options, folder, scene.title) as save:
             if figure is not None:
                 save(figure(), name)
             (folder / f'{name}.txt').write_text(report() + '\n', encoding='utf-8')
@@ -191,12 +209,12 @@ def _told(options, scene, tables, report, name, figure=None):
 
 
 def _fit_forces(options):
-    from ..interactions.fits import fit_forces, scene_entry
+    from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
     from .fit_report import force_report
 
     _check_options_of_forces(options)
-    shared = replace(_shared_errors(options), pair=options.pair_sigma)
+    shared = SharedErrors(**dict(options.sigmas))
     shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
     forces = read_forces(options.file, not_negative('--contact', options.contact or contact, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
@@ -209,7 +227,7 @@ def _fit_forces(options):
         from ..plotting.fits import plot_fit
         from .results import results
 
-        with results(options, None, options.file) as out, drawing(options, out) as save:
+        with results(options, 'fit.*', 'law.toml') as out, drawing(options, out) as save:
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
     print(force_report(options, forces, fit, shared, verbose=options.verbose))
@@ -227,16 +245,15 @@ def _check_options_of_forces(options):
     if more:
         raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one table, '
                          'in any order; if these are ridges, name their scene with --bands')
-    if options.output is None and (options.pdf or options.title is not None or options.style is not None):
-        raise ValueError('--pdf, --title and --style apply to the picture; say with -o DIR where to write it')
+    if options.output is None and options.style is not None:
+        raise ValueError('--style applies to the picture; say with -o DIR where to write it')
 
 
 def _shape(name):
+    """The law of the magnets of a scene, and the distance of the centres at which they touch."""
     from ..scenes.scene import read_scene
 
     law = read_scene(name).law
-    if law.kind != 'magnets':
-        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as rings')
     return law.potential(), law.magnet().contact
 
 
@@ -248,9 +265,9 @@ def _fit_bands(options):
     from ..waves.ridge_tables import read_ridges
     from .fit_report import band_report
 
-    for name in OF_FORCES:
-        if getattr(options, name) is not None:
-            raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; omit it or --bands')
+    for name in (*OF_FORCES, 'sigmas'):
+        if getattr(options, name):
+            raise ValueError(f'--{name.removesuffix("s")} belongs to a fit of forces; omit it or --bands')
     scene, points = read_scene(options.scene), read_ridges(*options.files)
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
@@ -261,7 +278,7 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    _told(options, scene, options.files, partial(band_report, found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
+    _told(options, scene, partial(band_report, found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
         found.points, {model: (found.fitted(model).perfect_cell(), found.fits[model]) for model in MODELS}))
 
 
@@ -302,19 +319,20 @@ def _fit_frf(options):
     from ..stiffness.bond import MODELS
     from .fit_report import frf_report
 
-    for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
+    for name in ('scene', 'without', *OF_FORCES):
         if getattr(options, name):
-            option = 'bands' if name == 'scene' else name.replace('_', '-')
-            raise ValueError(f'--{option} belongs to other fits; omit it or --frf')
+            raise ValueError(f'--{"bands" if name == "scene" else name} belongs to other fits; omit it or --frf')
+    sigmas = {'gain': GAIN} | dict(options.sigmas)
+    if len(sigmas) > 1:
+        raise ValueError(f'--sigma {[*sigmas][1]} belongs to a fit of forces; a fit of responses knows only gain')
     if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
         options.files, options.frf = [options.frf], options.files[0]
     options.scene = source_of(options.frf)
     scene = read_scene(options.scene)
     functions = [one for file in options.files for one in read_transfer(file)]
     fixed = _fixed(options, KEYS)
-    gain = GAIN if options.gain_sigma is None else options.gain_sigma
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
         print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
-    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
-    _told(options, scene, options.files, partial(frf_report, found, fixed), 'frf_fit',
+    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), sigmas['gain'])
+    _told(options, scene, partial(frf_report, found, fixed), 'frf_fit',
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

@@ -18,7 +18,7 @@ from .. import units as u
 from ..bands.bands import points_on, sound_speeds
 from ..bands.neighbours import NeighbourShifts, neighbour_shifts, with_all
 from ..findings import Finding, Findings
-from ..scenes.laws import KINDS, TOLERANCE, SavedLaw
+from ..scenes.laws import TOLERANCE, SavedLaw
 from ..scenes.scene import MOST_IN_A_CELL, Scene
 from ..scenes.sources import ready_scenes
 from ..scenes.structures import FileLattice
@@ -39,7 +39,7 @@ class Case:
 
     @cached_property
     def atoms(self) -> Any:
-        return self.scene.with_lean(False).perfect_cell() if self.given is None else self.given
+        return self.scene.perfect_cell() if self.given is None else self.given
 
     @cached_property
     def q(self) -> dict[str, NDArray[np.float64]]:
@@ -149,7 +149,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *,
     bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch (counted from 1).
     Shifts that exceed them are named.
     """
-    if scene.single or isinstance(scene.law, SavedLaw) or KINDS[scene.law.kind].shells == 1:
+    if scene.single or isinstance(scene.law, SavedLaw):
         return []
     case = Case(scene, points, within=within)
     if not brief:
@@ -178,7 +178,7 @@ def special_points(scene: Scene) -> dict[str, NDArray[np.float64]]:
 
 def speeds(scene: Scene) -> str | None:
     """How all neighbours would change the speeds of long waves along x, which need many more neighbours than frequencies do."""
-    atoms: Any = scene.with_lean(False).perfect_cell()
+    atoms: Any = scene.perfect_cell()
     if isinstance(scene.law, SavedLaw) or Case(scene).unknown is not None or atoms.calc.layer or atoms.constraints:
         return None
     every, known = with_all(atoms)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from ase import Atoms
@@ -26,9 +26,6 @@ from ..stiffness.rest import freedom
 from ..traits import Tool, refuse
 from .zone import upwards
 
-if TYPE_CHECKING:
-    from ..stability.buckling import StabilityBoundary
-
 FORCES = 10.0
 """The slider of the spacing goes from ten times the force between nearest neighbours to a tenth, as far as the law is known."""
 EXPONENTS = (1.0, 12.0)  # least range of the slider of the exponent
@@ -40,7 +37,7 @@ POINTS = 201  # wavevectors along the path
 ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
 FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'zone.js', 'ridges.js', 'burst.js', 'burst_view.js',
          'share.js', 'page.js')
-TAKEN = Tool('the page of a structure', __name__, frozenset({'constraints', 'unlike'}))
+TAKEN = Tool('the page of a structure', __name__, frozenset({'constraints'}))
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
 
@@ -131,16 +128,17 @@ class Explorer:
         static = self._force(1.0) / units.N / (self.spacing / units.m)
         return _slider(0.0, here, FOUNDATIONS * max(here, static))
 
-    def page(self, title: str, scene: str, template: str, border: StabilityBoundary, beside: str = '') -> str:
+    def page(self, title: str, scene: str, template: str, border: tuple[Any, Any], beside: str = '') -> str:
         """The text of the page, HTML that refers to nothing outside itself.
 
         `scene` is the text shown at the end, and `template` the text of a scene with gaps for the values of the sliders. `border`
         is the foundation that the lattice needs, at each of the `exponents` if there are any, otherwise of the `scales`. `beside`
         says what the page omits.
         """
-        return _page(self.data(border) | {'template': template}, title, scene, border.over, f' {beside}' if beside else '')
+        data = self.data(*border)
+        return _page(data | {'template': template}, title, scene, data['border']['over'], f' {beside}' if beside else '')
 
-    def data(self, border: StabilityBoundary) -> dict[str, Any]:
+    def data(self, at: NDArray[np.float64], needed: NDArray[np.float64]) -> dict[str, Any]:
         """The data that the scripts of the page read, in SI; lengths within the cell are multiples of the spacing."""
         atoms, here = self.atoms, self.spacing
         sliders = {'spacing': (self.spacings, self.unit, UNITS[self.unit]), 'exponent': (self.exponents, '', 1.0),
@@ -158,8 +156,8 @@ class Explorer:
             'path': self._path(),
             'sliders': {name: {'values': slider.values.tolist(), 'scene': slider.scene, 'unit': unit, 'per_SI': per_SI}
                         for name, (slider, unit, per_SI) in sliders.items() if slider is not None},
-            'border': {'over': border.over, 'at': border.at.tolist(),
-                       'needed_N_per_m': (border.needed / units.N * units.m).tolist()},
+            'border': {'over': 'spacing' if self.exponents is None else 'exponent', 'at': at.tolist(),
+                       'needed_N_per_m': (needed / units.N * units.m).tolist()},
         }
 
     def _bonds(self) -> list[dict[str, Any]]:
@@ -208,6 +206,8 @@ def structure_page(atoms: Atoms, drive: dict[str, Any], title: str, scene: str) 
     """
     refuse(atoms, TAKEN)
     calc = atoms.calc
+    if calc.dim != 2 or (calc.law.dphi(calc.bonds.lengths) > 0).any():
+        raise ValueError('the page takes particles that repel each other in a plane; "magphonon frf" takes every structure')
     law, here = calc.laws, float(calc.bonds.lengths.min())
     if not isinstance(law, InversePower):
         raise ValueError(f'the page takes one inverse-power law, not {law!r}; "magphonon frf" takes every law')

@@ -18,14 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from tqdm import tqdm
 
-from ..errors import finite, one_of, positive
-from ..files import Saved
-from ..results import InHertz
+from ..errors import finite, one_of, positive, refuse_memory
+from ..results import InHertz, Saved
 from ..stiffness.factors import inverse
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
-from ..traits import LINEAR, STIFF, takes
+from ..traits import LIKE, LINEAR, takes
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
@@ -272,6 +271,8 @@ def _steady(system, force, omega, rates, particles, tolerance):
         return _one_by_one(system, force, omega, rates)[:, particles]
     s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
+    refuse_memory(f'the response of {len(particles)} particles at {len(omega)} frequencies', 48 * len(omega) * len(particles),
+                  'ask for fewer')
     u = np.zeros((len(omega), len(particles), 3), complex)
     if s.shape[0] <= SMALL:
         u[..., : system.dim], error = _by_modes(system, s, omega, gamma, particles)
@@ -396,7 +397,7 @@ def _series_length(w, tolerance):
     return np.log(tolerance) / np.log(largest) if largest < 1 - EPS else np.inf
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.float64], gamma: float, particles: NDArray[np.int_],
                     tolerance: float, K: Products | None = None) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
     """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).

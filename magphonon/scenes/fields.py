@@ -38,6 +38,21 @@ def _text(value):
     return value
 
 
+def _drawn(title):
+    """A title that can be drawn: a formula between $ must be one that matplotlib understands."""
+    if title.count('$') < 2:
+        return title
+    from matplotlib.mathtext import MathTextParser  # late: it takes half a second
+
+    try:
+        MathTextParser('path').parse(title)
+    except ValueError as error:
+        fault = str(error).splitlines()[-1].partition(': ')[2]  # behind the name of matplotlib's exception
+        raise ValueError(f' holds a formula that cannot be drawn: {fault}; correct the text between the $, or write \\$ for a '
+                         'dollar sign') from None
+    return title
+
+
 def _list(value):
     if not isinstance(value, list):
         raise ValueError(f' must be a list in brackets, not {shown(value)}')
@@ -70,20 +85,17 @@ def within(least: float, most: float, unit: str) -> AfterValidator:
     return AfterValidator(partial(between, least, most, unit))
 
 
-class Allowed(str):
-    """Words for the list of keys: which values the check next to it in an annotation accepts. It checks nothing itself."""
-
-
 listed = BeforeValidator(_list)
-Positive = Annotated[float, BeforeValidator(partial(positive, '')), Allowed('above 0')]
-NotNegative = Annotated[float, BeforeValidator(partial(not_negative, '')), Allowed('0 or more')]
-Count = Annotated[int, BeforeValidator(partial(whole, '')), Allowed('1 or more')]
+Positive = Annotated[float, BeforeValidator(partial(positive, ''))]
+NotNegative = Annotated[float, BeforeValidator(partial(not_negative, ''))]
+Count = Annotated[int, BeforeValidator(partial(whole, ''))]
 Number = Annotated[float, BeforeValidator(partial(number, ''))]
-Point = Annotated[tuple[float, float], BeforeValidator(_point), Allowed('-1e6 to 1e6 each')]
+Point = Annotated[tuple[float, float], BeforeValidator(_point)]
 Points = Annotated[tuple[Point, ...], listed]
-Flag = Annotated[bool, BeforeValidator(_flag), Allowed('true or false')]
-AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2)), Allowed('2 or more')]
-Text = Annotated[str, BeforeValidator(_text), Allowed(f'one line of at most {LONGEST_TEXT} characters')]
+Flag = Annotated[bool, BeforeValidator(_flag)]
+AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2)), within(2, 1e6, 'points')]
+Text = Annotated[str, BeforeValidator(_text)]
+Title = Annotated[Text, AfterValidator(_drawn)]
 Counts = Annotated[tuple[Count, ...], listed]
 # Beyond these ranges a unit or an exponent is wrong, and squares and powers soon leave the range of numbers.
 Spacing = Annotated[Positive, within(1e-6, 1e6, 'metres')]  # phonopy takes particles closer than 1e-5 mm for one

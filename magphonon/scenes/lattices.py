@@ -18,18 +18,13 @@ from ..errors import not_negative
 from ..interactions.bond_laws import Law
 from ..interactions.pair_laws import PairLaw
 from ..interactions.upright import UprightMagnets
-from ..stiffness.site_laws import Travelling
 from .fields import (
-    Allowed,
-    Angle,
     Count,
     Flag,
-    Frequency,
     Length,
     Mass,
     NotNegative,
     Number,
-    Point,
     Positive,
     Pressure,
     Spacing,
@@ -103,7 +98,7 @@ class Oscillator(Table):
     free: ClassVar = 3  # the index of the free magnet
 
     kind: Literal['oscillator']
-    theta0_deg: Annotated[float, BeforeValidator(_right_angle), Allowed('0 to 90')] = Field(
+    theta0_deg: Annotated[float, BeforeValidator(_right_angle)] = Field(
         description='the angle in degrees below the horizontal at which the free magnet sees the two outer ones')
     spacing_m: Spacing = Field(description='the length in m of the three bonds of the oscillator')
     mass_kg: Mass = Field(description='the mass in kg of the free magnet of the oscillator')
@@ -132,8 +127,6 @@ class Pillar(Table):
     height_m: Length = Field(description='the height in m')
     density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = Field(
         None, description='the density in kg/m3; with it 33/140 of the mass of a pillar moves with its particle')
-    lean: Flag = Field(False, description='true if the magnets tilt with the tips of their pillars, which softens the pillars a '
-                                          'little; height_m is then the height of the magnets', examples=[True])
 
     @property
     def stiffness_N_per_m(self) -> float:
@@ -155,23 +148,6 @@ class OutOfPlane(Table):
                                               "Laplace's equation; false for forces along the line between two particles")
 
 
-class Modulation(Table):
-    """A wave that modulates the springs, k [1 + depth cos(2 pi (f t - n.R/wavelength))], as coils under the particles do."""
-
-    depth: Annotated[Positive, within(0, 1, 'shares of the stiffness')] = Field(
-        description='the amplitude of the modulation, as a fraction of the stiffness, up to 1', examples=[0.05])
-    frequency_Hz: Frequency = Field(description='the frequency of the modulation in Hz', examples=[8.0])
-    wavelength_m: Length | None = Field(None, description='the wavelength of the modulation in m; by default all springs change '
-                                        'in phase', examples=[0.03])
-    direction_deg: Angle = Field(0.0, description='the direction of the wave, in degrees from the x axis', examples=[90.0])
-
-    def of(self, springs: Any) -> Travelling:
-        """These springs, modulated by this wave."""
-        n = np.array([np.cos(self.direction_deg * u.deg), np.sin(self.direction_deg * u.deg)])
-        kap = 0.0 if self.wavelength_m is None else 2 * np.pi / (self.wavelength_m * u.m)
-        return Travelling(springs, self.depth, 2 * np.pi * self.frequency_Hz * u.Hz, kap * n)
-
-
 class Foundation(Table):
     """Springs that tie each particle to its place, by their stiffness or as pillars."""
 
@@ -182,7 +158,6 @@ class Foundation(Table):
         examples=[22.0])
     pillar: Pillar | None = None
     out_of_plane: OutOfPlane | None = None
-    modulation: Modulation | None = None
 
     @model_validator(mode='after')
     def _one(self):
@@ -200,10 +175,6 @@ class Foundation(Table):
 
     def springs(self, in_plane: Any) -> Any:
         """The foundation as an argument of the calculators; `in_plane` is its stiffness in N/mm, for all particles or each."""
-        springs = self._mean(in_plane)
-        return springs if self.modulation is None else self.modulation.of(springs)
-
-    def _mean(self, in_plane):
         if self.out_of_plane is None and self.stiffness_y_N_per_m is None:
             return in_plane
         ratio = 1.0 if self.stiffness_y_N_per_m is None else self.stiffness_y_N_per_m / (self.stiffness / (u.N / u.m))
@@ -226,40 +197,9 @@ class Foundation(Table):
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
 
     @property
-    def leans(self) -> bool:
-        """Whether the magnets lean with their pillars."""
-        return self.pillar is not None and self.pillar.lean
-
-    @property
-    def height(self) -> float:
-        """Height of the pillars in mm; infinite for other springs, which do not lean."""
-        return self.pillar.height_m * u.m if self.pillar else np.inf
-
-    @property
     def moving_mass(self) -> float:
         """Mass of the pillar that moves with each particle, in g."""
         return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0
-
-
-class Trap(Table):
-    """One trap for all particles of a finite structure, such as ions, in place of [foundation]; they move to rest in it."""
-
-    stiffness_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] = Field(
-        description='the stiffness in N/m of the springs that draw each particle to the centre', examples=[2.6e-12])
-    stiffness_y_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] | None = Field(
-        None, description='the stiffness in N/m along y; stiffness_N_per_m is then that along x', examples=[2e-11])
-    centre_m: Point = Field((0.0, 0.0), description='the centre [x, y] of the trap in m', examples=[[0.0, 0.0]])
-    gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='the cyclotron frequency q B/m of the charges in rad/s, as in a Penning trap', examples=[1e6])
-
-    def sites(self, atoms: Atoms) -> dict[str, Any]:
-        """Foundation, anchors and gyration of the trapped particles, as arguments of the calculator."""
-        if np.ptp(atoms.positions[:, 2]):
-            raise ValueError('trap: it acts in a plane, but the particles of the file stand at different heights; give all the '
-                             'same z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
-        k = np.array([[self.stiffness_N_per_m, self.stiffness_y_N_per_m or self.stiffness_N_per_m]]) * u.N / u.m
-        return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (len(atoms), 1)),
-                'gyration': self.gyration_rad_per_s / u.s}
 
 
 class PatchTable(Table):
@@ -294,8 +234,6 @@ class PatchTable(Table):
 class Parallelogram(PatchTable):
     """Whole cells along both lattice vectors."""
 
-    size_key: ClassVar = 'patch.cells_1'
-
     kind: Literal['parallelogram']
     cells_1: Count = Field(description='the number of cells along the first lattice vector')
     cells_2: Count = Field(description='the number of cells along the second lattice vector')
@@ -309,8 +247,6 @@ class Parallelogram(PatchTable):
 
 class Rectangle(PatchTable):
     """Upright rectangle."""
-
-    size_key: ClassVar = 'patch.width_m'
 
     kind: Literal['rectangle']
     width_m: Length = Field(description='the width in m, along x')
@@ -326,8 +262,6 @@ class Rectangle(PatchTable):
 class Hexagon(PatchTable):
     """Regular hexagon with corners on the x axis, or its upper half, as in the paper's experiment."""
 
-    size_key: ClassVar = 'patch.side_m'
-
     kind: Literal['hexagon', 'half_hexagon']
     side_m: Length = Field(description='the side of the hexagon in m')
 
@@ -340,8 +274,6 @@ class Hexagon(PatchTable):
 
 class Supercell(PatchTable):
     """Whole cells that repeat periodically, without a rim: where defects and disorder stand in an endless lattice."""
-
-    size_key: ClassVar = 'patch.cells_1'
 
     kind: Literal['supercell']
     cells_1: Count = Field(description='the number of cells along the first lattice vector')

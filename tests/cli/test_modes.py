@@ -1,0 +1,130 @@
+"""`magphonon modes` on lattices, patches and structures from files: what is written and what is said."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+from motion import L0, LAW, MASS
+from scene_files import ready_scene
+
+from magphonon import MagneticRepulsion, lattices, modes, relaxed, write_scene
+from magphonon.cli.main import main
+from magphonon.response import Localisation
+from magphonon.scenes.scene import read_scene
+
+
+@pytest.fixture
+def prototype(tmp_path):
+    """The prototype's scene with a smaller patch."""
+    text = ready_scene('bench').read_text()
+    assert 'side_m = 0.3 ' in text
+    file = tmp_path / 'my.toml'
+    file.write_text(text.replace('side_m = 0.3 ', 'side_m = 0.08 '))
+    return file
+
+
+def table(file):
+    with open(file, newline='') as rows:
+        header, *rows = csv.reader(rows)
+    return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+
+
+@pytest.mark.slow
+def test_modes_of_the_prototype(prototype, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main(['modes', '--verbose', str(prototype), '-o', str(out), '--animate', '2']) == 0
+    assert {file.name for file in out.iterdir()} == {'modes.png', 'modes_lattice.png', 'modes_lattice.csv', 'modes.csv',
+                                                     'modes.npz', 'mode_2.gif'}
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ['M,', 'branch', '1', '58.2327', '92.106', 'shear'] in lines
+    assert lines[0][-7:] == ['outside', 'the', 'bands', 'of', 'the', 'lattice:', 'none']
+    expected = modes(read_scene(prototype).patch_atoms()).frequencies_Hz
+    np.testing.assert_allclose(table(out / 'modes.csv')['frequency_Hz'], expected, rtol=1e-12)
+    np.testing.assert_allclose(Localisation.load(out / 'modes.npz').frequencies_Hz, expected, rtol=1e-12)
+
+
+def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
+    chain = tmp_path / 'chain.toml'
+    chain.write_text(ready_scene('chain').read_text())
+    assert main(['modes', '--verbose', str(chain), '-o', str(tmp_path / 'modes')]) == 0
+    assert {file.name for file in (tmp_path / 'modes').iterdir()} == {'modes_lattice.csv'}
+    told = capsys.readouterr().out.splitlines()
+    assert ['X,', 'branch', '1', '15.9155', '35.5881', 'transverse'] in [line.split() for line in told]
+    assert any(line.startswith('no picture') for line in told)
+    atoms = lattices.parallelogram(lattices.triangular(L0, MASS), 7, 7)
+    light = 24
+    masses = atoms.get_masses()
+    masses[light] *= 0.2
+    atoms.set_masses(masses)
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.0196757)
+    write_scene(relaxed(atoms).atoms, tmp_path / 'file.toml', title='a light magnet')
+    assert main(['modes', '--verbose', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
+    shown = capsys.readouterr().out
+    assert 'modes of the structure: all 50, from' in shown
+
+
+def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
+    cell = lattices.triangular(L0, MASS)
+
+    def with_a_light_magnet(scene, model='complete'):
+        atoms = lattices.parallelogram(cell, 9, 9)
+        masses = atoms.get_masses()
+        masses[40] *= 0.2
+        atoms.set_masses(masses)
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.0196757, model=model)
+        return atoms
+
+    monkeypatch.setattr('magphonon.scenes.scene.Scene.patch_atoms', with_a_light_magnet)
+    found = {}
+    for most in (3000, 20):  # all modes; the lowest ones and those between the bands
+        monkeypatch.setattr('magphonon.cli.modes.MOST_DIRECTIONS', most)
+        monkeypatch.setattr('magphonon.cli.modes.LOWEST', 8)
+        assert main(['modes', '--verbose', str(prototype), '-o', str(tmp_path / 'out'), '--force']) == 0
+        shown = capsys.readouterr().out
+        assert 'outside the bands of the lattice: 2' in shown
+        found[most] = [line.split(': ')[1] for line in shown.splitlines() if line.startswith('  mode ')]
+    assert found[3000] == found[20]
+    assert table(tmp_path / 'out' / 'modes.csv')['mode'].tolist() == list(range(1, 11))
+
+
+def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys):
+    oscillator = tmp_path / 'oscillator.toml'
+    oscillator.write_text(ready_scene('oscillator').read_text())
+    chain = tmp_path / 'chain.toml'
+    chain.write_text(ready_scene('chain').read_text())
+    for arguments, words in ((['modes', str(oscillator)], 'use "magphonon frf"'),
+                             (['modes', str(chain), '--animate', '1'], 'has no patch whose modes could be computed'),
+                             (['modes', str(prototype), '--animate', '99999'], '--animate must be the number of a mode, 1 to ')):
+        assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / 'out').exists()
+
+
+def test_what_other_neighbours_change_of_the_modes_of_a_patch(tmp_path, capsys):
+    """The lowest frequency by plain sums: the free magnets of the patch in a lattice that is held 25 spacings around."""
+    force, a, k, m = 0.25, 4.0, 20.0, 7e-4  # N at 10 mm, exponent, N/m, kg
+    text = (f'title = "patch"\n[lattice]\nkind = "triangular"\nspacing_m = 0.01\nmass_kg = {m}\n[law]\nkind = "inverse_power"\n'
+            f'force_N = {force}\na = {a}\nshells = 1\n[foundation]\nstiffness_N_per_m = {k}\n'
+            '[patch]\nkind = "hexagon"\nside_m = 0.04\n')
+    (tmp_path / 'patch.toml').write_text(text)
+    assert main(['modes', '--verbose', str(tmp_path / 'patch.toml'), '-o', str(tmp_path / 'out')]) == 0
+    told = capsys.readouterr().out
+    n = [(i, j) for i in range(-28, 29) for j in range(-28, 29)]
+    x = np.array([(i + j / 2, j * np.sqrt(3) / 2, max(abs(i), abs(j), abs(i + j))) for i, j in n])
+    free = np.flatnonzero(x[:, 2] < 4)
+    H = k * np.eye(2 * len(free))
+    for p, one in enumerate(free):
+        d = 0.01 * (x[one, :2] - x[:, :2])
+        r = np.linalg.norm(d, axis=1)
+        r[one] = np.inf
+        f = force * (0.01 / r) ** a / r
+        K = f[:, None, None] * ((a + 1) * d[:, :, None] * d[:, None] / (r**2)[:, None, None] - np.eye(2))
+        H[2 * p : 2 * p + 2, 2 * p : 2 * p + 2] += K.sum(axis=0)
+        for q, other in enumerate(free):
+            if q != p:
+                H[2 * p : 2 * p + 2, 2 * q : 2 * q + 2] -= K[other]
+    lowest = np.sqrt(np.linalg.eigvalsh(H / m)[0]) / (2 * np.pi)
+    found, alone = (float(re.search(pattern, told)[1]) for pattern in (r'mode 1 by [^;]* to ([\d.]+) Hz', r'from ([\d.]+) to'))
+    assert found == pytest.approx(lowest, rel=1e-3)
+    assert abs(alone / lowest - 1) > 0.03  # the control: nearest neighbours
