@@ -69,12 +69,12 @@ def chart(quick):
         own = measure(candidates(shaken, panel, quick), shaken.error, **budget)
         own = [whole(m) if m.method == STEPPED or (m.method == DIRECT and (quick or n > 50)) else m for m in own]
         table += own
-        checks += [Check(f'frf, {panel}: {m.method}, difference from the series', m.error, 0.0, 1e-8, consistency=True)
+        checks += [Check(f'frf, {panel}: {m.method}, difference from the series', m.error, 0.0, 1e-8, by='two methods')
                    for m in own if m.method in ('modal sum', DIRECT)]
         steps = min((m for m in own if m.method == STEPPED), key=lambda m: m.error)
         products = min(m.cost['products'] for m in own if m.method == SERIES and m.error <= steps.error)
         checks.append(Check(f'frf, {panel}: products of the series / time steps for the same error',
-                            products / steps.cost['force evaluations'], 0.0, 1e-3, consistency=True))
+                            products / steps.cost['force evaluations'], 0.0, 1e-3, by='two methods'))
     return Chart('Frequency response at the driven magnet', table, reading(panels_of(table)), checks,
                  error='largest relative error of the response')
 

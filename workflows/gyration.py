@@ -62,7 +62,7 @@ def closing():
     found = {model: brentq(gap, 1.0, 2.0, args=(model,), xtol=1e-12) for model in MODELS}
     formula = MODELS['complete'] / np.sqrt(4 * K + 2 * MODELS['complete'])
     return [Check('rate g at which the middle gap closes at Gamma, in sqrt(f/(L m))', found['complete'], formula, 1e-9),
-            Check('control: D0 alone', found['conventional'], formula, 0.1, control=True),
+            Check('control: D0 alone', found['conventional'], formula, 0.1, control='D0'),
             Check('D0 alone: this rate g, against the formula for D0', found['conventional'], 12 / np.sqrt(48), 1e-9)]
 
 
@@ -72,7 +72,7 @@ def numbers():
     here = chern_numbers(honeycomb(G)), chern_numbers(honeycomb(G), 'conventional')
     return [*pairs('Chern number below, g = 1', chern_numbers(honeycomb(1.0)), (1, 0, 0, -1), 1e-12, bands),
             *pairs('Chern number above, g = 1.55', here[0], (1, -1, 1, -1), 1e-12, bands),
-            Check('control: D0 alone, second band at g = 1.55', here[1][1], -1, 0.5, control=True)]
+            Check('control: D0 alone, second band at g = 1.55', here[1][1], -1, 0.5, control='D0')]
 
 
 def edges(gaps):
@@ -83,7 +83,7 @@ def edges(gaps):
     return [*pairs('middle gap', gaps['complete'], (3.174763, 3.344168), 1e-6, ('from', 'to')),
             *pairs('middle gap with D0 alone', gaps['conventional'], (3.344168, 3.537844), 1e-6, ('from', 'to')),
             Check('waves along the edges of the strip within the gap', len(flows['complete'].q), 0, 1e-12),
-            Check('control: D0 alone', len(flows['conventional'].q), 0, 0.5, control=True),
+            Check('control: D0 alone', len(flows['conventional'].q), 0, 0.5, control='D0'),
             Check('D0 alone: net number of waves along the right edge', flows['conventional'].right, 1, 1e-12),
             Check('D0 alone: net number of waves along the left edge', flows['conventional'].left, -1, 1e-12),
             Check('D0 alone: speed of these waves d omega/dk / period of the strip', slope, 0.2117, 5e-3)]
@@ -98,7 +98,7 @@ def bursts(gaps):
     return [Check('burst, D0 alone: share of its energy that does not run to the right', 1 - there, 0, 0.16),
             Check('burst, D0 alone: share of its energy that runs to the left', back, 0, 1e-3),
             Check('energy that travels with D* / energy that enters with D0 alone', travels, 0, 1e-3),
-            Check('control: D0 alone', there + back, 0, 1e-3, control=True)]
+            Check('control: D0 alone', there + back, 0, 1e-3, control='D0')]
 
 
 def burst(patch, omega, model):

@@ -60,10 +60,10 @@ def triangular_lattice():
                                               analytic_bands(atoms, path, 'conventional'))]
     apart = [abs(other - squares[0]).max() / squares[0].max() for other in squares[1:]]
     return [Check('triangular layer, central force: drop of omega_z^2 at K, in f/(L m)', drops[0] * L0 / force, 9.0, 1e-9),
-            Check('control: drop of omega_z^2 at K without D*', drops[1] * L0 / force, 9.0, 0.5, control=True),
+            Check('control: drop of omega_z^2 at K without D*', drops[1] * L0 / force, 9.0, 0.5, control='D0'),
             Check('phonopy against the Bloch matrix, share of the highest squared frequency', apart[0], 0.0, 1e-8,
-                  consistency=True),
-            Check('control: phonopy against D0 and the supports', apart[1], 0.0, 1e-2, control=True)]
+                  by='two methods'),
+            Check('control: phonopy against D0 and the supports', apart[1], 0.0, 1e-2, control='D0')]
 
 
 def upright_magnets():
@@ -76,8 +76,9 @@ def upright_magnets():
     return [Check('triangular layer, upright dipoles: drop of omega_z^2 at K, in f/(L m)',
                   (1.5 - D[0, 2, 2].real) * L0 / force, 27.0, 1e-9),
             Check("rings: stiffness of a pair out of the plane by Laplace's equation, N/mm", law.vertical(L0), stiffness, 1e-6,
-                  consistency=True),
-            Check("control: phi'/r, as of a force along the bond", law.planar.dphi(L0) / L0, stiffness, 0.5, control=True)]
+                  by='two methods'),
+            Check("control: phi'/r, as of a force along the bond", law.planar.dphi(L0) / L0, stiffness, 0.5,
+                  control='a force along the bond')]
 
 
 def threshold():
@@ -96,7 +97,7 @@ def threshold():
     return [Check('supports 0.1 % stiffer than 9 f/L: verdict stable', stable[0], 1, 1e-9),
             Check('supports 0.1 % softer: verdict stable', stable[1], 0, 1e-9),
             Check('supports 10 % softer: growth of the wave at K in time steps / cosh', grown / np.cosh(with_dstar), 1.0, 1e-3),
-            Check('control: this growth / cosh of supports without D*', grown, np.cos(without), 0.5, control=True)]
+            Check('control: this growth / cosh of supports without D*', grown, np.cos(without), 0.5, control='D0')]
 
 
 def plasma_crystal(known):
@@ -114,7 +115,7 @@ def plasma_crystal(known):
         near = lattices.triangular(1.0, 1.0)
         near.calc = MagneticRepulsion(near, Yukawa(1.0, kappa), foundation=[[0, 0, 1.0]])
         few = 1.0 - near.calc.bloch_matrix(path.kpts[special(path, 'K')])[0, 2, 2].real
-        rows.append(Check('control: the drop at K with nearest neighbours alone', few, at_K, 1e-2, control=True))
+        rows.append(Check('control: the drop at K with nearest neighbours alone', few, at_K, 1e-2, control='nearest neighbours'))
     return rows
 
 

@@ -85,7 +85,8 @@ def beside_the_fit(ring, law, L0, paper):
         *(Reported(f'mass at 7.5 g/cm3 {what} (kg), and in the paper', DENSITY * other.volume / u.kg, paper['mass'])
           for what, other in other_shapes(ring).items()),
         Check('out-of-plane stiffness of a bond / -(a_loc - 1) f/r', stiffness / (-(a - 1) * f / L0), 1, 1e-6),
-        Check('control: out-of-plane stiffness of a bond / -f/r of a central law', stiffness / (-f / L0), 1, 1, control=True),
+        Check('control: out-of-plane stiffness of a bond / -f/r of a central law', stiffness / (-f / L0), 1, 1,
+              control='a force along the bond'),
     ]
 
 
@@ -167,8 +168,9 @@ def fitted(law, L0):
         Check('synthetic set: ln of the force at 10 mm minus the true one (sigma)', np.log(fit.force / true) / sigma, 0, 3),
         Check('synthetic set: exponent at 10 mm minus the true one (sigma)',
               (fit.exponent - local_exponent(law, L0)) / (fit.half_widths[2] / 1.96), 0, 3),
-        Check('control: force of an inverse power (sigma)', (f - true) / np.sqrt(covariance[0, 0]), 0, 3, control=True),
-        Check('control: chi2/freedom of the inverse power', left @ left / (len(left) - 2), 1, 1, control=True),
+        Check('control: force of an inverse power (sigma)', (f - true) / np.sqrt(covariance[0, 0]), 0, 3,
+              control='an inverse power'),
+        Check('control: chi2/freedom of the inverse power', left @ left / (len(left) - 2), 1, 1, control='an inverse power'),
     ]
 
 

@@ -104,7 +104,8 @@ def _planar_crystals(known):
         Check('Wigner crystal, long plasmon, omega^2/(2 pi n e^2 k/m)', plasmon**2 / (2 * np.pi * n * k), 1, 3e-4),
         Check('colloidal dipole crystal, shear modulus (kT Gamma/L^2)', mu, known['dipole_shear_modulus'], 1e-9),
         Check('plasma crystal at kappa L = 1.618, nearest neighbours: c_T/c_L', nearest / steep, 0, 1e-7),
-        Check('control: with all neighbours it is stable: c_T/c_L', np.divide(*sound_speeds(cell)), 0, 0.1, control=True),
+        Check('control: with all neighbours it is stable: c_T/c_L', np.divide(*sound_speeds(cell)), 0, 0.1,
+              control='all neighbours'),
     ]
 
 
@@ -127,7 +128,7 @@ def _crystals_in_space(known, fcc):
     return [
         Check('Yukawa crystals change from bcc to fcc at kappa', crossing, known['yukawa_bcc_fcc'], 5e-4),
         Check('fcc, phonopy in space against D0 + D*, omega^2 / highest omega^2', apart(complete), 0, 1e-8),
-        Check('control: fcc, phonopy against D0 alone', apart(conventional), 0, 0.05, control=True),
+        Check('control: fcc, phonopy against D0 alone', apart(conventional), 0, 0.05, control='D0'),
     ]
 
 

@@ -75,7 +75,7 @@ class Row:
         row = Check(name, float(self.here), float(self.reference), self.tolerance)
         if self.alone is None:
             return [row]
-        alone = Check(f'D0 alone, {name}', float(self.alone), float(self.reference), self.tolerance, control=True)
+        alone = Check(f'D0 alone, {name}', float(self.alone), float(self.reference), self.tolerance, control='D0')
         return [row, alone] if alone.passed else [replace(row, quantity=f'{name}; D0 alone says the same')]
 
 
