@@ -1,7 +1,6 @@
 """How Sphinx builds the site: `python -m sphinx -W docs docs/_build`, without a network.
 
-`-t online` links to the pages of other projects; `-t all` runs the longer workflows for their pages, too; `-t lite` gives every
-tutorial and example a button that runs it in the browser, with pip install '.[docs,lite]' (see `generate/lite.py`).
+`-t online` links to the pages of other projects; `-t all` runs the longer workflows for their pages, too.
 """
 
 import sys
@@ -18,7 +17,7 @@ import magphonon
 
 sys.path.insert(0, str(Path(__file__).parent))  # generate, which writes pages from the code
 import generate
-from generate import lite, mathml
+from generate import mathml
 
 project = 'magphonon'
 author = copyright = 'the magphonon developers'
@@ -77,14 +76,6 @@ sphinx_gallery_conf = {
     'min_reported_time': 1000,
 }
 
-if tags.has('lite'):  # noqa: F821
-    extensions.append('jupyterlite_sphinx')
-    sphinx_gallery_conf['jupyterlite'] = {'notebook_modification_function': 'generate.lite.prepare'}
-    jupyterlite_build_command_options = {'piplite-wheels': lite.wheel(Path(__file__).parent / 'generated/wheels')}
-    jupyterlite_content_dir = 'jupyterlite_contents'   # where sphinx-gallery puts notebooks, and its buttons look for them
-    jupyterlite_silence = True
-    sphinx_gallery_conf['run_stale_examples'] = True   # pages of an earlier build have no button
-
 plot_formats = ['svg']
 plot_html_show_formats = plot_html_show_source_link = False
 plot_include_source = False
@@ -131,6 +122,4 @@ def setup(app):
     app.add_html_math_renderer('mathml', (mathml.inline, None), (mathml.displayed, None))
     app.connect('html-page-context', describe)
     app.connect('autodoc-process-docstring', generate.api.escape_docstring)
-    if app.tags.has('lite'):
-        app.connect('build-finished', lite.forget)
     app.connect('config-inited', lambda app, config: generate.write_all(Path(app.srcdir) / 'generated', app.tags.has('all')))

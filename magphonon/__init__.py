@@ -13,7 +13,7 @@ so forces are in N, and frequencies are printed in Hz:
 
 `dir(magphonon)` lists the most used names. The subpackages hold the others: `lattices` (cells, patches, bonds), `interactions`
 (laws, magnets, fits of forces), `stiffness` (the calculator, D0 + D*), `bands`, `dynamics` (time steps), `response` (modes,
-transfer functions, densities), `waves` (bursts, scans), `stability`, `design`, `planning`, `scenes`, `sweeps`, `plotting`,
+transfer functions, densities), `waves` (bursts, scans), `stability`, `design`, `scenes`, `plotting`,
 `units`.
 """
 
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import lazy_loader
 
-__version__ = '0.3.0'
+__version__ = '0.4.0'
 
 if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workflows stand beside the package
     __path__.append(str(Path(__file__).parents[1]))
@@ -29,8 +29,8 @@ if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workfl
 # The names repeat those of the stub file __init__.pyi, which type checkers read: reading it here would add a third to the import
 # time.
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
-    'bands', 'cli', 'design', 'dynamics', 'interactions', 'lattices', 'planning', 'plotting', 'response', 'scenes',
-    'stability', 'stiffness', 'sweeps', 'units', 'waves',
+    'bands', 'cli', 'design', 'dynamics', 'interactions', 'lattices', 'plotting', 'response', 'scenes',
+    'stability', 'stiffness', 'units', 'waves',
 ], {
     'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements',
               'floquet_bands', 'group_velocities', 'phonopy_bands', 'sound_speeds'],

@@ -5,13 +5,11 @@ from . import (
     dynamics as dynamics,
     interactions as interactions,
     lattices as lattices,
-    planning as planning,
     plotting as plotting,
     response as response,
     scenes as scenes,
     stability as stability,
     stiffness as stiffness,
-    sweeps as sweeps,
     units as units,
     waves as waves,
 )

@@ -138,20 +138,13 @@ def whole(name: str, value: object, least: int = 1) -> int:
     return int(found)
 
 
-def free_memory() -> float:
-    """Free memory in bytes; infinite without psutil, as in a browser, so that nothing is refused for its size."""
-    try:
-        from psutil import virtual_memory
-    except ModuleNotFoundError:
-        return np.inf
-    return virtual_memory().available
-
-
 def refuse_memory(what: str, needed: float, mend: str) -> None:
     """Raise ValueError, before allocating, if `what` needs more memory than is free; `mend` says what to do instead."""
     if needed < SMALL:
         return
-    if needed > (free := free_memory()):
+    from psutil import virtual_memory
+
+    if needed > (free := virtual_memory().available):
         raise ValueError(f'{what} would take about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free; {mend}')
 
 

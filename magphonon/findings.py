@@ -22,10 +22,9 @@ Examples
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import islice
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,6 @@ class Finding:
 
 Judge: TypeAlias = Callable[[Any], Finding | str | Iterable[str] | None]
 J = TypeVar('J', bound=Judge)
-WORTH = 0.98  # a measurement is proposed if it narrows an interval to less than this fraction
 
 
 class Findings(dict[str, Judge]):
@@ -101,56 +99,3 @@ class Findings(dict[str, Judge]):
         found = self.asked(case, verbose)
         first = [found.pop(self.first).words] if self.first else []
         return [*filter(None, first), *(one.words for one in found.values() if one.words and (verbose or one.fault))]
-
-
-class Proposal(NamedTuple):
-    """One more measurement, the quantity whose interval it would narrow most, and this interval's half width before and after."""
-
-    measurement: str
-    quantity: str
-    now: float
-    then: float
-
-    def __str__(self) -> str:
-        now = f' instead of {100 * self.now:.2g} %' if self.now <= 1 else '; it is not determined now'
-        return f'{self.measurement}: {spoken(self.quantity)} would then be known to {100 * self.then:.2g} %{now}.'
-
-
-def spoken(name: str) -> str:
-    """The name of a quantity as a sentence uses it, such as 'the exponent a' or 'the foundation along x'."""
-    return f'the {"exponent " * (name == "a")}{name.removeprefix("the ").replace("_", " along ")}'
-
-
-def proposals(widths: Callable[[Any], Mapping[str, float]], now: Any, plans: Mapping[str, Any]) -> list[Proposal]:
-    """The measurements that narrow an interval, best first.
-
-    Parameters
-    ----------
-    widths : callable
-        Half width of the interval of each quantity, as a function of `now` or of one of the `plans`.
-    now : Any
-        The argument of `widths` for no further measurement.
-    plans : dict
-        For each measurement in words, the argument of `widths`.
-
-    Examples
-    --------
-    >>> from magphonon.findings import proposals
-    >>> widths = lambda added: {'the mass': (1e4 + added) ** -0.5}
-    >>> print(proposals(widths, 0.0, {'weigh it as before': 1e4, 'weigh it to 0.2 %': 25e4})[0])
-    weigh it to 0.2 %: the mass would then be known to 0.2 % instead of 1 %.
-    """
-    before, found = widths(now), []
-    for words, plan in plans.items():
-        then = widths(plan)
-        name = min((name for name in then if then[name] < WORTH * before[name]), default='',
-                   key=lambda name: then[name] / before[name])
-        if name:
-            found.append(Proposal(words, name, before[name], then[name]))
-    return sorted(found, key=lambda one: one.then / one.now)
-
-
-def next_lines(proposed: Iterable[Proposal]) -> list[str]:
-    """The three best proposals, one a line."""
-    lines = [f'  {one}' for one in islice(proposed, 3)]
-    return ['\nWhat to measure next:', *lines] if lines else []

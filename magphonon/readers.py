@@ -136,16 +136,6 @@ def _hdf5(path):
     return _named(path, columns)
 
 
-def _tdms(path):
-    columns = []
-    for group in _library(path, 'nptdms').TdmsFile.read(path).groups():
-        for channel in group.channels():
-            if 'wf_increment' in channel.properties:
-                columns.append(('time_s', channel.time_track()))
-            columns.append((_with_unit(channel.name, channel.properties), channel[:]))
-    return _named(path, columns)
-
-
 def _workbook(path):
     """The first sheet that is not empty, as a text with tabs."""
     with open(path, 'rb') as file:
@@ -179,6 +169,5 @@ READERS = {
     **dict.fromkeys(('.h5', '.hdf5', '.nc'), _hdf5),
     **dict.fromkeys(('.xlsx', '.xlsm'), _workbook),
     '.mat': _matlab,
-    '.tdms': _tdms,
 }
 """The reader of each suffix; files with other suffixes are read as texts."""

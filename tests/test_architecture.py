@@ -10,7 +10,7 @@ import pytest
 import magphonon
 
 PACKAGE = Path(magphonon.__file__).parent
-FLOORS = [{'cli'}, {'sweeps'}, {'scenes'}, {'design', 'planning'}, {'plotting', 'waves', 'response', 'stability'},
+FLOORS = [{'cli'}, {'scenes'}, {'design'}, {'plotting', 'waves', 'response', 'stability'},
           {'bands', 'dynamics'}, {'stiffness'}, {'lattices', 'interactions'}]
 """From the top down; rooms on one floor do not know each other.  Single modules such as `units` are the ground below all."""
 CORE = {
@@ -19,8 +19,7 @@ CORE = {
     'lattices': 'bonds',
     'stiffness': 'bond matrices sites site_laws terms plausibility restartable supercells repulsion calculator rest',
     'bands': 'bloch bands force_constants',
-    'dynamics': ('drives cages memory_layout bond_increments site_forces splittings thermostat compiled kernels_numpy engine '
-                 'verlet'),
+    'dynamics': 'drives cages memory_layout bond_increments splittings compiled engine verlet',
 }
 """The core shelf: Eq. 4, the calculator, bands by both roads and time steps.  Who has read it needs nothing else for these."""
 FILES = sorted(file for file in PACKAGE.rglob('*.py') if file.parent != PACKAGE or not file.name.startswith('__'))

@@ -26,7 +26,7 @@ DT, STEPS = 0.1, 40  # ms; a twentieth of a period, and past the end of one bloc
 EXACT = 1e-9
 """Of the largest displacement.  Positions of 500 mm are rounded to 1e-13 mm, 40 steps double that a few times, and the smallest
 largest displacement drawn is 0.01 mm; ASE's loop under FixAtoms makes momenta of such differences."""
-ENGINES = {'numpy': 'numpy', 'ase': 'ase'} | dict.fromkeys(('compiled grid', 'compiled found', 'compiled table'), 'compiled')
+ENGINES = {'ase': 'ase'} | dict.fromkeys(('compiled grid', 'compiled found', 'compiled table'), 'compiled')
 """The last two are given the particles in any order and not their places on a grid; one finds these, the other must not."""
 
 
@@ -198,8 +198,8 @@ def compare(seeds, engines, draw=drawn, **limits):
 
 
 @pytest.mark.parametrize('part', range(4))
-def test_numpy_and_ases_loop_are_velocity_verlet_on_any_patch(part):
-    compare(range(part, 40, 4), ('numpy', 'ase'), most=300)
+def test_ases_loop_is_velocity_verlet_on_any_patch(part):
+    compare(range(part, 40, 4), ['ase'], most=300)
 
 
 # numba compiles anew for every number of bond groups and of coefficients: a few seconds each.  These draws need few of them:
@@ -209,25 +209,21 @@ SIMILAR = {'kinds': ('triangular', 'honeycomb'), 'shells': 1, 'models': ('comple
 
 @pytest.mark.slow
 def test_the_compiled_grid_is_velocity_verlet_on_any_patch():
-    pytest.importorskip('numba')
     compare(range(100, 240), ['compiled grid'], most=1000, **SIMILAR)
 
 
 @pytest.mark.slow
 def test_the_compiled_table_is_velocity_verlet_on_any_patch():
-    pytest.importorskip('numba')
     compare(range(300, 340), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
 @pytest.mark.slow
 def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_their_places():
-    pytest.importorskip('numba')
     for name in ('compiled grid', 'compiled found', 'compiled table'):
         compare(range(500, 515), [name], scattered, most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
 def test_threads_change_nothing_of_that(monkeypatch):
-    pytest.importorskip('numba')
     from magphonon.dynamics import kernels_numba
 
     monkeypatch.setattr(kernels_numba, 'RUN', 16)  # so that drives and holes lie in several runs, strips in part of one
@@ -246,23 +242,22 @@ def test_another_model_foundation_or_bond_list_is_noticed(change):
     for seed in range(5):
         case = drawn(seed, kinds=('triangular',), shells=1, models=('complete',), most=100)
         other = replace(case, **change)
-        assert misfit(case.run('numpy'), other.expected()) > 1e3 * EXACT
+        assert misfit(case.run('ase'), other.expected()) > 1e3 * EXACT
 
 
 # --- prestressed: loads, and anchors that are not where particles rest ----------------------------------------------------
 
 
 def test_relaxed_and_loaded_patches_move_as_they_should():
-    compare(range(400, 410), ('numpy', 'ase'), strained, most=120)
+    compare(range(400, 410), ['ase'], strained, most=120)
 
 
 def test_compiled_too():
-    pytest.importorskip('numba')
     compare(range(410, 416), ['compiled found'], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
 
 
 def test_chains_and_crystals_move_as_they_should():
-    compare(range(4), ('numpy', 'ase'), chain)
+    compare(range(4), ['ase'], chain)
     compare(range(4), ['ase'], crystal)
 
 
@@ -277,15 +272,14 @@ def test_what_is_not_loaded_or_stands_at_its_anchors_is_noticed(draw, change):
 @pytest.mark.parametrize('twenty', range(10))
 def test_two_hundred_prestressed_structures(twenty):
     seeds = range(20 * twenty, 20 * (twenty + 1))
-    compare(seeds, ('numpy', 'ase'), strained, most=500)
-    compare(seeds, ('numpy', 'ase'), chain)
+    compare(seeds, ['ase'], strained, most=500)
+    compare(seeds, ['ase'], chain)
     compare(seeds, ['ase'], crystal)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('hundred', range(20))
 def test_all_engines_are_velocity_verlet_on_two_thousand_patches(hundred):
-    pytest.importorskip('numba')
     compare(range(100 * hundred, 100 * (hundred + 1)), ENGINES)
     compare(range(100 * hundred, 100 * hundred + 20), [name for name in ENGINES if 'compiled' in name], scattered, shells=1)
 

@@ -46,15 +46,6 @@ def test_links_to_names_lead_to_their_pages(generate):
     assert {(page, name) for page, name in links if name not in known} == set()
 
 
-def test_every_key_stands_in_a_table_of_five_cells(generate, tmp_path):
-    generate.keys.write(tmp_path)
-    pages = [page.read_text(encoding='utf-8') for page in tmp_path.glob('keys_*.md')]
-    rows = [line for page in pages for line in page.splitlines() if line.startswith('| `')]
-    assert len(rows) == len(generate.keys.scene_keys())
-    assert {len(re.findall(r'(?<!\\)\|', row)) for row in rows} == {6}
-    assert all('<br>`dipoles`: Point dipoles' in row for row in rows if 'Point dipoles' in row)  # kinds one below the other
-
-
 def test_every_tool_has_a_row_and_every_trait_a_column(generate):
     from magphonon.traits import TOOLS, TRAITS
 

@@ -3,7 +3,6 @@
 import doctest
 import inspect
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -13,8 +12,6 @@ import magphonon
 ROOT = Path(__file__).parents[1]
 ROOMS = sorted(file.parent.name for file in Path(magphonon.__file__).parent.glob('*/__init__.pyi'))
 FINDER = doctest.DocTestFinder(recurse=False)
-OPTIONAL = {'sweep': 'xarray'}
-"""Packages of extras without which an example cannot run."""
 
 
 def public(room):
@@ -40,8 +37,6 @@ def run(test):
 def test_examples_of_docstrings(room):
     failures = ''
     for name, thing in public(room).items():
-        if name in OPTIONAL and find_spec(OPTIONAL[name]) is None:
-            continue
         for test in FINDER.find(thing, name, globs={}):
             failures += run(test)
     assert failures == ''

@@ -15,9 +15,8 @@ from magphonon.bands.bloch import bloch_modes
 from magphonon.stiffness.rest import freedom
 
 FROZEN = Path(__file__).with_name('frozen.json')
-# 'demux' is to be called 'demultiplexer', here and in frozen.json, when the scene takes that name
-SCENES = ('prototype', 'ideal', 'oscillator', 'rings', 'neighbours', 'square', 'gyro', 'layer', 'demux', 'vacancy', 'prism',
-          'tolerances')
+SCENES = ('prototype', 'ideal', 'oscillator', 'rings', 'neighbours', 'square', 'gyro', 'layer', 'demultiplexer', 'vacancy',
+          'prism', 'tolerances')
 DIGITS = 1e-11
 """Largest change, as a fraction of the largest number of its kind: twelve digits, less one for sums in another order."""
 

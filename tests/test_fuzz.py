@@ -45,7 +45,7 @@ NEAR = [0.5, 0.8, 0.99, 1.0001, 1.01, 1.2, 1.5, 2, 3]
 """Factors that leave most scenes what they are, and lead into the depths of a command."""
 CELLS = ['', 'x', 'nan', 'inf', '-1', '0', '1e300', '1e-300', '1e400', '0,5', '"a', '"1\n2"', '1' * 200, 'größe', '\0', '0x10',
          '1_0', ' ']
-COMMANDS = {'check': 95, 'design': 4, 'bands': 8, 'plan': 9, 'frf': 8, 'uncertainty': 4, 'burst': 4}
+COMMANDS = {'check': 95, 'design': 4, 'bands': 8, 'frf': 8, 'uncertainty': 4, 'burst': 4}
 """How many scenes each command gets, 132 in all: most of them those that answer in a moment."""
 GENTLE = {'check': 0.1, 'design': 0.5, 'burst': 0.9}
 """Probability that a mutation is a small one, 0.7 for commands that do not stand here: most of their scenes shall be answered."""
@@ -276,11 +276,7 @@ def verdict(command, files, folder, output=True, between=()):
     arguments = [command, *map(str, inputs[:-1]), *between, str(inputs[-1])]
     if output and command not in ('check', 'design'):
         arguments += ['-o', str(out)]
-    if command == 'plan':
-        arguments.append('--run')
     faults, status = judged(arguments, inputs, out, seconds=60 if command == 'design' else 20)  # every site of a patch takes 18
-    if faults == [SLOW] and command == 'plan':  # which finds out how long a method takes by trying it
-        return [], None
     return faults, status
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from matplotlib.collections import LineCollection
+from scene_files import ready_scene
 from scipy.linalg import eigvals, expm, sqrtm
 from scipy.optimize import brentq
 
@@ -25,7 +26,6 @@ from magphonon import (
     lattices,
     modes,
     read_scene,
-    ready_scene,
     relaxed,
     verdict,
     write_scene,
@@ -85,7 +85,7 @@ def flow(M, C, K, P):
     return np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy', pytest.param('compiled', marks=pytest.mark.slow)])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_time_steps_turn_velocities_as_the_matrix_exponential_does_to_second_order(engine):
     rng = np.random.default_rng(1)
     for alike in False, True:
@@ -120,19 +120,19 @@ def test_time_steps_turn_velocities_as_the_matrix_exponential_does_to_second_ord
 
 
 @pytest.mark.slow
-def test_compiled_threads_turn_as_numpy_does():
+def test_compiled_threads_turn_as_ases_loop_does():
     ends = []
-    for engine in 'numpy', 'compiled':
+    for engine in 'ase', 'compiled':
         patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 40.0)
         patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0, gyration=2.0)
         patch.set_momenta(1e-3 * np.random.default_rng(3).normal(size=(len(patch), 3)) * [1, 1, 0])
         dyn = DrivenVerlet(patch, 0.05, engine=engine, threads=2)
         dyn.run(60)
         ends.append(dyn.displacements)
-    assert abs(ends[1] - ends[0]).max() < 1e-13 * abs(ends[0]).max()
+    assert abs(ends[1] - ends[0]).max() < 1e-11 * abs(ends[0]).max()  # positions of 40 mm are rounded
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy', 'compiled'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine):
     def largest(share):
         patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
@@ -144,7 +144,7 @@ def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine
         return patch.get_kinetic_energy() / start
 
     assert largest(0.99) < 10
-    if engine == 'numpy':
+    if engine == 'compiled':
         with pytest.raises(Diverged):
             largest(1.3)
 
@@ -379,7 +379,7 @@ def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
     start = atoms.copy()
     start.calc = atoms.calc
     start.positions[4, 0] += 1e-6
-    dyn = DrivenVerlet(start, 0.02, engine='numpy')
+    dyn = DrivenVerlet(start, 0.02, engine='compiled')
     dyn.run(6000)
     assert bool(abs(dyn.displacements).max() < 1e-4) is stable
 
@@ -402,7 +402,7 @@ def bounded(atoms, dt):
     run.calc = atoms.calc
     free = LinearSystem.of(run, 'gyration').mobile
     run.positions[free, :2] += 1e-9 * np.random.default_rng(0).normal(size=(free.sum(), 2))
-    dyn = DrivenVerlet(run, dt, engine='numpy', allow_unstable=True)
+    dyn = DrivenVerlet(run, dt, engine='compiled', allow_unstable=True)
     try:
         dyn.run(6000)
     except Diverged:

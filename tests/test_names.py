@@ -10,13 +10,13 @@ import magphonon
 from magphonon import DrivenVerlet, Recorder, propagate
 from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
 from magphonon.dynamics import Motion
-from magphonon.response import FrequencyResponse, Localisation, Modes, SpectralFunction
+from magphonon.response import FrequencyResponse, Localisation, Modes
 from magphonon.stability import Shifts
 from magphonon.waves import Branch, Spectrum
 from magphonon.waves.spectrum import Ridge
 
 RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
-           DensityOfStates, SpectralFunction, Localisation]
+           DensityOfStates, Localisation]
 
 
 @pytest.mark.parametrize('result', RESULTS, ids=lambda result: result.__name__)

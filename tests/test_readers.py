@@ -14,9 +14,8 @@ from numpy.testing import assert_allclose
 from scipy.io import savemat
 
 from magphonon import readers, units as u
+from magphonon.cli.fit import held
 from magphonon.cli.main import main
-from magphonon.cli.read import columns_of, held
-from magphonon.files import write_columns
 from magphonon.interactions import read_forces
 from magphonon.readers import READERS
 from magphonon.response import read_transfer
@@ -148,13 +147,6 @@ def as_hdf5_of_matlab(path, r, f):
     path.write_bytes(b'MATLAB 7.3 MAT-file, Platform: GLNXA64'.ljust(116) + bytes(8) + b'\x00\x02IM' + path.read_bytes()[128:])
 
 
-def as_tdms(path, r, f):
-    nptdms = pytest.importorskip('nptdms')
-    with nptdms.TdmsWriter(str(path)) as writer:
-        writer.write_segment([nptdms.ChannelObject('run', 'Abstand', r, {'unit_string': 'mm'}),
-                              nptdms.ChannelObject('run', 'Kraft', f, {'unit_string': 'N'})])
-
-
 def as_workbook(path, r, f):
     openpyxl = pytest.importorskip('openpyxl')
     book = openpyxl.Workbook()
@@ -173,8 +165,7 @@ def as_records(path, r, f):
 FORMATS = {'f.npz': lambda path, r, f: np.savez(path, **columns(r, f)), 'f.npy': as_records,
            'f.mat': lambda path, r, f: savemat(path, columns(r, f)), '73.mat': as_hdf5_of_matlab,
            'structure.mat': lambda path, r, f: savemat(path, {'data': columns(r, f)}), 'rows.h5': as_rows_of_hdf5,
-           'nested.h5': as_nested_hdf5, 'f.h5': as_hdf5, 'f.hdf5': as_hdf5, 'f.tdms': as_tdms,
-           'f.xlsx': as_workbook}
+           'nested.h5': as_nested_hdf5, 'f.h5': as_hdf5, 'f.hdf5': as_hdf5, 'f.xlsx': as_workbook}
 
 
 @pytest.mark.parametrize('name', FORMATS)
@@ -189,7 +180,7 @@ def test_other_formats_are_read_through_their_libraries(name, tmp_path):
 @pytest.mark.parametrize('name', [*FORMATS, 'f.uff', 'f.svd', 'f.csv'])
 def test_noise_is_refused_and_never_reaches_the_terminal(name, tmp_path):
     noise = np.random.default_rng(0).bytes(4000)
-    for start in (b'', b'PK\x03\x04', b'TDSm', b'\x93NUMPY', b'MATLAB 5.0'):
+    for start in (b'', b'PK\x03\x04', b'\x93NUMPY', b'MATLAB 5.0'):
         (tmp_path / name).write_bytes(start + noise)
         with pytest.raises((ValueError, OSError)) as error:
             read_forces(tmp_path / name)
@@ -305,7 +296,7 @@ def test_arrays_of_frames_and_points_are_scans(tmp_path):
 
 @pytest.mark.parametrize('seed', range(3))
 def test_groups_that_name_their_columns_alike_are_refused_where_one_would_replace_another(seed, tmp_path):
-    h5py, nptdms = pytest.importorskip('h5py'), pytest.importorskip('nptdms')
+    h5py = pytest.importorskip('h5py')
     rng = np.random.default_rng(seed)
     r, f = np.linspace(8, 12, 9), rng.random((rng.integers(2, 5), 9))
     for name, kept in (('same', f[[0] * len(f)]), ('other', f)):
@@ -316,24 +307,12 @@ def test_groups_that_name_their_columns_alike_are_refused_where_one_would_replac
                 for column, values in held.items():
                     file[f'{group}/{column}'] = values
                 file[f'{group}/temperature'] = rng.random()
-        with nptdms.TdmsWriter(str(tmp_path / f'{name}.tdms')) as writer:
-            writer.write_segment([nptdms.ChannelObject(group, column, values) for group, held in groups.items()
-                                  for column, values in held.items()])
-        for suffix in ('mat', 'h5', 'tdms'):
+        for suffix in ('mat', 'h5'):
             if name == 'same':
                 assert_allclose(read_forces(tmp_path / f'same.{suffix}').f, f[0])
             else:
                 with pytest.raises(ValueError, match="holds 'f_N' several times, with different numbers; put each"):
                     read_forces(tmp_path / f'other.{suffix}')
-
-
-def test_a_tdms_file_of_channels_is_a_scan(tmp_path):
-    nptdms = pytest.importorskip('nptdms')
-    t, v = waves(2)
-    told = {'unit_string': 'm/s', 'wf_increment': 5e-4, 'wf_start_offset': 0.0, 'wf_samples': len(t)}
-    with nptdms.TdmsWriter(str(tmp_path / 's.tdms')) as writer:
-        writer.write_segment([nptdms.ChannelObject('scan', f'Channel {k + 1}', v[:, k], told) for k in range(v.shape[1])])
-    assert_scan(read_scan(tmp_path / 's.tdms'), t, v)
 
 
 WORDS_OF_POINTS = {  # how instruments name the column of a point, by row, column and direction
@@ -528,60 +507,20 @@ EXPORTS = {  # in every way of writing above: what writes a file of this suffix
 }
 
 
-def numbers(record):
-    """All numbers of a record, and its words."""
-    parts = record if isinstance(record, list) else [record]
-    for part in parts:
-        for name, value in vars(part).items():
-            if name not in ('name', 'notes', 'order'):
-                yield from value.values() if isinstance(value, dict) else [value]
-
-
 @pytest.mark.parametrize('name', EXPORTS)
-def test_the_clean_table_reads_as_the_export_did(name, tmp_path):
-    """Tests above compare what is read with what was drawn; a scan is written as displacements."""
+def test_a_file_is_recognised_by_what_it_holds(name, tmp_path):
     kind, suffix, write = EXPORTS[name]
     write(tmp_path / f'f{suffix}')
-    found, record = held(tmp_path / f'f{suffix}')
-    assert found == kind
-    (table,) = columns_of(kind, record)
-    write_columns(tmp_path / 'clean.csv', [*table], [*table.values()])
-    again, clean = held(tmp_path / 'clean.csv')
-    assert again == kind
-    for one, other in zip(numbers(record), numbers(clean), strict=True):
-        if isinstance(one, np.ndarray) and one.dtype.kind in 'fc':
-            assert_allclose(other, one, rtol=1e-12, atol=1e-12 * abs(one).max())
-        elif isinstance(one, tuple):
-            assert one == other
+    assert held(tmp_path / f'f{suffix}')[0] == kind
 
 
-@pytest.mark.parametrize('name', ['forces, German', 'scan, Polytec', 'response, decibels', 'ridges'])
-def test_read_says_what_it_understood(name, tmp_path, capsys, monkeypatch):
-    kind, suffix, write = EXPORTS[name]
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / f'f{suffix}')
-    assert main(['read', f'f{suffix}']) == 0
-    said = capsys.readouterr().out
-    assert f'f{suffix} holds {kind}.' in said
-    assert {'forces': 'Kraft [N]: f in N', 'a scan': 'Velocity [m/s]: v in m_per_s',
-            'transfer functions': 'Magnitude [dB re 1 m/s/N]: amplitude in m_per_s_per_N',
-            'ridges': 'frequency_kHz: frequency in kHz'}[kind] in said
-    assert {file.name for file in (tmp_path / 'f-read').iterdir()} == {'clean.csv', 'clean.png', 'provenance.json'}
-
-
-def test_read_refuses_in_words(tmp_path, capsys):
-    (tmp_path / 'noise.csv').write_bytes(np.random.default_rng(0).bytes(4000))
+def test_a_dry_run_says_what_was_understood(tmp_path, capsys):
     (tmp_path / 'gaps.csv').write_text('gap_mm,f_N\n1,0.5\n2,0.4\n')
+    assert main(['fit', str(tmp_path / 'gaps.csv'), '--contact', '6mm', '--dry-run']) == 0
+    assert capsys.readouterr().out.splitlines()[1] == '  distance of the centres (m): 2 values from 0.007 to 0.008'
     (tmp_path / 'none.csv').write_text('colour,size\nred,2\n')
-    for name, mend in (('noise', 'is not a text file; export it as CSV'), ('gaps', '--contact 6.35mm'),
-                       ('none', 'is no kind of record that can be read:\n  as forces: ')):
-        assert main(['read', str(tmp_path / f'{name}.csv'), '-o', str(tmp_path / 'out')]) == 2
-        said = capsys.readouterr().err
-        assert mend in said
-        assert all(letter.isprintable() or letter == '\n' for letter in said)
-        assert not (tmp_path / 'out').exists()
-    assert main(['read', str(tmp_path / 'gaps.csv'), '--contact', '6mm', '-o', str(tmp_path / 'out')]) == 0
-    assert 'r_m: 2 values from 0.007 to 0.008' in capsys.readouterr().out
+    assert main(['fit', str(tmp_path / 'none.csv'), '--dry-run']) == 2
+    assert 'as forces: ' in capsys.readouterr().err
 
 
 # --- readers of others ---------------------------------------------------------------------------------------------------------

@@ -73,12 +73,10 @@ def test_conventional_fails_them(session):
     assert longitudinal > 1.03 * 149.476338113
 
 
-def test_first_sentences_and_last_ones_say_what_the_script_finds(session):
+def test_the_first_sentences_say_what_the_script_finds(session):
     [true, blind] = [at_m(session[0], model)[0] for model in ('complete', 'conventional')]
     text = ' '.join(README.read_text(encoding='utf-8').split())
-    assert (f'at {blind:.0f} Hz. The *complete* model, D⁰ + D\\*, has it at {true:.0f} Hz, '
-            f'{100 * (1 - true / blind):.0f} % lower.') in text
-    assert f'the shear branch at M is at {true:.2f} Hz with D\\* and {blind:.2f} Hz without' in text
+    assert f'vibrate at {blind:.0f} Hz by D⁰ alone, the *conventional* model, and at {true:.0f} Hz by D⁰ + D\\*' in text
 
 
 def test_who_comes_from_phonopy_finds_its_bands():

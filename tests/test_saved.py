@@ -12,7 +12,7 @@ from magphonon.bands.bands import Bands
 from magphonon.bands.zone import ZoneMap
 from magphonon.design.sensitivities import StiffnessDerivative
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
-from magphonon.response import Localisation, SpectralFunction, localisation, spectral_function
+from magphonon.response import Localisation, localisation
 from magphonon.response.frf import FrequencyResponse, harmonic_response
 from magphonon.response.normal_modes import Modes, modes
 from magphonon.response.propagation import Transient
@@ -48,7 +48,6 @@ MADE = {
     Spectrum: lambda cell: wavenumber_frequency(np.sin(np.add.outer(np.arange(30.0), np.arange(16))), 0.1),
     Spread: spread,
     DensityOfStates: lambda cell: lattice_density(cell, steps=8),
-    SpectralFunction: lambda cell: spectral_function(patch(), cell, [[0.25, 0.2, 0.0]], moments=16),
     Localisation: lambda cell: localisation(modes(patch()), patch()),
 }
 

@@ -76,7 +76,7 @@ def answers(seed, L, s, m):
     moved = propagate(atoms, dt * np.array([1.0, 30.0, 100.0]), [drive], damping=gamma)
     run = atoms.copy()
     run.calc = atoms.calc
-    DrivenVerlet(run, dt, [drive], damping=gamma, engine='numpy').run(100)
+    DrivenVerlet(run, dt, [drive], damping=gamma, engine='compiled').run(100)
     told = verdict(atoms)
     return {
         'places': (atoms.positions - atoms.calc.anchors, (1, 0, 0)),
@@ -152,7 +152,7 @@ def test_a_plane_is_judged_alike_in_all_units(units):
         MagneticRepulsion(atoms, law(L, s), dim=2)
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_a_particle_that_leaves_its_cage_ends_the_run_alike_in_all_units(engine):
     # the weak square lattice: along the diagonal nothing is in the way but the second neighbour
     ends = []

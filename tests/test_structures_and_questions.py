@@ -196,11 +196,10 @@ def steps(drawn, oracle, engine='ase'):
 
 
 def block_steps(drawn, oracle):
-    return steps(drawn, oracle, 'numpy')
+    return steps(drawn, oracle, 'compiled')
 
 
 def compiled_steps(drawn, oracle):
-    pytest.importorskip('numba')
     return steps(drawn, oracle, 'compiled')
 
 

@@ -38,7 +38,7 @@ def logarithms(atoms, dt, steps, damping=0.0, start=None):
     """Logarithm of the size of the motion after each fifth of a run, over that of its tiny start, by default a random one."""
     start = np.random.default_rng(0).normal(size=(len(atoms), 2)) if start is None else start
     atoms.positions[:, :2] += 1e-12 * start
-    dyn = DrivenVerlet(atoms, dt, damping=damping, engine='numpy', allow_unstable=True)
+    dyn = DrivenVerlet(atoms, dt, damping=damping, engine='compiled', allow_unstable=True)
     size = [np.linalg.norm(atoms.calc.displacements(atoms))]
     for _ in range(5):
         dyn.run(steps // 5)
@@ -107,7 +107,7 @@ def oscillator(theta0, model='complete'):
     return atoms
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_oscillator_at_a_right_angle_grows_as_its_imaginary_frequency(engine, paper):
     atoms, rate = oscillator(np.pi / 2), paper['oscillator']['growth_rate_at_pi_over_2'] / u.s
     atoms.positions[3, 0] = 1e-6 * u.mm

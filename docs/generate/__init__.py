@@ -3,7 +3,7 @@
 import shutil
 from functools import partial
 
-from . import api, commands, explorers, keys, thresholds, traits, workflows
+from . import api, commands, explorers, thresholds, traits, workflows
 
 
 def write_all(folder, every=False):
@@ -13,7 +13,7 @@ def write_all(folder, every=False):
     """
     for name, write in {'api': api.write, 'commands': commands.write, 'explorers': explorers.write,
                         'workflows': partial(workflows.write, every=every),
-                        'scene': keys.write, 'traits': traits.write, 'validity': thresholds.write}.items():
+                        'traits': traits.write, 'validity': thresholds.write}.items():
         shutil.rmtree(folder / name, ignore_errors=True)
         (folder / name).mkdir(parents=True)
         write(folder / name)

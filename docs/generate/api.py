@@ -17,9 +17,7 @@ TITLES = {
     'stability': 'Buckling, range of linear motion',
     'plotting': 'Pictures',
     'design': 'Sensitivities, uncertainty, wanted bands',
-    'planning': 'The cheapest sufficient method (experimental)',
     'scenes': 'Scene files',
-    'sweeps': 'Maps over parameters',
 }
 """Rooms in the order of the page, from the ground up; a room that is not named here comes last."""
 

@@ -19,20 +19,14 @@ EXAMPLES = {
     'burst': ['magphonon burst wave.toml'],
     'check': ['magphonon check square', 'magphonon check square --verbose'],
     'design': ['magphonon design design'],
-    'dos': ['magphonon dos prototype'],
-    'completion': ['magphonon completion bash > magphonon.sh'],
     'explore': ['magphonon explore prototype'],
     'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out',
             'magphonon fit ridges.csv --bands prototype -o lattice'],
     'frf': ['magphonon frf oscillator'],
     'modes': ['magphonon modes prototype'],
-    'plan': ['magphonon plan oscillator --tolerance 1e-3'],
-    'read': ['magphonon read forces.csv'],
     'reproduce': ['magphonon reproduce chain -o out'],
-    'scene': ['magphonon scene', 'magphonon scene --keys foundation'],
+    'scene': ['magphonon scene'],
     'spectrum': ['magphonon spectrum scan.csv wave.toml'],
-    'sweep': ['magphonon sweep prototype --over law.a=2:6:17 --over foundation.pillar.height_m=0.1:0.6:11 '
-              '--over law.force_N=0.2369 --ask bands.M.1 --executor here'],
     'uncertainty': ['magphonon uncertainty oscillator'],
 }
 GIVEN = {

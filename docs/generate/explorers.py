@@ -8,7 +8,7 @@ from pathlib import Path
 from magphonon import ready_scene
 from magphonon.cli.main import main
 
-SCENES = ('prototype', 'ideal', 'square', 'honeycomb', 'kagome', 'chain', 'demux')
+SCENES = ('prototype', 'ideal', 'square', 'demultiplexer')
 
 
 def write(folder):

@@ -37,11 +37,8 @@ for name, share in fit.shares.items():
 figure = plot_fit(forces, fit)
 
 # %%
-# The zero of the distances matters most by far.  The fit says what to measure next:
-
-print(*fit.proposals[:3], sep='\n')
-
-# %%
+# The zero of the distances matters most by far: measure it well before anything else.
+#
 # From the shell, ``magphonon fit forces.csv --spacing 10mm --distance-sigma 0.05mm`` does the same.  It prints the tables
 # ``[law]`` and ``[uncertainty]`` of a scene:
 

@@ -159,7 +159,7 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: Model | None = No
     --------
     >>> from magphonon import read_scene, ready_scene
     >>> from magphonon.bands import band_gaps
-    >>> band_gaps(read_scene(ready_scene('honeycomb')).atoms()).shape  # from, to
+    >>> band_gaps(read_scene(ready_scene('vacancy')).perfect_cell()).shape  # from, to
     (1, 2)
     """
     system, frequencies = LinearSystem.of(atoms), _on_mesh(atoms, steps, model)

@@ -23,8 +23,6 @@ from tqdm import tqdm
 
 from .. import units
 from ..errors import positive, whole
-from ..interactions.bond_laws import groups
-from ..interactions.pair_laws import STEEPEST
 from ..stiffness.matrices import signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..traits import STIFF, takes
@@ -43,6 +41,12 @@ The error of the bands, relative to the highest frequency, is (2 to 20) (distanc
 and about 5e-17 bond/distance from round-off; they meet at 2e-6 with 5e-11.  The default lies on the safe side: the
 first is a share of each frequency, the second does not vanish towards zero frequency.
 """
+SHARES = 1.0, 0.1, 0.01, 1e-3, 1e-4
+"""Fractions of `DISTANCE` that are tried, the largest first, for a law that changes over a shorter length than its bonds, such as
+that of spheres in contact with a small overlap. Below the last one round-off takes more than 1e-7 of the highest frequency."""
+STRAIGHT = 1e-7
+"""Change of the stiffness over one displacement, as a fraction of the stiffest bond, below which the law counts as straight: the
+second difference of phi''. An inverse power r^-30 passes with the first of the `SHARES`."""
 ROUND_OFF = 1e-8
 """Fraction of the largest force constant below which force constants along z are round-off.  Forces that do not cancel at rest
 are differences of large numbers over a displacement of 1e-5 bonds and leave up to 1e-11; for a lattice in space the fraction is
@@ -75,7 +79,8 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
         wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
         Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, or
-        less where the law is steep (`STEEPEST`); this gives bands to 1e-9 of the highest frequency (see `DISTANCE`).
+        less if the stiffness changes over so short a length (`SHARES`), as between spheres that barely touch; for other laws
+        this gives bands to 1e-9 of the highest frequency (see `DISTANCE`).
 
     Returns
     -------
@@ -175,17 +180,20 @@ def _ints(supercell):
 
 
 def default_distance(calc: Repulsion) -> float:
-    """Displacement in mm: `DISTANCE` of the shortest bond, or of the length over which a steeper law changes, f/(-df/dr)."""
+    """Displacement in mm: the largest of the `SHARES` of 1e-5 shortest bonds over which the law is straight.
+
+    The law itself decides, by the second difference of phi''. The static force does not: in a spring at its natural length it is
+    round-off.
+    """
     lengths = calc.bonds.lengths
-
-    def scale(law, shortest):
-        f, slope = -law.dphi(shortest), law.d2phi(shortest)
-        return min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest
-
+    distances = DISTANCE * lengths.min() * np.array(SHARES)
     law = calc.interaction.central(calc.dim)
     if law is None:
-        return DISTANCE * lengths.min()
-    return DISTANCE * min(scale(one, lengths[own].min()) for one, own in groups(law, len(lengths)))
+        return float(distances[0])
+    stiffness = law.d2phi(lengths)
+    bends = [abs(law.d2phi(lengths - d) - 2 * stiffness + law.d2phi(lengths + d)).max() for d in distances]
+    straight = np.array(bends) <= STRAIGHT * abs(stiffness).max()
+    return float(distances[straight.argmax() if straight.any() else np.argmin(bends)])  # none at the kink of a slack cable
 
 
 def _checked_distance(distance, shortest):

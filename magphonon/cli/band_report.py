@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 
 ZERO_FRACTION = 1e-5
 """Fraction of the highest frequency below which a number is shown as zero: it is the square root of a rounded eigenvalue."""
+DISAGREEMENT, DISAGREEMENT_OF_SQUARES = 1e-6, 1e-7
+"""Differences of frequencies and of their squares, as fractions of the highest, above which phonopy and D0 + D* disagree. Both
+must be exceeded: near zero frequency the square root magnifies the round-off of a square."""
 LEAST_WRITTEN_N_per_mm = 1e-6
 """Smallest force constant that phonopy's files keep with enough digits: they have 15 decimals, too few for electrons."""
 
@@ -225,17 +228,41 @@ def by_phonopy(case: Case) -> Iterator[str]:
     held = ' (these sums contain the bonds to the held particles)' if atoms.constraints else ''
     yield (f"\nfoundation: {_spring_in_plane(atoms):.6g} N/m in the scene; phonopy's force constants sum to "
            f'{sums[: 2 if along_z else atoms.calc.dim].mean():.6g} N/m{held}{along_z}')
-    squares = [np.sign(case.bands[name].omega) * case.bands[name].omega ** 2 for name in ('complete', 'phonopy')]
-    off = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
-    line = f'squared frequencies by phonopy and of the complete model differ by at most {off.max():.1e} of the highest one'
+    _, squares, fits = _differences(case)
+    line = f'squared frequencies by phonopy and of the complete model differ by at most {squares.max():.1e} of the highest one'
     if case.scene.law.shells == ALL:
-        waves = case.path.kpts * case.scene.supercell()
-        fits = abs(waves - waves.round()).max(axis=1) < 1e-9
-        line += (f', and by {off[fits].max(initial=0):.1e}\n  at wavevectors commensurate with the supercell; phonopy '
+        line += (f', and by {squares[fits].max(initial=0):.1e}\n  at wavevectors commensurate with the supercell; phonopy '
                  'interpolates between these, because no finite supercell holds all neighbours')
     yield line
     if abs(k).max() <= LEAST_WRITTEN_N_per_mm:
         yield f'phonopy_params.yaml is not written: its 15 decimals are too few for force constants of {abs(k).max():.0e} N/mm'
+
+
+def _differences(case):
+    """Differences between phonopy and the complete model: of frequencies and of their squares, as fractions of the highest, shape
+    (wavevectors, branches); and a mask of the wavevectors where phonopy is exact.
+    """
+    complete, found = (case.bands[name].omega for name in ('complete', 'phonopy'))
+    top = abs(complete).max()
+    off = abs(found - complete) / top, abs(found * abs(found) - complete * abs(complete)) / top**2
+    waves = case.path.kpts * case.scene.supercell()
+    fits = (case.scene.law.shells != ALL) | (abs(waves - waves.round()).max(axis=1) < 1e-9)
+    return *off, fits
+
+
+@REPORT.check
+def two_roads(case: Case) -> Finding | None:
+    """Whether phonopy and D0 + D* agree, at the wavevectors where phonopy does not interpolate."""
+    if case.phonon is None:
+        return None
+    off, squares, fits = _differences(case)
+    apart = (off > DISAGREEMENT) & (squares > DISAGREEMENT_OF_SQUARES)
+    if not apart[fits].any():
+        return Finding(off[fits].max(initial=0.0))
+    most = off[fits].max()
+    return Finding(most, f'phonopy and D0 + D* disagree: their frequencies differ by up to {most:.2g} of the highest '
+                   'one. Trust neither of them before you know why. The stiffness may jump at the length of a bond, as '
+                   'that of a cable about to go slack.', fault=True)
 
 
 @REPORT.check

@@ -40,13 +40,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from tqdm import tqdm
 
+    from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import MODELS
-    from .costs import read_affordable
     from .neighbours import omission
 
     engine = _engine(options)
-    scene = read_affordable(options)
+    scene = read_scene(options.scene)
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.perfect_cell()
     with answering(options, scene) as (folder, save, told):
         records, largest, patches = {}, {}, {model: scene.patch_atoms(model) for model in MODELS}

@@ -28,7 +28,7 @@ JUDGED = 20_000
 """Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
-         'dos': 'bands.density.lattice_density', 'burst': 'response.propagation.propagate', 'plan': 'planning.peak.plan_peak',
+         'burst': 'response.propagation.propagate',
          'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.stability_boundary'}
 """The tool that each command calls first: a command supports what this tool declares."""
 SEEN = 1e-3
@@ -213,17 +213,6 @@ def leaning(case: Case) -> str | None:
               if abs(b - a) > SEEN * abs(a)]
     return (f'Not modelled: pillars lean, and the magnets with them. This would shift the lowest branch {", ".join(shifts)}. '
             'Write lean = true in [foundation.pillar] to include it.') if shifts else None
-
-
-@REPORT.check
-def cost(case: Case) -> Finding | None:
-    """The memory that the commands need for this scene; a fault if it is not available."""
-    from .costs import COSTS
-
-    expected = [COSTS.find(name, case.scene) for name in COSTS if getattr(case.scene, name, None) is not None]
-    lines = [f'Too large: {one.words}.' if one.fault else f'  {one.words}' for one in expected if one.words]
-    words = '\n'.join(['Estimated cost of each table:', *lines])
-    return Finding(expected, words, any(one.fault for one in expected)) if lines else None
 
 
 def _large(patch, perfect):

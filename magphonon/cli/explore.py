@@ -66,19 +66,11 @@ def _write(options, file, page, words):
 
 
 def _pushed(scene):
-    """The structure and its force in SI; if [design] has targets, the force and the ports are those of the first target."""
-    atoms, frf, targets = scene.patch_atoms(), scene.frf, getattr(scene.design, 'targets', ())
-
-    def place(pick):
-        dof = pick.of(atoms)
-        return str(dof.particle), dof.direction[:2].tolist()
-
-    source, direction = place(frf.force)
-    loud = [place(target.loud) for target in targets if target.loud is not None]
-    ports = [{'name': chr(ord('A') + k), 'particle': port, 'direction': along} for k, (port, along) in enumerate(loud)]
-    tones = [target.frequency_Hz for target in targets]
-    drive = {'source': source, 'direction': direction, 'cycles': CYCLES, 'damping_per_s': frf.damping_per_s, 'ports': ports,
-             'carrier_Hz': tones[0] if tones else (frf.from_Hz + frf.to_Hz) / 2, 'tones': tones, 'highest_Hz': frf.to_Hz}
+    """The structure, the force on it in SI, and the title."""
+    atoms, frf = scene.patch_atoms(), scene.frf
+    force = frf.force.of(atoms)
+    drive = {'source': str(force.particle), 'direction': force.direction[:2].tolist(), 'cycles': CYCLES,
+             'damping_per_s': frf.damping_per_s, 'carrier_Hz': (frf.from_Hz + frf.to_Hz) / 2, 'highest_Hz': frf.to_Hz}
     return atoms, drive, scene.title
 
 

@@ -11,9 +11,8 @@ source sent the waves; the intervals allow for the shift that such a source give
 Responses: with `--frf SCENE` the files hold measured transfer functions, as tables or universal files. Force, exponent,
 foundation and damping of the patch or the structure of the scene are fitted to them, with D* and without.
 
-All together: if a scene is named first, `magphonon fit mine.toml forces.csv ridges.csv`, each of the other files is recognised by
-its contents. Forces, ridges and transfer functions are then fitted together, with one law, one foundation and one mass. The
-report says which record contradicts the others, and what to measure next.
+If a scene is named first, `magphonon fit mine.toml ridges.csv`, the other files are recognised by their contents.  Records of
+different kinds are fitted one after the other: what one fit finds is given to the next by --prior.
 
 docs/coverage.md says how often the 95 % intervals contain the true value.
 """
@@ -23,19 +22,24 @@ from __future__ import annotations
 import re
 from argparse import ArgumentParser, Namespace
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
+from ..readers import content
+from ..tables import MOST_BYTES
 from .arguments import add_pictures, drawing, force, length, ready_table, share
-from .read import KINDS, columns_of, held
 
-HELP = 'the force between two particles, or the lattice, from everything that was measured'
-RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*', 'joint_fit.*'
+HELP = 'the force between two particles, or the lattice, from measurements'
+RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*'
+KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
+         'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
+"""The kinds of records that a file may hold, and the function that reads each."""
 SAME = 1e-9  # relative difference of numbers that were only written in other units
 OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
              *(f'{one}_sigma' for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')))
@@ -44,8 +48,8 @@ OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('files', metavar='FILE', nargs='+',
                         help='one table of forces with the columns r_mm (distance of the centres), f_N and perhaps sigma_N and '
-                             'direction (approach, return); or a scene and every measurement of its lattice, each recognised by '
-                             'its contents; or with --bands the ridges that "magphonon spectrum" writes. The tables '
+                             'direction (approach, return); or a scene and measurements of its lattice, recognised by '
+                             'their contents; or with --bands the ridges that "magphonon spectrum" writes. The tables '
                              'prototype_force, prototype_ridges and synthetic_force come with the package')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
@@ -80,12 +84,17 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                           'fitted instead')
     parser.add_argument('--contact', metavar='R', type=length,
                         help='distance of the centres at contact; a table with a smaller one is refused (default: from --magnet)')
+    parser.add_argument('--dry-run', action='store_true', help='only say how each file is understood')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_pictures(parser, frequencies=False)
 
 
 def run(options: Namespace) -> None:
+    if options.dry_run:
+        for name in options.files:
+            print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
+        return
     _refuse_copies(options.files)
     if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
         _with_scene(options)
@@ -108,22 +117,57 @@ def _refuse_copies(names):
     known = []
     for name in names if len(names) > 1 else ():
         with suppress(ValueError, OSError):  # which the fit will report
-            columns = [np.ravel(column) for table in columns_of(*held(ready_table(name))) for column in table.values()]
-            known.append((name, np.sort(np.concatenate([column for column in columns if column.dtype.kind == 'f']))))
+            known.append((name, np.sort(np.concatenate([*_columns(*held(ready_table(name))).values()]))))
     for (first, one), (name, other) in combinations(known, 2):
         if one.shape == other.shape and np.allclose(one, other, SAME, 0.0, equal_nan=True):
             raise ValueError(f'{first} and {name} hold the same numbers, whose noise would count as independent; give only one '
                              'of them')
 
 
+def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
+    """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
+    faults = []
+    for kind, (module, reader) in KINDS.items():
+        try:
+            given = {'contact': contact} if kind == 'forces' else {}
+            return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
+        except ValueError as error:
+            faults.append(f'as {kind}: {error}')
+    content(file, MOST_BYTES)  # a file that cannot be read at all gives a single message
+    raise ValueError(f'{file} is no kind of record that can be read:\n  ' + '\n  '.join(faults))
+
+
+def _columns(kind, record):
+    """The numbers of a record in SI, by quantity and unit."""
+    if kind == 'forces':
+        return {'distance of the centres (m)': record.r / u.m, 'force (N)': record.f / u.N}
+    if kind == 'ridges':
+        return {'frequency (Hz)': record.frequencies_Hz, 'phase per step (rad)': record.xi}
+    if kind == 'a scan':
+        return {'time (s)': record.times / u.s} | {f'{part} (m)'.strip(): moved.ravel() / u.m
+                                                   for part, moved in record.motions.items()}
+    per, unit = ('', 1.0) if record[0].shaken else (' (m/N)', u.m / u.N)
+    return {'frequency (Hz)': np.concatenate([u.hertz(one.omega) for one in record]),
+            f'amplitude{per}': np.concatenate([abs(one.response) / unit for one in record])}
+
+
+def _understood(file, contact):
+    """Lines that say what a file holds and over which ranges, so that a wrong unit is seen."""
+    kind, record = held(file, contact)
+    yield f'{file} holds {kind}.'
+    for name, values in _columns(kind, record).items():
+        yield f'  {name}: {len(values)} values from {values.min():.6g} to {values.max():.6g}'
+    yield from (f'  {note}' for note in getattr(record, 'notes', ()))
+
+
 def _with_scene(options):
-    """Run the fit for a scene and files that are recognised by their contents: of one kind of record, or of all together."""
+    """Run the fit for a scene and files of one kind of record, which is recognised by their contents."""
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
 
     scene, *names = options.files
     if not names:
-        raise ValueError(f'{scene} is a scene; name after it what was measured: magphonon fit {scene} forces.csv ridges.csv')
+        raise ValueError(f'{scene} is a scene; name after it what was measured: magphonon fit {scene} ridges.csv')
     law = read_scene(source_of(scene)).law
     contact = not_negative('--contact', options.contact or 0.0, 'mm') or (law.magnet().contact if law.kind == 'magnets' else 0.0)
     records = {name: held(ready_table(name), contact) for name in names}
@@ -139,41 +183,10 @@ def _with_scene(options):
     elif [*kinds['transfer functions']] == names:
         options.frf, options.files = scene, names
     else:
-        _fit_together(options, scene, kinds)
-        return
+        found = ', '.join(f'{name} holds {kind}' for kind, some in kinds.items() for name in some)
+        raise ValueError(f'{found}: one fit takes one kind of record, and one table of forces. Fit them one after the other, and '
+                         'give what one fit finds to the next by --prior, such as --prior force_N=0.288+-0.01')
     _of_one_kind(options)
-
-
-def _fit_together(options, name, kinds):
-    """Fit all records of one lattice at once, and report the result."""
-    from ..scenes.frf_fits import GAIN, KEYS, UNITS
-    from ..scenes.joint_fits import fit_records
-    from ..scenes.scene import read_scene
-    from ..scenes.sources import source_of
-    from ..waves.ridge_tables import read_ridges
-    from .joint_report import joint_report
-
-    for option in ('fix', 'without', 'magnet', 'spacing'):
-        if getattr(options, option):
-            raise ValueError(f'--{option} is only for a fit of one kind of record; leave it out, or write the value into the '
-                             f'scene')
-    options.scene = source_of(name)
-    scene = read_scene(options.scene)
-    found = fit_records(scene, kinds['forces'], read_ridges(*map(ready_table, kinds['ridges'])) if kinds['ridges'] else None,
-                        _shared_errors(options),
-                        options.pair_sigma or 0.0,
-                        _priors(options, {key: one for key, one in KEYS.items() if one in UNITS}),
-                        [one for functions in kinds['transfer functions'].values() for one in functions],
-                        GAIN if options.gain_sigma is None else options.gain_sigma)
-    _told(options, scene, [ready_table(one) for names in kinds.values() for one in names], partial(joint_report, found),
-          'joint_fit')
-
-
-def _shared_errors(options):
-    from ..interactions.fits import SharedErrors
-
-    given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
-    return SharedErrors(**{name: value for name, value in given.items() if value is not None})
 
 
 def _told(options, scene, tables, report, name, figure=None):
@@ -191,12 +204,13 @@ def _told(options, scene, tables, report, name, figure=None):
 
 
 def _fit_forces(options):
-    from ..interactions.fits import fit_forces, scene_entry
+    from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
     from .fit_report import force_report
 
     _check_options_of_forces(options)
-    shared = replace(_shared_errors(options), pair=options.pair_sigma)
+    given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain', 'pair')}
+    shared = SharedErrors(**{name: value for name, value in given.items() if value is not None})
     shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
     forces = read_forces(options.file, not_negative('--contact', options.contact or contact, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
@@ -236,7 +250,7 @@ def _shape(name):
 
     law = read_scene(name).law
     if law.kind != 'magnets':
-        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as disc')
+        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as rings')
     return law.potential(), law.magnet().contact
 
 

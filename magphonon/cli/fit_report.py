@@ -10,7 +10,7 @@ import numpy as np
 from .. import units as u
 from ..bands.bands import analytic_bands
 from ..design.least_squares import DETERMINED, FITS, NORMAL
-from ..findings import Findings, next_lines
+from ..findings import Findings
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors, shells_within
 from ..interactions.force_tables import Forces
 from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS
@@ -161,11 +161,6 @@ def conflicts(case):
                    'assumed: its error is larger than stated, or the magnets have a different shape.')
 
 
-@FORCES.check
-def next_table(case):
-    return next_lines(case.fit.proposals)
-
-
 def band_report(found, points: int, fixed: list[str], verbose: bool = True) -> str:
     """The parameters in both models with their intervals, what is not determined, the evidence for D*, and shifts by omitted
     neighbours; or only the answer, its entries for a scene, and the warnings.
@@ -256,8 +251,8 @@ def few_points(found):
 def any_law(found):
     """Whether the intervals hold for any smooth law."""
     return ('The intervals hold for any smooth law; the inverse power in the scene was only a first guess. They become several '
-            'times narrower if the scene names the shape of the magnets (kind = "magnets" or "table"), or with a table of forces '
-            'beside the ridges.') if found.of_any_law else None
+            'times narrower if the scene names the shape of the magnets (kind = "magnets" or "table").'
+            ) if found.of_any_law else None
 
 
 @RIDGES.check
@@ -376,11 +371,6 @@ def correlations(found):
 
 
 @RIDGES.check
-def next_ridges(found):
-    return next_lines(found.proposals)
-
-
-@RIDGES.check
 def entries(found):
     """The entries of the complete model for a scene file, if all of its parameters are determined."""
     fit = found.fits['complete']
@@ -469,8 +459,3 @@ def which_model(found):
         'conventional': 'D0 alone follows the data and D0 + D* does not. The data speak for D0 alone'
                         + (', and the fit of the complete model ends without static forces.' if found.endless else '.'),
         None: 'this cannot decide between the models.'}[found.verdict]
-
-
-@RESPONSES.check
-def next_receiver(found):
-    return next_lines(found.proposals)

@@ -10,7 +10,6 @@ import numpy as np
 from .. import units as u
 from ..design.least_squares import DETERMINED, NORMAL
 from ..design.transfer_fits import TransferFit
-from ..findings import spoken
 from ..scenes.scene import Scene
 
 SIGMAS = 'as a guide, noise alone gives 2 sigma in one fit of 20, and 5 sigma in one of two million'
@@ -20,7 +19,8 @@ UNLIKE = 3.0  # the ratio of springs along x and y is reported if it misses the 
 
 def in_a_line(values: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
     """The determined parameters with their intervals, in one line; `values` hold relative standard uncertainties."""
-    return ', '.join(f'{spoken(name).removeprefix("the ")} {f"{value:.4g} {units[name]}".rstrip()} ({_ends(value, sigma)})'
+    spoken = {name: f'{"exponent " * (name == "a")}{name.replace("_", " along ")}' for name in values}
+    return ', '.join(f'{spoken[name]} {f"{value:.4g} {units[name]}".rstrip()} ({_ends(value, sigma)})'
                      for name, (value, sigma) in values.items() if sigma <= DETERMINED)
 
 

@@ -32,11 +32,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from .costs import read_affordable
+    from ..scenes.scene import read_scene
     from .modes import unused
     from .neighbours import omission
 
-    scene = read_affordable(options)
+    scene = read_scene(options.scene)
     tables = [] if options.measured is None else [options.measured]
     plan, measured, relaxation = scene.wanted('frf'), _measured(scene, options), scene.relaxation()
     with answering(options, scene, *tables) as (folder, save, told):

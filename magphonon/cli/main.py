@@ -27,13 +27,13 @@ from .. import __version__
 from ..errors import did_you_mean
 from .arguments import find_inputs
 
-SHARED = ('arguments', 'band_report', 'costs', 'fit_report', 'fitted', 'joint_report', 'main', 'neighbours', 'results',
+SHARED = ('arguments', 'band_report', 'fit_report', 'fitted', 'main', 'neighbours', 'results',
           'site_design')
 COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
 """The commands: each is a module beside this one, with its HELP, `add_arguments(parser)`, `run(options)` and, if it writes a
 folder of results, patterns of their names in RESULTS."""
-SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
-            'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
+SYNONYMS = {'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
+            'tolerances': 'uncertainty', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
 CYCLES = 50_000, 5, 5
 """Thresholds of Python's garbage collector: with its own 700 a burst spends a tenth of its time on collection, a workflow a

@@ -50,9 +50,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from .costs import read_affordable
+    from ..scenes.scene import read_scene
 
-    scene = read_affordable(options)
+    scene = read_scene(options.scene)
     lattice, patch, left = lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:

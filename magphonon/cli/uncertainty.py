@@ -34,11 +34,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
-    from .costs import refuse_costly
     from .neighbours import omission
 
     scene = read_scene(options.scene).counted()
-    refuse_costly(scene, 'uncertainty')
     tolerances = scene.wanted('uncertainty').tolerances(scene)
     bands = scene.bands is not None or scene.frf is None
     if bands and (scene.single or scene.finite):

@@ -95,7 +95,7 @@ class DispersionFit(ParameterFit):
 
 
 def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: Model | None = None,
-                   priors: Mapping[str, tuple[float, float]] | Before | None = None,
+                   priors: Mapping[str, tuple[float, float]] | None = None,
                    near: DispersionFit | None = None) -> DispersionFit:
     """Fit parameters of a lattice to measured points of its branches.
 
@@ -110,9 +110,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         Points that do not share noise (see `RidgePoints.independent`).
     model : {'complete', 'conventional'}, optional
         D0 + D*, or D0 alone; by default the model of the calculator.
-    priors : dict or Before, optional
-        Prior knowledge: factors of single parameters and their relative standard uncertainties, or a `Before` for all of them
-        together.
+    priors : dict of str to (float, float), optional
+        Prior knowledge: factors of parameters and their relative standard uncertainties.
     near : DispersionFit, optional
         An earlier fit of the same ridges to start from. Branches far from those of this fit are then not tried, which saves most
         of the time.
@@ -140,8 +139,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     >>> round(float(fit.factors[0]), 6), fit.branches
     (1.2, (0,))
     """
-    priors = Before.of(names, priors)
-    if len(points) + len(priors.root) <= len(names):
+    known = Before.of(names, priors)
+    if len(points) + len(known.root) <= len(names):
         raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '
                          'longer or with more carriers, or fix a parameter')
     @lru_cache(maxsize=1)  # residuals and derivatives are wanted at the same place, one after the other
@@ -152,7 +151,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     model = model or start.calc.model
 
     def with_branches(branches, start, passes=range(PASSES)):
-        return _settled(cell, names, points, model, priors, lambda *_: branches, start, passes)
+        return _settled(cell, names, points, model, known, lambda *_: branches, start, passes)
 
     def nearest(atoms, points):
         return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
@@ -162,8 +161,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         fit = with_branches(near.branches, x)
         if nearest(cell(*np.log(fit.factors))[0], points) == fit.branches:
             return fit
-        return min(fit, _settled(cell, names, points, model, priors, nearest, x), key=lambda fit: fit.chi2)
-    fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
+        return min(fit, _settled(cell, names, points, model, known, nearest, x), key=lambda fit: fit.chi2)
+    fit = _settled(cell, names, points, model, known, nearest, np.zeros(len(names)))
     count = bloch_modes(start, points.q[:1], model)[0].shape[1]
     told = _told(points, count)
     if fit.chance < FITS and not all(told):  # a ridge may be assigned to the wrong branch

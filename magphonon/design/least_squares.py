@@ -6,7 +6,7 @@ eigenvector of J^T J whose eigenvalue is nearly zero is a change of parameters t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc  # scipy.stats has it too, and takes most of a second to import
 
-from ..findings import Proposal, proposals, spoken
 from ..stiffness.bond import Model
 
 NORMAL = 1.96
@@ -27,8 +26,6 @@ this limit is not determined. For example, data without static forces drive the 
 exponent."""
 FITS = 0.01
 """Probability of chi2 below which the data are taken to scatter about a model by more than their uncertainties."""
-KNOWN = 0.01
-"""Relative standard uncertainty that a separate measurement of a single parameter is assumed to reach."""
 BLIND = 1e-10
 """Fraction of the largest eigenvalue of J^T J below which an eigenvalue is zero within round-off."""
 FAINT = 1e-5
@@ -42,10 +39,8 @@ class Before(NamedTuple):
     root: NDArray[np.float64]
 
     @classmethod
-    def of(cls, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]] | Before | None) -> Before:
+    def of(cls, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]] | None) -> Before:
         """The prior knowledge from factors of parameters and their relative standard uncertainties."""
-        if isinstance(priors, Before):
-            return priors
         known = [names.index(name) for name in priors or {}]
         wanted, surely = np.reshape([*(priors or {}).values()], (-1, 2)).T
         before = cls(np.zeros(len(names)), np.eye(len(names))[known] / surely[:, None])
@@ -118,11 +113,9 @@ class ParameterFit:
         sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
         return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
 
-    def sigma_along(self, direction: NDArray[np.float64], added: NDArray[np.float64] | float = 0.0) -> float:
-        """Relative standard uncertainty of the product of the parameters to the powers `direction`, with the information `added`
-        to that of the data.
-        """
-        values, vectors = np.linalg.eigh(self.information + added)
+    def sigma_along(self, direction: NDArray[np.float64]) -> float:
+        """Relative standard uncertainty of the product of the parameters to the powers `direction`."""
+        values, vectors = np.linalg.eigh(self.information)
         parts = vectors.T @ direction
         blind = values <= BLIND * max(values.max(initial=0.0), 1e-300)
         if (abs(parts[blind]) > FAINT * np.linalg.norm(direction)).any():
@@ -137,24 +130,3 @@ class ParameterFit:
                              f'({", ".join(self.names)}), so these have no covariance; measure another branch, or fix '
                              'a parameter')
         return self.scatter**2 * np.linalg.inv(self.information)
-
-
-def best(sigma_along: Callable[..., float], scatter: float, along: Mapping[str, NDArray[np.float64]],
-         plans: Mapping[str, NDArray[np.float64]]) -> list[Proposal]:
-    """The best proposals: a plan that adds information, or one parameter measured by other means.
-
-    Parameters
-    ----------
-    sigma_along : callable
-        Relative standard uncertainty of the fit along a direction, given added information.
-    scatter : float
-        Factor by which the fit enlarges its uncertainties.
-    along : dict
-        Quantities to know better, each as the powers of the parameters whose product it is.
-    plans : dict
-        The information that each plan would add, by its description in words.
-    """
-    known = {f'measure {spoken(name)} to {100 * KNOWN:g} % by other means': ((scatter / KNOWN) ** 2 * np.outer(v, v), name)
-             for name, v in along.items()}
-    return proposals(lambda plan: {name: NORMAL * sigma_along(v, plan[0]) for name, v in along.items() if name != plan[1]},
-                     (0.0, ''), {words: (added, '') for words, added in plans.items()} | known)

@@ -33,7 +33,6 @@ from .least_squares import BLIND, FITS, MOST_FACTOR, Before
 from .sensitivities import force_change
 from .transfer_fits import (
     MOST_SCATTER,
-    Batch,
     ParametricLattice,
     Solved,
     TransferFit,
@@ -326,32 +325,9 @@ class _Problem:
         return place, self.linear(place, scatter, noise)
 
 
-def normal_matrices(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
-                    functions: Sequence[TransferFunction]) -> list[NDArray[np.float64]]:
-    """Normal matrix J^T J of each function, measured or proposed, at a fit; shape (parameters + unknowns,) * 2.
-
-    The parameters are the means over the sites of this patch; the unknowns belong to single sites.
-    """
-    built = build(fit.by_name)
-    sites = fit.where or Sites.of(built.system)
-    z = fit.sites if fit.where else np.zeros(sites.ends[2])
-    one = _Problem(build, fit.names, functions, Before.of(fit.names, None), sites, fit.noise)
-    at = one.linear(one.place(fit.of_batch.x, z, fit.site_scatter), fit.site_scatter, fit.noise)
-    M = sites.means(built, fit.names, fit.site_scatter)
-    rows = np.hstack([at.J, at.A - at.J @ M]).reshape(2, -1, len(fit.names) + len(z))
-    own = np.split(rows, np.cumsum([len(one.omega) for one in functions])[:-1], axis=1)
-    return [np.einsum('cpi,cpj->ij', part, part, optimize=True) for part in own]
-
-
-def eliminated(whole: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Information about the first n unknowns; each of the others has a standard normal prior and is eliminated."""
-    sites = whole[n:, n:] + np.eye(len(whole) - n)
-    return whole[:n, :n] - whole[:n, n:] @ np.linalg.solve(sites, whole[n:, :n])
-
-
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                        functions: Sequence[TransferFunction],
-                       priors: Mapping[str, tuple[float, float]] | Before | None = None) -> TransferFit:
+                       priors: Mapping[str, tuple[float, float]] | None = None) -> TransferFit:
     """Repeat the fit with unknowns for each site, if the residuals exceed the noise or the noise is not stated.
 
     Parameters
@@ -392,24 +368,23 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         place, at = one.descended(place, scatter, noise, MOST, FINE)
     x, z = place.x, place.z
     C = Eliminated(at.A)
-    batch = at.J.T @ C(at.J) + one.before.information
-    unlike = _unlike(at, C, one.sites.split / scatter[1], z, batch)
+    unlike = _unlike(at, C, one.sites.split / scatter[1], z, at.J.T @ C(at.J) + one.before.information)
     if scatter[0] > MOST_SCATTER:
         return replace(fit, information=0 * fit.information, site_scatter=scatter, unlike=unlike)
     if at.r @ at.r * noise**2 > half:
         return fit.refused
     M, before = one.sites.means(built, fit.names, scatter), one.before
     own = at.J.T @ Eliminated(at.A - at.J @ M)(at.J) + before.information
-    return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z, where=one.sites,
-                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), batch=Batch(x, batch), unlike=unlike)
+    return replace(fit, factors=np.exp(x + M @ z), information=own, noise=noise, site_scatter=scatter, sites=z,
+                   residuals=np.concatenate([at.r, z, before.root @ (before.centre - x)]), unlike=unlike)
 
 
-def _unlike(at, C, split, z, batch):
+def _unlike(at, C, split, z, known):
     """`TransferFit.unlike` of sites z, by one step of a fit with one more parameter: ln(kx/ky), along `split`."""
     a = at.A @ split
     Ca = C(a)
     with_others = at.J.T @ Ca
-    information = a @ Ca - with_others @ np.linalg.lstsq(batch, with_others, BLIND)[0]
+    information = a @ Ca - with_others @ np.linalg.lstsq(known, with_others, BLIND)[0]
     if information <= BLIND * (a @ Ca):  # there is one spring, or both are fitted
         return 0.0, np.inf
     return float(split @ z / information), float(information**-0.5)

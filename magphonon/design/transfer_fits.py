@@ -55,13 +55,6 @@ class ParametricLattice(NamedTuple):
     changes: Mapping[str, StiffnessDerivative]
 
 
-class Batch(NamedTuple):
-    """Logarithms of the factors of the parameters, and their information matrix."""
-
-    x: NDArray[np.float64]
-    information: NDArray[np.float64]
-
-
 @dataclass(frozen=True)
 class TransferFit(ParameterFit):
     """Parameters of a lattice in one model, fitted to transfer functions; its residuals are real parts, then imaginary ones.
@@ -82,10 +75,6 @@ class TransferFit(ParameterFit):
         lattice without scatter fits the data to within the noise.
     sites : ndarray, shape (unknowns,)
         The unknowns of the sites, in standard deviations of the scatter.
-    where : site_unknowns.Sites, optional
-        Describes which unknowns the entries of `sites` are.
-    batch : Batch, optional
-        The parameters of the lattice of which this patch is a sample; equal to those of the patch if its sites do not scatter.
     unlike : (float, float)
         By how much ln(kx/ky) of the springs at the sites exceeds the fitted one, and its standard deviation: infinite
         without unknowns of sites with springs along both x and y.
@@ -96,8 +85,6 @@ class TransferFit(ParameterFit):
     square: float
     site_scatter: np.ndarray = field(default_factory=lambda: np.zeros(3))
     sites: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    where: Any = None
-    batch: Batch | None = None
     unlike: tuple[float, float] = (0.0, np.inf)
 
     @property
@@ -109,11 +96,6 @@ class TransferFit(ParameterFit):
     def refused(self) -> TransferFit:
         """A copy of this fit, marked as unable to fit the data whatever the scatter of the sites."""
         return replace(self, site_scatter=np.full(3, np.inf))
-
-    @property
-    def of_batch(self) -> Batch:
-        """The parameters of the lattice of which this patch is a sample."""
-        return self.batch or Batch(np.log(self.factors), self.information)
 
     @property
     def freedom(self) -> int:
@@ -237,7 +219,7 @@ def _fields(system, forces, omega, damping):
 
 def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: tuple[str, ...],
                  functions: Sequence[TransferFunction],
-                 model: Model = 'complete', priors: Mapping[str, tuple[float, float]] | Before | None = None,
+                 model: Model = 'complete', priors: Mapping[str, tuple[float, float]] | None = None,
                  start: ArrayLike | None = None) -> TransferFit:
     """Fit parameters of a lattice to measured transfer functions.
 
@@ -250,8 +232,8 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     functions : sequence of TransferFunction
     model : {'complete', 'conventional'}
         The model of the lattices that `build` returns.
-    priors : dict of str to (float, float) or Before, optional
-        Prior knowledge: factors of single parameters and their relative standard uncertainties, or a `Before` for all together.
+    priors : dict of str to (float, float), optional
+        Prior knowledge: factors of parameters and their relative standard uncertainties.
     start : array_like, shape (parameters,), optional
         Factors at which the fit starts.
 

@@ -6,7 +6,7 @@ A step that is longer than 2/omega_max, the limit of velocity Verlet, is refused
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,17 +20,14 @@ from ..lattices.bonds import stretches
 from ..stiffness.bond import upper_part
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness
-from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
+from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane
 from ..traits import LINEAR, all_but, refuse, takes
 from .bond_increments import RANGES, TOLERANCE, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, constant_push, forces_and_walls
-from .kernels_numpy import Kernel, Motion, largest
 from .memory_layout import aligned_zeros, arrange, same
-from .site_forces import site_forces
 from .splittings import SPLITTINGS, Splitting
-from .thermostat import Bath
 
 LAW_SHARE = 0.1
 """Largest error of the slopes of the law, as a fraction of the relative error of stiffness that a run may make."""
@@ -48,14 +45,13 @@ MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bo
 INERT = 1e-30
 """Mobility of a wall in 1/g: no force between particles moves a wall, and the force that leads it does not overflow."""
 ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
-FAST = 2.0  # speed that a particle in a bath may always have, in units of the thermal speed
-PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
+PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; what is beyond it is left to ASE's loop
 
 
 def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> float:
     """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; otherwise return a bound of omega_max in rad/ms.
 
-    Modulated springs count as their stiffest value.  Calculators other than PairCalculator are not checked; the bound is then 0.
+    Calculators other than PairCalculator are not checked; the bound is then 0.
     """
     if not isinstance(atoms.calc, PairCalculator):
         return 0.0
@@ -76,7 +72,7 @@ def refuse_long_decay(damping: NDArray[np.float64], dt: float, splitting: Splitt
                          'magphonon.propagate; allow_unstable=True runs anyway')
 
 
-@takes('modulation', *LINEAR)
+@takes(*LINEAR)
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency about rest that the constraints allow, in rad/ms; zero if nothing vibrates.
 
@@ -99,7 +95,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """
     from ..stiffness.lowest import DENSE
 
-    system = LinearSystem.nearest(_stiffest(atoms))
+    system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
         bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.turning)
         if system.directions > DENSE or system.growth():
@@ -141,7 +137,7 @@ def _held_by_gyration(system):
     return system.turning and not system.stable
 
 
-@takes('modulation', *LINEAR)
+@takes(*LINEAR)
 def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency in rad/ms, as sharp as a decision on the time step `dt` (ms) requires.
 
@@ -157,7 +153,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
     True
     """
-    system = LinearSystem.nearest(_stiffest(atoms))
+    system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
         return highest_frequency(system)
     bounds = (lambda: _particle_bound(system),
@@ -167,14 +163,6 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
         if (omega := bound()) * dt <= 2:
             return omega
     return highest_frequency(system)
-
-
-def _stiffest(atoms: Any) -> Any:
-    """The atoms on a constant foundation, as stiff as theirs becomes at any time."""
-    if isinstance(atoms, LinearSystem):
-        return atoms
-    law = atoms.calc.tie
-    return on_foundation(atoms, law.stiffest) if law.changes else atoms
 
 
 def _particle_bound(system):
@@ -225,7 +213,7 @@ def refuse_order(atoms: Atoms, splitting: Splitting) -> None:
 
 
 def refusal(atoms: Atoms) -> str | None:
-    """Why blocks of steps cannot integrate `atoms`, or None if they can.
+    """Why compiled steps cannot integrate `atoms`, or None if they can.
 
     Examples
     --------
@@ -233,7 +221,7 @@ def refusal(atoms: Atoms) -> str | None:
     >>> from magphonon.dynamics import refusal
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-    >>> refusal(patch) is None  # the block engines can run it
+    >>> refusal(patch) is None  # compiled steps can run it
     True
     """
     if type(atoms.calc) is not PairCalculator:
@@ -242,6 +230,8 @@ def refusal(atoms: Atoms) -> str | None:
         return 'the structure is not planar'
     if atoms.calc.interaction.central(2) is None:
         return 'the forces are not along the bonds'
+    if atoms.calc.tie.known:
+        return f'the foundation is {atoms.calc.tie!r}, not springs'
     if out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:
@@ -251,13 +241,43 @@ def refusal(atoms: Atoms) -> str | None:
     return None
 
 
-def not_compiled(calc: Any) -> str | None:
-    """Why compiled steps cannot integrate a structure that blocks in NumPy can, or None if they can."""
-    if not calc.tie.known:  # constant springs
-        return None
-    if calc.tie.modulation(calc.anchors) is None:
-        return f'the foundation is {calc.tie!r}, and compiled steps support springs only'
-    return 'modulated springs are not slack at rest' if calc.slack.any() else None
+@dataclass(frozen=True)
+class Motion:
+    """Everything that moves the particles besides the bonds.
+
+    Attributes
+    ----------
+    dt : float
+        Time step in ms.
+    splitting : Splitting
+    rate : float
+        gamma of the drifts in 1/ms.
+    decay : ndarray, shape (slots,)
+        d = exp(-(gamma + i g) dt/2), real where nothing gyrates; 1 where drifts are damped.
+    mobility : ndarray, shape (slots,)
+        1/m in 1/g; zero for held particles and empty slots.
+    foundation : float or ndarray, shape (2, slots)
+        k in N/mm: one number for all particles, or one for each displacement.
+    static : ndarray, shape (2, slots), or None
+        Forces in N that do not change; None if they are zero, or included in the external forces on the driven slots.
+    driven : ndarray of int
+        Slots with external forces.
+    guided : ndarray of int
+        Slots that a line or plane guides.
+    barred : ndarray, shape (guided, 2, 2)
+        Projector on the direction that is barred to each guided slot.
+    """
+
+    dt: float
+    splitting: Splitting
+    rate: float
+    decay: np.ndarray
+    mobility: np.ndarray
+    foundation: float | np.ndarray
+    static: np.ndarray | None
+    driven: np.ndarray
+    guided: np.ndarray
+    barred: np.ndarray
 
 
 class Blocks:
@@ -275,15 +295,13 @@ class Blocks:
     splitting : Splitting
     threads : int
         Number of threads of compiled blocks; the bits of the results do not depend on it.
-    bath : Bath, optional
-        Noise of the damping.
     """
 
     def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64],
-                 splitting: Splitting = SPLITTINGS[2], threads: int = 1, bath: Bath | None = None) -> None:
+                 splitting: Splitting = SPLITTINGS[2], threads: int = 1) -> None:
         calc: PairCalculator = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
         masses = atoms.get_masses()
-        self.atoms, self.calc, self.dt, self.threads, self.bath = atoms, calc, dt, threads, bath
+        self.atoms, self.calc, self.dt, self.threads = atoms, calc, dt, threads
         self._varying, self._walls = forces_and_walls([d for d in drives if not isinstance(d, Constant)], len(atoms))
         led = self._walls.particles
         mobile, guided, barred = freedom(atoms)
@@ -292,7 +310,7 @@ class Blocks:
         everywhere = len(loaded) > MANY_LOADED * len(atoms)
         driven = loaded[: len(loaded) * (not everywhere)]
         driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
-        driven = self._driven = np.union1d(np.flatnonzero(mobile) if bath else driven, led)
+        driven = self._driven = np.union1d(driven, led)
         self._led = np.searchsorted(driven, led)
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
         self._static = static[driven] * (not everywhere)
@@ -307,19 +325,16 @@ class Blocks:
         decay = layout.scatter(np.real(E))
         if np.iscomplexobj(E):
             decay = decay + 1j * layout.scatter(np.imag(E))
-        k, site = site_forces(calc, layout)
-        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k, site,
+        k = calc.tie.k
+        k = layout.scatter(k) if isinstance(k, np.ndarray) else k
+        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._follows = (mobile | np.isin(np.arange(len(atoms)), led))[:, None]
-        self._kernel_class, self._level, self._kernel, self._rough = Kernel, 0, None, 0.0
+        self._level, self._kernel, self._rough = 0, None, 0.0
         self._dtype: Any = np.float64
         self.cages = Cages(atoms)
         self._read()
-
-    @property
-    def engine(self) -> str:
-        return self._kernel.engine
 
     @property
     def displacements(self) -> NDArray[np.float64]:
@@ -336,40 +351,37 @@ class Blocks:
         largest, speed = self._extent
         return self.cages.steps_between_looks(speed, largest, self.dt, most)
 
-    def use(self, engine: str, rough: float = 0.0) -> None:
-        """Choose the kernel, 'numpy' or 'compiled'; its stiffness has a relative error of at most `rough`.
+    def use(self, rough: float = 0.0) -> None:
+        """Make the kernel, whose stiffness has a relative error of at most `rough`.
 
-        The law gets only as many coefficients as this error requires, and compiled steps may be in single precision.
+        The law gets only as many coefficients as this error requires, and steps may be in single precision.
         """
-        if engine == 'compiled':
-            from .kernels_numba import CompiledKernel as kernel_class
-        else:
-            kernel_class = Kernel
-        if (kernel_class, rough) != (self._kernel_class, self._rough) or self._kernel is None:
-            self._kernel_class, self._rough = kernel_class, rough
+        if rough != self._rough or self._kernel is None:
+            self._rough = rough
             self._fit(self._level)
 
     def _fit(self, level):
-        """Make the kernel for increments up to RANGES[level]; higher levels use the law in pieces, or the law itself."""
+        """Make the kernel for increments up to RANGES[level], or of the law in pieces; return whether it could be made."""
+        from .kernels_numba import CompiledKernel
+
         tolerance = max(TOLERANCE, LAW_SHARE * self._rough)
         fit = self._increments.polynomial(RANGES[level], tolerance) if level < PIECES else None
         self._level, reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
         fitted = fit and fit[0]
         if self._level == PIECES:
             fitted = self._in_pieces()
-            self._level = PIECES if fitted else PIECES + 1
-        kernel_class = Kernel if fitted is None else self._kernel_class
-        single = kernel_class is not Kernel and self._level < PIECES and self._rough >= SINGLE
-        self._dtype = np.float32 if single else np.float64
-        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, reach, self.threads, self._dtype)
+        if fitted is None:
+            self._kernel = None
+            return False
+        self._dtype = np.float32 if self._level < PIECES and self._rough >= SINGLE else np.float64
+        self._kernel = CompiledKernel(self.layout, self._increments, self._motion, fitted, reach, self.threads, self._dtype)
         if self._state.dtype != self._dtype:
             self._state, self._spare = (same(x, self._dtype) for x in (self._state, self._spare))
             self.write()  # otherwise the atoms would seem to have been changed
+        return True
 
     def _in_pieces(self) -> list[Pieces] | None:
-        """The pieces of the law for every kind of bond; None for NumPy, or if a law needs too many."""
-        if self._kernel_class is Kernel:
-            return None
+        """The pieces of the law for every kind of bond; None if a law needs too many."""
         law, own = self._increments, self.layout.own_laws
         alone, shape, strength = law.shapes
         if own and len(alone.r0) > MOST_LAWS:  # the first law is enough if all others are multiples of it
@@ -382,33 +394,35 @@ class Blocks:
         return [replace(found[k], coefficients=s * found[k].coefficients)  # pyright: ignore[reportArgumentType]  none of them is None
                 for k, s in zip(shape, strength, strict=True)]
 
-    @property
-    def _exact(self):
-        return self._level > PIECES
+    def advance(self, first: int, steps: int) -> bool:
+        """Move on by a block of `steps`, from the step number `first`; if this raises Diverged, nothing has moved.
 
-    def advance(self, first: int, steps: int) -> None:
-        """Move on by a block of `steps`, from the step number `first`; if this raises Diverged, nothing has moved."""
+        Returns False, and nothing has moved either, if a bond goes beyond all of the law that could be fitted.
+        """
+        if self._kernel is None:
+            return False
         kicks = (np.arange(first, first + steps)[:, None] + self._splitting.times).ravel()
         times = self.dt * np.append(first, kicks)
         forces = self._external(times)
-        noise = self._heat(forces, first, self.bath) if self.bath else None
         if self._walls:
             self._lead(times, forces)
         while True:
-            beyond, *extent = self._try(forces, times, noise)
-            if not beyond or self._exact:
+            beyond, *extent = self._try(forces)
+            if not beyond:
                 break
-            with np.errstate(over='ignore', invalid='ignore'):
-                self._fit(self._level + 1)
             self._stale = True
+            with np.errstate(over='ignore', invalid='ignore'):
+                if self._level == PIECES or not self._fit(self._level + 1):
+                    return False
         extent = [ANY_DIRECTION * float(x) for x in extent]
         if not self.cages.still(extent[0]):
             u = self.layout.gather(self._spare[0])
-            if self._exact or not self.cages.clear(u):
+            if not self.cages.clear(u):
                 u = np.where(self._follows, u.T, self.displacements)  # forces on held particles have no meaning
-                self.cages.look(u, times[-1], bonded=self._exact)
+                self.cages.look(u, times[-1], bonded=False)
         self._state, self._spare, self._extent = self._spare, self._state, extent
         self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as for all held particles
+        return True
 
     def place_walls(self, time: float) -> None:
         """Move the walls to their positions at `time` in ms."""
@@ -434,34 +448,12 @@ class Blocks:
         forces[1:-1, self._led] = (v[1:] - carry * v[:-1]) / push
         self._state[0][:, slots], self._state[1][:, slots], self._state[2][:, slots] = u[0].T, v[0].T, 0.0
 
-    def _try(self, forces, times, noise):
-        """Fill the spare state with the state at the end of the block; returns the result of `Kernel.advance`."""
-        beyond = self._stale and self._kernel.accelerate(self._state, forces[0], times[0])
+    def _try(self, forces):
+        """Fill the spare state with the state at the end of the block; returns the result of `CompiledKernel.advance`."""
+        beyond = self._stale and self._kernel.accelerate(self._state, forces[0])
         self._stale = False
-        before, after = noise or (0.0, 0.0)
-        begin = (self._state + before).astype(self._dtype) if noise else self._state
-        found, far, fast = self._kernel.advance(begin, forces[1:], times[1:], out=self._spare)
-        if self.bath:
-            self._spare += after
-            fast = max(largest(self._spare[1]), FAST * self.bath.thermal)
+        found, far, fast = self._kernel.advance(self._state, forces[1:], out=self._spare)
         return beyond or found, far, fast
-
-    def _heat(self, forces: NDArray[np.float64], first: int, bath: Bath) -> list[NDArray[np.float64]]:
-        """Add the noise between the steps of a block to its forces; return the noise before and after it, as parts of states.
-
-        A kick changes the velocity by (1 + E^2) dt/2m times the force. Noise at the end of a step decays by E in the next.
-        """
-        E, last = bath.decay, first + len(forces) - 2
-        push = (1 + E**2) * self.dt / (2 * self._masses)
-        for row, step in enumerate(range(first, last), start=1):
-            between = E * _complex(bath.kicks(step)[1]) + _complex(bath.kicks(step + 1)[0])
-            forces[row] += _vectors(between / push)[self._driven]
-        noise = []
-        for v in (_vectors(_complex(bath.kicks(first)[0]) / E), bath.kicks(last)[1]):
-            v = np.where(self._mobile, v, 0.0)
-            v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
-            noise.append(self.layout.scatter(np.stack([0 * v, v, 0 * v], axis=1)))
-        return noise
 
     def _external(self, times):
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
@@ -472,14 +464,11 @@ class Blocks:
         total[:, self._to] += varying[:, self._from]
         return total
 
-    def _arrays(self) -> tuple[Any, ...]:
-        atoms = self.atoms.arrays
-        return *self._state[:2], self._anchors, self._masses, atoms['positions'], atoms['momenta']
-
     @property
     def current(self) -> bool:
         """Whether the atoms are still as `write` left them; observers may have changed them."""
-        return self._kernel.written(*self._arrays())
+        arrays = self.atoms.arrays
+        return all(np.array_equal(arrays[name][:, :2], values) for name, values in self._written())
 
     def follow(self) -> None:
         """Read the state from the atoms if they have been changed since `write`."""
@@ -488,7 +477,12 @@ class Blocks:
 
     def write(self) -> None:
         """Write the state into the atoms, rounded as absolute positions are."""
-        self._kernel.write(*self._arrays())
+        for name, values in self._written():
+            self.atoms.arrays[name][:, :2] = values
+
+    def _written(self):
+        u, v = (self.layout.gather(x) for x in self._state[:2])
+        return ('positions', (self._anchors + u).T), ('momenta', (self._masses * v).T)
 
     def _read(self):
         u = self.calc.displacements(self.atoms)
@@ -501,7 +495,7 @@ class Blocks:
         self._state, self._spare = (aligned_zeros((3, 2, self.layout.length), self._dtype) for _ in range(2))
         self._state[0][:, self.layout.slot], self._state[1][:, self.layout.slot] = u.T, v.T
         self._anchors, self._stale = anchors, True
-        self._extent = [ANY_DIRECTION * largest(x) for x in self._state[:2]]  # upper bounds of the largest displacement and speed
+        self._extent = [ANY_DIRECTION * abs(x).max() for x in self._state[:2]]  # bounds of the largest displacement and speed
         level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
         if level > self._level:
             self._level = level
@@ -529,11 +523,3 @@ class Blocks:
             return
         self._take(old.displacements, old.velocities * (old._masses / self._masses)[:, None], old._anchors)
         self.write()
-
-
-def _complex(v):
-    return v[:, 0] + 1j * v[:, 1]
-
-
-def _vectors(z):
-    return np.stack([z.real, z.imag], axis=1)

@@ -1,4 +1,16 @@
-"""The steps of `magphonon.dynamics.kernels_numpy`, compiled by numba.
+"""Blocks of driven, damped velocity Verlet steps on displacements from rest, compiled by numba.
+
+One step of DrivenVerlet is: half decay, half kick, velocity Verlet, half kick, half decay.  The halves on either side of the
+border between two steps merge.  The decay d = exp(-(gamma + i g) dt/2) multiplies v_x + i v_y, and is real if nothing gyrates.
+Inside a block a step is
+
+    v <- d^2 v + (1 + d^2) dt/2 F/m          u <- u + dt v
+
+with v half a step behind u; a block starts with `v <- d v + dt/2 a` and ends with `v <- d (v + dt/2 a)`.  A step of higher
+order (`splittings`) consists of several such stages, each with its own kick and drift. There d = 1, and `rate` damps the drifts.
+
+A state holds displacements u, velocities v and accelerations a of the slots of a `Layout`, shape (3, 2, slots).  The mobility
+1/m is zero for held particles, so that forces on them have no effect.
 
 Slots are processed in runs that fit into the first cache.  Each bond is evaluated once per step, in the run of its lower slot.
 Then each slot of the run sums the forces of its bonds and moves, in place: all later bonds lead to higher slots, so none needs
@@ -27,7 +39,6 @@ from numba.core.options import DefaultOptions
 from numba.extending import intrinsic, overload
 
 from .bond_increments import SHIFT
-from .kernels_numpy import Kernel
 from .memory_layout import LINE, aligned_zeros, same
 
 if TYPE_CHECKING:
@@ -35,7 +46,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .kernels_numpy import Found
+    from .bond_increments import Increments, Pieces
+    from .engine import Motion
+    from .memory_layout import Layout
+
+    Found = tuple[bool, float, float]
 
 RUN = 2048
 """Number of slots processed at a time in double precision; twice as many in single."""
@@ -107,6 +122,12 @@ def kept(function):
         return njit(**OPTIONS)(function)
     compiled._cache = Spare(compiled._cache)
     return compiled
+
+
+@kept
+def smallest(x):
+    """The smallest kernel, by which it is tried whether kernels can be compiled."""
+    return x
 
 
 @intrinsic
@@ -363,13 +384,9 @@ def _total(b, x, places, pad, i):
 
 
 class Outer(NamedTuple):
-    """Forces other than bonds: springs and static forces (see `at`), and for each run the forces on driven and guided slots.
-
-    `waves`, shape (2, 2, slots), are the amplitudes of a modulation of the springs, for cos and sin of its phase, or None.
-    """
+    """Forces other than bonds: springs and static forces (see `at`), and for each run the forces on driven and guided slots."""
 
     springs: np.ndarray
-    waves: np.ndarray | None
     static: np.ndarray
     driven: np.ndarray
     row: np.ndarray
@@ -388,32 +405,6 @@ def _times(slots, turns, row, i, x, y):
     if isinstance(turns, types.NoneType):
         return lambda slots, turns, row, i, x, y: (slots[row, i] * x, slots[row, i] * y)
     return lambda slots, turns, row, i, x, y: (slots[row, i] * x - turns[row, i] * y, slots[row, i] * y + turns[row, i] * x)
-
-
-@part
-def modulate(now, k, waves, c, s, first, last):
-    """Write the stiffness of modulated springs into `now`, for the slots from `first` to `last`."""
-    vectorise()
-    for x in range(2):
-        row = np.uint64(x) * np.uint64(waves.shape[2])
-        for i in range(first, last):
-            now[0, row + i] = at(k, 0, row + i) + c * waves[0, x, i] + s * waves[1, x, i]
-
-
-def springs_of(outer, k, now, beat, s, e):
-    """The springs k of the slots s to e; if they change in time, their present values are written to memory of the thread."""
-
-
-@overload(springs_of)
-def _springs_of(outer, k, now, beat, s, e):
-    if isinstance(outer.types[1], types.NoneType):
-        return lambda outer, k, now, beat, s, e: k
-
-    def modulated(outer, k, now, beat, s, e):
-        modulate(now, k, outer.waves, beat[0], beat[1], s, e)
-        return now
-
-    return modulated
 
 
 def move(state, b, places, pad, slots, turns, k, static, v, row, s, e, keep, kick, drift):
@@ -545,8 +536,8 @@ def wait(done, place, runs):
 
 
 @kept
-def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider, widest, near, far, places, pad, slots, turns,
-            outer, forces, beats, half, before, drifts, keeps, kicks, kicked, together, done, me, threads):
+def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, widest, near, far, places, pad, slots, turns,
+            outer, forces, half, before, drifts, keeps, kicks, kicked, together, done, me, threads):
     """Do the kicks of a block of steps, of which the last computes accelerations.
 
     A sweep does several kicks, as many as `together`; this thread, number `me`, does every `threads`-th sweep.  Kicks cycle
@@ -582,8 +573,7 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
                 stage = (n - 1) % len(keeps)
                 v, row, keep, kick, drift = ((2, FORGET, one, one, none) if ends else
                                              (1, CARRY, keeps[stage], kicks[stage], drifts[1 + stage]))
-                springs = springs_of(outer, outer.springs, now, beats[n - 1], s, e)
-                move(work, b, places, pad, slots, turns, springs, outer.static, v, row, s, e, keep, kick, drift)
+                move(work, b, places, pad, slots, turns, outer.springs, outer.static, v, row, s, e, keep, kick, drift)
                 correct(work, slots, turns, outer, forces[n - 1], v, row, r, kick, drift)
                 if ends and kicked:
                     x, y = finish(work, slots, turns, s, e, half, before)
@@ -592,22 +582,7 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
     return wide, largest, fastest
 
 
-# --- the atoms ------------------------------------------------------------------------------------------------------------
-
-
-@kept
-def follow(slot, u, v, anchors, masses, positions, momenta, moved):
-    """Set positions and momenta, shape (particles, 3), to anchors + u and m v if `moved`; else return whether they are equal."""
-    same = True
-    for i in range(np.uint64(len(masses))):
-        n = i if slot is None else slot[i]
-        for x in range(2):
-            r, p = anchors[x, i] + u[x, n], masses[i] * v[x, n]
-            if moved:
-                positions[i, x], momenta[i, x] = r, p
-            else:
-                same &= (positions[i, x] == r) & (momenta[i, x] == p)
-    return same
+# --- the order of bonds ------------------------------------------------------------------------------------------------------
 
 
 class Order(NamedTuple):
@@ -647,13 +622,33 @@ class Order(NamedTuple):
     R: np.ndarray
 
 
-class CompiledKernel(Kernel):
-    """Compiled version of `Kernel`; its law is given by coefficients of polynomials, or by `Pieces` for each kind.
+class CompiledKernel:
+    """Advances displacements and velocities by blocks of time steps, whose work is divided among `threads`.
 
-    The work of a block of steps is divided among `threads`.
+    Parameters
+    ----------
+    layout : Layout
+    increments : Increments
+        Laws of the kinds of bonds.
+    motion : Motion
+    coefficients : ndarray, shape (kinds, coefficients), or list of Pieces
+        Coefficients of the polynomials in the increment, or the pieces of the law of each kind.
+    reach : float
+        Largest increment |e| for which the polynomials are valid.
+    threads, dtype : int, type
+        It computes in single precision if `dtype` is np.float32.
     """
 
-    engine = 'compiled'
+    def __init__(self, layout: Layout, increments: Increments, motion: Motion, coefficients: NDArray[np.float64] | list[Pieces],
+                 reach: float, threads: int = 1, dtype: Any = np.float64) -> None:
+        self.dtype = dtype
+        self.layout, self.increments, self.motion, self.reach, self.threads = layout, increments, motion, reach, threads
+        d, b, (drifts, damped) = motion.decay, motion.splitting.kicks, motion.splitting.flow(motion.dt, motion.rate)
+        self.half, self.before, self.drifts = b[0] * motion.dt, damped[-1], np.roll(drifts, -1)  # the one that follows each kick
+        self.first, merged = drifts[0], (*b[1:-1], b[-1] + b[0])
+        self.keeps, self.kicks = damped, np.array(merged) * motion.dt
+        self.carry, self.push, self.forget = d**2, (1 + d**2) / 2 * motion.mobility, np.zeros(len(d))
+        self._prepare(coefficients)
 
     def _prepare(self, fitted):
         layout, m, law, dtype = self.layout, self.motion, self.increments, self.dtype
@@ -680,24 +675,19 @@ class CompiledKernel(Kernel):
                                                                                       self.keeps, self.kicks))
         springs, static = (np.atleast_1d(np.asarray(x, float)) for x in (m.foundation, 0.0 if m.static is None else m.static))
         springs, static = (x if x.ndim == 1 else _flat(x) for x in (springs, static))
-        waves, guided = m.site and m.site.waves, _by_run(m.guided, order, m.barred)
-        outer = Outer(same(springs, dtype), None if waves is None else same(waves, dtype), same(static, dtype),
-                      *_by_run(m.driven, order, np.arange(len(m.driven))), guided[0], guided[1].astype(dtype), guided[2])
+        guided = _by_run(m.guided, order, m.barred)
+        outer = Outer(same(springs, dtype), same(static, dtype), *_by_run(m.driven, order, np.arange(len(m.driven))), guided[0],
+                      guided[1].astype(dtype), guided[2])
         self._runs, self._room = order.runs, order.room
         self._lag = max(1, int((np.searchsorted(order.runs[:, 0], order.reach) - 1 - np.arange(len(order.runs))).max()))
         unsigned = (x.astype(np.uint64) for x in (order.runs, order.segments))
         self._given = (*unsigned, order.within, self._lag, bonds, *laws, *[None] * (3 - len(laws)), order.near, order.far,
                        order.places, np.uint64(order.pad), slots, turns, outer)
         self._rooms, self._pool = [self._new_room()], None
-        self._slot = None if layout.whole else layout.slot.astype(np.uint64)
 
     def _new_room(self):
-        """Memory of a thread for the forces of bonds, and for springs that change."""
-        return (aligned_zeros(self._room, self.dtype),
-                aligned_zeros((1, 2 * self.layout.length if self.motion.site else 1), self.dtype))
-
-    def _beats(self, times):
-        return (self.motion.site.beats(times) if self.motion.site else np.zeros((len(times), 2))).astype(self.dtype, copy=False)
+        """Memory of a thread for the forces of bonds."""
+        return aligned_zeros(self._room, self.dtype)
 
     def _law(self, fitted, reach, order):
         """The law in compiled form, polynomials or pieces: one for each kind, or for each bond if bonds have their own laws."""
@@ -731,9 +721,18 @@ class CompiledKernel(Kernel):
                                                           for p, root in zip(fitted, roots, strict=True)), strict=True))
         return PiecesOfAll(*numbers, start, c, child if (child >= 0).any() else None, centre, factors)
 
-    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], times: NDArray[np.float64],
-                out: NDArray[np.float64]) -> Found:
-        beats, forces = self._beats(times), forces.astype(self.dtype, copy=False)
+    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], out: NDArray[np.float64]) -> Found:
+        """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
+
+        Returns whether any bond left the range of the law on the way, and the largest components of displacement and velocity.
+
+        Parameters
+        ----------
+        state, out : ndarray, shape (3, 2, slots)
+        forces : ndarray, shape (steps * stages, driven, 2)
+            External forces at all kicks except the first.
+        """
+        forces = forces.astype(self.dtype, copy=False)
         threads = max(1, min(self.threads, len(self._runs) // (2 * self._lag)))
         together = max(1, min(TOGETHER, len(self._runs) // (threads * self._lag + 1))) if threads > 1 else TOGETHER
         while len(self._rooms) < threads:
@@ -741,16 +740,19 @@ class CompiledKernel(Kernel):
         done = np.zeros((-(-len(forces) // together), LINE), np.int64).ravel()
 
         def sweeps(me):
-            return advance(state, out, *self._rooms[me], *self._given, forces, beats, *self._flow, True, together, done, me,
-                           threads)
+            return advance(state, out, self._rooms[me], *self._given, forces, *self._flow, True, together, done, me, threads)
 
         found = self._shared(sweeps, range(threads))
         return tuple(max(x) for x in zip(*found, strict=True))  # pyright: ignore[reportReturnType]  three of them
 
-    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64], time: float = 0.0) -> bool:
+    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+        """Fill in the accelerations: the velocities that a kick over unit time would give to particles at rest.
+
+        Returns whether any bond is beyond the range of the law.
+        """
         state[2] = 0
-        force, beats, done = force[None].astype(self.dtype, copy=False), self._beats(np.array([time])), np.zeros(1, np.int64)
-        return advance(state, state, *self._rooms[0], *self._given, force, beats, *self._flow, False, 1, done, 0, 1)[0]
+        force, done = force[None].astype(self.dtype, copy=False), np.zeros(1, np.int64)
+        return advance(state, state, self._rooms[0], *self._given, force, *self._flow, False, 1, done, 0, 1)[0]
 
     def _shared(self, function, tasks):
         """Results of the tasks, the first of which is done by this thread."""
@@ -758,17 +760,6 @@ class CompiledKernel(Kernel):
             self._pool = ThreadPoolExecutor(self.threads - 1)
         others = [self._pool.submit(function, task) for task in tasks[1:]]
         return [function(tasks[0]), *(other.result() for other in others)]
-
-    def write(self, *arrays: NDArray[np.float64]) -> None:
-        follow(self._slot, *arrays, True) if _as_ase_makes_them(*arrays) else super().write(*arrays)
-
-    def written(self, *arrays: NDArray[np.float64]) -> bool:
-        return follow(self._slot, *arrays, False) if _as_ase_makes_them(*arrays) else super().written(*arrays)
-
-
-def _as_ase_makes_them(u, v, anchors, masses, positions, momenta):
-    """Whether positions and momenta are arrays as ASE makes them; a user may have put others in their place."""
-    return all(x.flags.carray and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
 
 
 def _flat(x):

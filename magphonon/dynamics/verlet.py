@@ -1,5 +1,8 @@
 """Velocity Verlet with external forces and linear damping, built on ASE's own integrator; and splittings of higher order.
 
+Short runs go through ASE's own loop, `VelocityVerlet.step`.  Runs that are long enough to repay loading compiled code go through
+the blocks of steps of `magphonon.dynamics.engine`, if that can integrate the structure.
+
 With the damping gamma, the gyration g of the calculator and the external force f(t), the equation of motion
 `m u'' = F(u) - m gamma u' + m g J u' + f(t)` is split symmetrically around ASE's step. So it is of second order in dt, and the
 limit omega dt < 2 remains: rotations, too, conserve the quadratic form of positions and speeds that Verlet steps conserve.
@@ -18,7 +21,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from copy import copy
-from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
@@ -30,7 +32,7 @@ from ase.md.verlet import VelocityVerlet
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from ..errors import not_negative, one_of, positive, whole
+from ..errors import one_of, positive, whole
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import freedom
@@ -39,15 +41,14 @@ from ..traits import LINEAR, takes
 from .cages import Cages, Diverged
 from .compiled import can_compile
 from .drives import check_drives, forces_and_walls
-from .engine import Blocks, half_step, highest_frequency, not_compiled, refusal, refuse_long_decay, refuse_long_step, refuse_order
+from .engine import Blocks, half_step, highest_frequency, refusal, refuse_long_decay, refuse_long_step, refuse_order
 from .splittings import SPLITTINGS, STEPS_SHARE
-from .thermostat import Bath
 
-ENGINES = ('auto', 'ase', 'numpy', 'compiled')
+ENGINES = ('auto', 'ase', 'compiled')
 ENOUGH = 20_000  # number of particles from which on another thread pays
-COMPILING_PAYS = 3e6
-"""Number of evaluations of the force on a particle from which compiled steps save, in a patch of a thousand, the 0.4 s that they
-take to load; the three seconds that they take to be compiled, once on a machine, are saved in ten such runs."""
+COMPILING_PAYS, BESIDE = 2e6, 1000
+"""An evaluation of the forces takes ASE's loop 0.15 us for each particle and for BESIDE more.  COMPILING_PAYS of these take as
+long as loading compiled steps, 0.3 s; the seconds that these take to be compiled, once on a machine, are saved in ten runs."""
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
 SHOWN = 8 * BLOCK  # largest number of steps after which blocks update the atoms, for users who iterate
 
@@ -55,11 +56,11 @@ SHOWN = 8 * BLOCK  # largest number of steps after which blocks update the atoms
 class DrivenVerlet(VelocityVerlet):
     """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs work as in any ASE dynamics.
 
-    All engines give observers the same states up to round-off; bit by bit, only runs with the same observers agree, because their
-    calls divide the run into blocks.  'ase' is ASE's own loop, for any calculator.  'numpy' and 'compiled' move planar structures
-    with PairCalculator by blocks of steps between two observer calls. They carry displacements from rest instead of positions, so
-    that small displacements keep their digits. With PairCalculator a run that diverges stops with Diverged; with other
-    calculators this is not noticed.
+    Both engines give observers the same states up to round-off; bit by bit, only runs with the same observers agree, because
+    their calls divide the run into blocks.  'ase' is ASE's own loop, for any calculator.  'compiled' moves planar structures with
+    PairCalculator by blocks of steps between two observer calls. It carries displacements from rest instead of positions, so
+    that small displacements keep their digits; blocks in which bonds leave the range of its fitted law are done by ASE's loop.
+    With PairCalculator a run that diverges stops with Diverged; with other calculators this is not noticed.
 
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
     parameters, the damping and the drives may be changed: every engine continues with the new values.
@@ -78,8 +79,8 @@ class DrivenVerlet(VelocityVerlet):
         See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
     damping : float or array_like, shape (particles,)
         gamma in 1/ms.
-    engine : {'auto', 'ase', 'numpy', 'compiled'}
-        'auto' uses blocks if possible, and compiled ones if the run is long enough to be worth the time of loading them.
+    engine : {'auto', 'ase', 'compiled'}
+        'auto' uses compiled blocks if these are possible, and the run is long enough to be worth the time of loading them.
     order : {2, 4, 6}, optional
         Order of the error in the time step. A step of order 4 or 6 evaluates the forces 6 or 11 times, but is so much longer that
         a run with a small error needs fewer evaluations in total (`magphonon.dynamics.splittings`). The damping must then be one
@@ -96,11 +97,6 @@ class DrivenVerlet(VelocityVerlet):
         For times in ms and energies in mJ, see `magphonon.dynamics.verlet`; '-' is the terminal.
     loginterval : int
         Steps between two lines of the log, and between two frames of the trajectory.
-    temperature_mJ : float
-        kT of a bath: the damping then comes with matching noise (Langevin's equation).
-        Boltzmann's constant times 300 K is 4.14e-18 mJ.
-    seed : int
-        Seed of the noise, which depends only on the seed and on the number of the step.
     threads : int, optional
         Number of threads of compiled blocks; results do not depend on it. By default one for each 20 000 particles, limited by
         OMP_NUM_THREADS if it is set, or else by the number of idle cores.
@@ -124,11 +120,10 @@ class DrivenVerlet(VelocityVerlet):
     10.0
     """
 
-    @takes('all neighbours', 'modulation', *LINEAR)
+    @takes('all neighbours', *LINEAR)
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
                  order: int | None = None, allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None,
-                 loginterval: int = 1, threads: int | None = None, temperature_mJ: float = 0.0, seed: int = 0,
-                 tolerance: float | None = None, **kwargs: Any) -> None:
+                 loginterval: int = 1, threads: int | None = None, tolerance: float | None = None, **kwargs: Any) -> None:
         self.threads = threads_for(len(atoms)) if threads is None else whole('threads', threads)
         self.asked_engine = one_of('engine', engine, ENGINES)
         self.splitting = SPLITTINGS[2 if order is None else one_of('order', order, tuple(SPLITTINGS))]
@@ -145,16 +140,14 @@ class DrivenVerlet(VelocityVerlet):
         check_drives(self._drives, atoms)
         refuse_order(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
-        if engine == 'compiled' and (find_spec('numba') is None or not can_compile()):
-            raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
+        if engine == 'compiled' and not can_compile():
+            raise ImportError("engine='compiled' needs numba, which cannot be used here; use engine='ase'")
         self.allow_unstable = allow_unstable
-        self.temperature_mJ, self.seed = not_negative('temperature_mJ', temperature_mJ, 'mJ'), whole('seed', seed, 0)
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
         self._omega = self._refuse_steps()
         if logfile:
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
         self.recorders = []
-        self._bath = self._new_bath()
         self._start = atoms.get_positions()
         self._blocks, self._cages, self._unseen, self._good = None, None, 0.0, None
         self._prepared = self._setting(), None, 0.0
@@ -210,7 +203,7 @@ class DrivenVerlet(VelocityVerlet):
             if self.splitting.stages > 1:
                 return self._in_stages(t, forces)
             E = self._half_step()
-            self._decay(E, 0)
+            self._decay(E)
             self._kick(t)
             if self._walls:
                 forces = self.atoms.get_forces(md=True) if forces is None else forces
@@ -220,7 +213,7 @@ class DrivenVerlet(VelocityVerlet):
             self._inspect(t_next)  # the calculator raises for particles that coincide or are infinitely far away
             raise error
         self._kick(t_next)
-        self._decay(E, 1)
+        self._decay(E)
         return forces
 
     def _in_stages(self, t, forces):
@@ -245,17 +238,8 @@ class DrivenVerlet(VelocityVerlet):
         guided, barred = freedom(self.atoms)[1:] if np.any(rate) else (np.zeros(0, int), np.zeros((0, 3, 3)))
         return half_step(self.damping, rate, guided, barred, self.dt)
 
-    def _new_bath(self):
-        """The noise that belongs to the present damping and masses."""
-        if not self.temperature_mJ:
-            return None
-        E = self._half_step()
-        if self.splitting.stages > 1 or E is None or not self.damping.any():
-            raise ValueError('a temperature needs damping, and steps of order 2: give damping=..., and order=2')
-        return Bath(self.temperature_mJ, self.atoms.get_masses(), E, self.seed, getattr(self.atoms.calc, 'dim', 3))
-
-    def _decay(self, E, half):
-        """Apply damping, gyration (the factor E of velocities) and noise in the first (0) or second (1) half of a step."""
+    def _decay(self, E):
+        """Apply damping and gyration, the factor E of velocities in half a step."""
         if E is None:
             return
         p = self.atoms.get_momenta()
@@ -264,9 +248,6 @@ class DrivenVerlet(VelocityVerlet):
         else:
             turned = E * (p[:, 0] + 1j * p[:, 1])
             p = np.column_stack([turned.real, turned.imag, abs(E) * p[:, 2]])
-        if self._bath:
-            noise = self._bath.kicks(self.nsteps)[half]
-            p[:, : noise.shape[1]] += self.atoms.get_masses()[:, None] * noise
         self.atoms.set_momenta(p)
 
     def _move_walls(self, t):
@@ -279,8 +260,6 @@ class DrivenVerlet(VelocityVerlet):
             momenta = self.atoms.get_momenta()
             momenta[self._sum_of_drives.particles] += share * self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
-        if isinstance(self.atoms.calc, PairCalculator) and self.atoms.calc.tie.changes:
-            self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
         """Run for `steps` more steps as an iterator, which yields at observer calls and at least every few hundred steps.
@@ -288,8 +267,8 @@ class DrivenVerlet(VelocityVerlet):
         ASE's own iterator yields at every step. If you need each step, attach an observer, use a `Recorder`, or engine='ase'.
         """
         self.max_steps = self.nsteps + steps
-        work = len(self.atoms) * steps * self.splitting.stages
-        long = work >= COMPILING_PAYS and find_spec('numba') is not None and can_compile()
+        work = (len(self.atoms) + BESIDE) * steps * self.splitting.stages
+        long = self._blocks is not None or (work >= COMPILING_PAYS and can_compile())
         self._prepare(long)
         if self.nsteps == 0:
             self.log()
@@ -298,7 +277,7 @@ class DrivenVerlet(VelocityVerlet):
         while self.nsteps < self.max_steps:
             self._prepare(long)  # observers, and who iterates, may have changed any setting
             try:
-                if self.engine == 'ase':
+                if self._blocks is None:
                     self._one_step()
                 else:
                     intervals = [interval for _, interval, *_ in self.observers]
@@ -330,7 +309,7 @@ class DrivenVerlet(VelocityVerlet):
     @property
     def _chooses(self):
         """Whether the tolerance decides on the order of the steps."""
-        only = np.ptp(self._damping) or self.temperature_mJ or np.any(getattr(self.atoms.calc, 'rate', 0.0))
+        only = np.ptp(self._damping) or np.any(getattr(self.atoms.calc, 'rate', 0.0))
         return bool(self.tolerance and self.asked_order is None and not only)
 
     def _order_for(self, phase):
@@ -367,11 +346,23 @@ class DrivenVerlet(VelocityVerlet):
         try:
             while self.nsteps < stop:
                 steps = min(self._blocks.steps_to_next_look(BLOCK), stop - self.nsteps)
-                self._blocks.advance(self.nsteps, steps)
-                self.nsteps += steps
+                if self._blocks.advance(self.nsteps, steps):
+                    self.nsteps, self.engine = self.nsteps + steps, 'compiled'
+                else:
+                    self._by_ase(steps)
         finally:
             self._blocks.write()
-            self.engine = self._blocks.engine
+
+    def _by_ase(self, steps):
+        """Do steps in ASE's loop, of motion beyond the law of the blocks."""
+        self._blocks.write()
+        self._cages, self._good, self.engine = self._blocks.cages, None, 'ase'
+        try:
+            for step in range(steps):
+                self._unseen += step == steps - 1  # after the last one the bonds are looked at, as after a block
+                self._one_step()
+        finally:
+            self._blocks.follow()
 
     def _prepare(self, long):
         """If any setting has changed, choose the engine and refuse an unstable step; a `long` run is worth compiling for."""
@@ -389,22 +380,20 @@ class DrivenVerlet(VelocityVerlet):
                                  'DrivenVerlet(atoms, ...), whose time begins at zero')
             self._omega = self._refuse_steps()
             refuse_order(self.atoms, self.splitting)
-            self._bath = self._new_bath()
         if rough and self.asked_order is None:
             self.splitting = SPLITTINGS[self._order_for(phase)]
             now = self._setting()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel
-            self._blocks.use(self.engine, rough)
-            self.engine, self._prepared = self._blocks.engine, (now, long, rough)
+            self._blocks.use(rough)
+            self._prepared = now, long, rough
             return
         blocks = cages = None
         if self.engine != 'ase':
-            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads, self._bath)
-            blocks.use(self.engine, rough)
+            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads)
+            blocks.use(rough)
             if self._blocks is not None and self._blocks.current:
                 blocks.adopt(self._blocks)
-            self.engine = blocks.engine
         elif isinstance(self.atoms.calc, PairCalculator):
             cages = Cages(self.atoms)
         self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long, rough)
@@ -462,15 +451,12 @@ class DrivenVerlet(VelocityVerlet):
 
 def _engine_for(atoms, asked, long=False):
     """The engine for `atoms` if the user asked for `asked`; ValueError if that engine cannot integrate them."""
-    reason = None if asked == 'ase' else refusal(atoms)
-    slow = None if reason or asked == 'ase' else not_compiled(atoms.calc)
-    if asked == 'auto':
-        return 'ase' if reason else 'compiled' if long and not slow else 'numpy'
-    if asked == 'compiled' and slow:
-        raise ValueError(f"engine='compiled' cannot integrate these atoms: {slow}; use engine='numpy'")
-    if reason:
-        raise ValueError(f"engine='{asked}' cannot integrate these atoms: {reason}; use engine='ase'")
-    return asked
+    if asked == 'ase' or (asked == 'auto' and not long):
+        return 'ase'
+    reason = refusal(atoms)
+    if reason and asked == 'compiled':
+        raise ValueError(f"engine='compiled' cannot integrate these atoms: {reason}; use engine='ase'")
+    return 'ase' if reason else 'compiled'
 
 
 def threads_for(particles: int) -> int:

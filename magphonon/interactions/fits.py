@@ -23,17 +23,15 @@ an inverse power cannot be distinguished, and an average over such a list is bot
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, field, replace
 from math import factorial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import units as u
 from ..errors import not_negative, positive
-from ..findings import Proposal, proposals
 from .force_tables import Forces
 from .law_cards import LawDerivative
 from .pair_laws import PairLaw, Tabulated, local_exponent, repulsion
@@ -59,10 +57,6 @@ FINEST = 1e-4
 UNLIKELY = 0.01
 """Probability of the scatter of the rows below which their given uncertainty is widened by it."""
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
-WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached
-MORE_ROWS, FARTHER = 10, 1.5
-"""Number of rows proposed at one distance. One proposal is this multiple of the largest distance in the table, the other the
-smallest distance."""
 CURVE = slice(0, 2 + len(BENDS))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
 ZEROS = slice(FORCE_ZERO, BACKLASH + 1)  # and the z of each pair after them
@@ -137,8 +131,6 @@ class Fit:
         Half width of a 95 % interval in standard deviations, by Student's distribution if the noise is learned from the table.
     shares : dict of str to float
         Shares of the variance of the slope by their cause; they add up to one.
-    proposals : list of Proposal
-        What to measure next, and how much narrower an interval becomes.
     zeros : ndarray, shape (4,)
         The fitted errors of the table: F0 in N, d in mm, h in N and b in mm.
     weight : float
@@ -163,7 +155,6 @@ class Fit:
     covariance: NDArray[np.float64]
     wide: float
     shares: dict[str, float]
-    proposals: list[Proposal]
     zeros: NDArray[np.float64]
     weight: float
     conflicts: NDArray[np.float64]
@@ -181,19 +172,14 @@ class Fit:
     @property
     def half_widths(self) -> NDArray[np.float64]:
         """Half widths of the 95 % intervals of ln f, ln(-f') and a."""
-        return _half_widths(self.covariance, self.exponent, self.wide)
+        turns = np.array([[1, 0], [1, 1 / self.exponent], [0, 1]])
+        return self.wide * np.sqrt(np.einsum('ta,ab,tb->t', turns, self.covariance, turns))
 
     @property
     def intervals(self) -> NDArray[np.float64]:
         """Ends of the 95 % intervals, shape (3, 2): of f in N, of -df/dr in N/mm and of a."""
         f, slope, a = self.half_widths[:, None] * (-1, 1)
         return np.array([self.force * np.exp(f), -self.slope * np.exp(slope), self.exponent + a])
-
-
-def _half_widths(covariance, a, wide):
-    """Half widths of the intervals of ln f, ln(-f') and a, from the covariance of ln f and a."""
-    turns = np.array([[1, 0], [1, 1 / a], [0, 1]])
-    return wide * np.sqrt(np.einsum('ta,ab,tb->t', turns, covariance, turns))
 
 
 def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = None, shape: PairLaw | None = None) -> Fit:
@@ -251,11 +237,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     ln_f, a = mean = weights @ answers
     apart = np.einsum('i,ia,ib->ab', weights, answers - mean, answers - mean)
     gain = np.diag([shared.gain**2, 0.0])
-
-    def averaged(plan):
-        return np.einsum('i,iab->ab', weights, [plan(part)[:2, :2] for part in found]) + apart + gain
-
-    covariance = averaged(lambda part: part.C)
+    covariance = np.einsum('i,iab->ab', weights, [part.C[:2, :2] for part in found]) + apart + gain
     if not a > 2 * np.sqrt(covariance[1, 1]):
         raise ValueError(f'within their uncertainties, the forces need not fall with the distance (a = {a:.3g} with a standard '
                          f'uncertainty of {np.sqrt(covariance[1, 1]):.2g}); are the columns exchanged, or is all of it noise?')
@@ -275,9 +257,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     return Fit(
         Tabulated(r[falling], np.exp(curve[falling])), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
-        proposals(lambda plan: dict(zip(('the force', 'the slope df/dr', 'the exponent'),
-                                        _half_widths(averaged(plan), a, wide) / [1, 1, a], strict=True)), lambda part: part.C,
-                  _plans(forces, best)), zeros, float(weights[own:].sum()),
+        zeros, float(weights[own:].sum()),
         abs(zeros) / np.sqrt(told), shared.pair or 0.0,
         float(weights @ [part.drift > 0 for part in found]),
         float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
@@ -311,14 +291,6 @@ class LawFamily:
         """Logarithm of f in N, its derivatives by p, and d ln f/d ln r, at distances in mm."""
         (ln_g, falls), (by_p, bent) = self.log_law(np.asarray(r)), self.slopes(r)
         return ln_g + by_p @ p, by_p, falls + bent @ p
-
-    def coordinates(self, other: LawFamily, r: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """The exponent at the spacing and the c_2 .. c_6 that best fit the central law of another family at distances r in mm."""
-        a = -float(other.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
-        own, by_p, _ = self.curve(np.zeros(CURVE.stop), r)
-        a_own = -float(self.curve(np.zeros(CURVE.stop), np.array([self.r0]))[2][0])
-        target = other.curve(np.zeros(CURVE.stop), r)[0] - own - by_p[:, 1] * (a - a_own)
-        return a, np.asarray(np.linalg.lstsq(by_p[:, 2:], target)[0], float)
 
     def change(self, law: PairLaw, v: Any) -> LawDerivative:
         """Derivative of a law of the family along v, a direction of p."""
@@ -360,12 +332,6 @@ class _Model:
         self.of_pair = (forces.pair[:, None] == np.unique(forces.pair)) * 1.0 if shared.pair else np.zeros((len(forces.r), 0))
         self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max()),
                                      np.full(self.of_pair.shape[1], shared.pair)]).astype(float)
-
-    def at(self, r):
-        """The model for rows at other distances, alternately on approach and on return, without the error of a pair."""
-        other = copy(self)
-        other.r, other.s, other.of_pair = r, np.resize([-1.0, 1.0], len(r)), np.zeros((len(r), self.of_pair.shape[1]))
-        return other
 
     def curve(self, p, r):
         """Logarithm of f at true distances, its derivatives by the parameters of the curve, and d ln f/d ln r."""
@@ -411,33 +377,6 @@ class _Solution:
         by_prior = (turn @ self.C[:2] / self.model.prior) ** 2
         return np.array([by_prior[CURVE].sum(), *by_prior[ZEROS], by_prior[ZEROS.stop:].sum(),
                          turn @ self.C[:2, :2] @ turn - by_prior.sum()])
-
-    def knowing(self, place, sigma):
-        """Covariance of the parameters if the parameter number `place` had the prior standard deviation sigma."""
-        precision = np.linalg.inv(self.C)
-        precision[place, place] += max(sigma**-2 - self.model.prior[place] ** -2, 0.0)
-        return np.linalg.inv(precision)
-
-    def with_rows(self, r):
-        """Covariance of the parameters after MORE_ROWS more rows at one distance, with the noise of the row nearest to it."""
-        sigma = self.noise[abs(self.model.r - r).argmin()]
-        J = self.model.at(np.full(MORE_ROWS, r)).rows(self.p)[1] / sigma
-        return np.linalg.inv(np.linalg.inv(self.C) + J.T @ J)
-
-    def repeated(self):
-        """Covariance of the curve after the table is measured once more, with new shared errors."""
-        twice = 2 * np.linalg.inv(self.C[CURVE, CURVE]) - np.diag(self.model.prior[CURVE] ** -2)  # the prior counts only once
-        return np.linalg.inv(twice)
-
-
-def _plans(forces, best):
-    """Possible next measurements in words, each with a function that returns the covariance of a solution after it is made."""
-    zero, near, far = best.noise.min(), forces.r.min(), FARTHER * forces.r.max()
-    return {f'measure the zero of the distances to {WITH_CARE / u.mm:g} mm': lambda one: one.knowing(DISTANCE_ZERO, WITH_CARE),
-            f'measure the zero of the force to {zero / u.N:.1g} N': lambda one: one.knowing(FORCE_ZERO, zero),
-            f'measure {MORE_ROWS} more rows at {near / u.mm:.3g} mm': lambda one: one.with_rows(near),
-            f'measure {MORE_ROWS} more rows at {far / u.mm:.3g} mm': lambda one: one.with_rows(far),
-            'measure the table again with a new set-up': lambda one: one.repeated()}
 
 
 def _with_pairs(forces, shared, spacing):
@@ -502,50 +441,6 @@ def _solved(model, forces, noise, drift=0.0, near=None):
     evidence = -0.5 * (2 * np.log(sigma).sum() + np.log1p(S**2).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1]
                        + 2 * np.log(prior).sum() + (0.0 if known else np.log(freedom)))
     return _Solution(model, p, C, freedom, sigma, e, evidence, size, drift)
-
-
-class CurveRecord(NamedTuple):
-    """What one table says about the parameters p of a `LawFamily`, near some p and without their priors: chi2, half its gradient,
-    the information matrix, and the change of the best p if the zero of the distances rises by its standard deviation.
-    """
-
-    p: NDArray[np.float64]
-    chi2: float
-    gradient: NDArray[np.float64]
-    information: NDArray[np.float64]
-    by_distance: NDArray[np.float64]
-
-
-def curve_record(forces: Forces, family: LawFamily, shared: SharedErrors,
-                 near: NDArray[np.float64] | None = None) -> CurveRecord:
-    """The `CurveRecord` of a table for a joint fit, near given parameters or its own best ones; shared errors are eliminated."""
-    from scipy.optimize import least_squares
-    from scipy.stats import t
-
-    forces.check_reach(family.r0)
-    forces, known, n = forces.thinned(MOST_ROWS), forces.sigma is not None, CURVE.stop
-    shared = _with_pairs(forces, shared, family.r0)
-    model = _Model(forces, shared, family)
-    best = max((_solved(model, forces, noise) for noise in ((None,) if known else NOISES)), key=lambda one: one.evidence)
-    sigma = best.noise * (1.0 if known else t.ppf((1 + COVERED) / 2, best.freedom) / NORMAL)
-    p, size = best.p.copy(), model.ln_size * np.eye(n)[0]
-    if near is not None:
-        p[CURVE] = near - size
-        def off(z):
-            return np.append((forces.f - model.rows(np.append(p[CURVE], z))[0]) / sigma, z / model.prior[n:])
-
-        p[n:] = least_squares(off, p[n:], x_scale=model.prior[n:]).x
-    y, J, _ = model.rows(p)
-    J, r = J / sigma[:, None], (y - forces.f) / sigma
-    whole, g = J.T @ J, J.T @ r
-    zeros = np.linalg.solve(whole[n:, n:] + np.diag(model.prior[n:] ** -2.0), whole[n:, :n])
-    information = whole[:n, :n] - whole[:n, n:] @ zeros
-    gradient = g[:n] - zeros.T @ (g[n:] + p[n:] / model.prior[n:] ** 2)
-    by_gain = information[0] / (shared.gain**-2.0 + information[0, 0]) if shared.gain else 0 * gradient
-    by_distance = np.linalg.solve(whole[:n, :n] + np.diag(model.prior[:n] ** -2.0), whole[:n, DISTANCE_ZERO])
-    chi2 = r @ r + np.sum((p[n:] / model.prior[n:]) ** 2) - by_gain[0] * gradient[0] ** 2 / max(information[0, 0], 1e-300)
-    return CurveRecord(p[CURVE] + size, float(chi2), gradient - by_gain * gradient[0],
-                       information - np.outer(by_gain, information[0]), by_distance * model.prior[DISTANCE_ZERO])
 
 
 def _log_law(law: PairLaw, r0: float) -> Callable:

@@ -12,7 +12,7 @@ from .bands import (
     plot_bands as plot_bands,
     plot_edge_bands as plot_edge_bands,
 )
-from .density import plot_density as plot_density, plot_spectral_function as plot_spectral_function
+from .density import plot_density as plot_density
 from .designs import (
     plot_convergence as plot_convergence,
     plot_design as plot_design,
@@ -27,7 +27,6 @@ from .modes import (
     plot_mode as plot_mode,
     plot_shape as plot_shape,
 )
-from .records import plot_forces as plot_forces, plot_ridges as plot_ridges, plot_scan as plot_scan
 from .response import (
     plot_band_ribbons as plot_band_ribbons,
     plot_contributions as plot_contributions,
@@ -36,7 +35,6 @@ from .response import (
     plot_transfer as plot_transfer,
 )
 from .structures import plot_lattice as plot_lattice, plot_patch as plot_patch
-from .sweeps import plot_sweep as plot_sweep
 from .waves import (
     crossing as crossing,
     plot_crossing as plot_crossing,

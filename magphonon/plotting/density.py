@@ -1,24 +1,20 @@
-"""Densities of states, and spectral functions over the wavevector, drawn in SI on matplotlib axes."""
+"""Densities of states, drawn in SI on matplotlib axes."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from ase.dft.kpoints import BandPath
 
-from .. import units
 from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_axes
-from .bands import NEGLIGIBLE, label_path
+from .bands import NEGLIGIBLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..bands.density import DensityOfStates
-    from ..response.spectral_density import SpectralFunction
 
 TALL = 6.0  # peaks above this multiple of the ninth decile are cut; a flat branch has a peak that is as high as its bin is narrow
-DECADES = 3  # range of a spectral function that is shown, in powers of ten below its highest value
 
 
 @in_house_style
@@ -68,29 +64,3 @@ def _write_cut_peaks(ax, top):
             at, side = f[peak[share[peak].argmax()]], 1 if f[peak[0]] < middle else -1
             ax.annotate(f'up to {share[peak].max():.2g}', (at, top), (4 * side, -3 - 11 * row), textcoords='offset points',
                         gid='cut', va='top', ha='left' if side > 0 else 'right', color=line.get_color())
-
-
-@in_house_style
-def plot_spectral_function(spectral: SpectralFunction, path: BandPath, *, ax: Axes | None = None) -> Axes:
-    """Draw a map of A(k, omega) along a path; `plot_bands` can then draw the branches of the perfect lattice over it.
-
-    Parameters
-    ----------
-    spectral : SpectralFunction
-        Spectral function at the wavevectors of the path.
-    path : ase.dft.kpoints.BandPath
-    ax : matplotlib.axes.Axes, optional
-    """
-    from matplotlib.colors import LogNorm
-
-    if spectral.q.shape != path.kpts.shape:
-        raise ValueError(f'the spectral function has {len(spectral.q)} wavevectors, but the path {len(path.kpts)}; compute it at '
-                         'path.kpts')
-    ax = new_axes() if ax is None else ax
-    share = spectral.density.T / spectral.modes * 2 * np.pi * units.Hz
-    image = ax.pcolormesh(path.get_linear_kpoint_axis()[0], spectral.frequencies_Hz, share, cmap='Greys', shading='nearest',
-                          norm=LogNorm(share.max() / 10**DECADES, share.max()), rasterized=True)
-    ax.figure.colorbar(image, ax=ax, label='share of a plane wave per Hz')
-    label_path(ax, path)
-    label_frequencies(ax.yaxis)
-    return ax

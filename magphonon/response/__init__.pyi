@@ -18,11 +18,7 @@ from .normal_modes import (
     natural_frequencies as natural_frequencies,
 )
 from .propagation import Transient as Transient, propagate as propagate
-from .spectral_density import (
-    SpectralFunction as SpectralFunction,
-    density_of_states as density_of_states,
-    spectral_function as spectral_function,
-)
+from .spectral_density import density_of_states as density_of_states
 from .stepped import (
     fourier as fourier,
     impulse_response as impulse_response,

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from tqdm import tqdm
 
-from ..errors import finite, one_of, positive
+from ..errors import finite, one_of, positive, refuse_memory
 from ..files import Saved
 from ..results import InHertz
 from ..stiffness.factors import inverse
@@ -272,6 +272,8 @@ def _steady(system, force, omega, rates, particles, tolerance):
         return _one_by_one(system, force, omega, rates)[:, particles]
     s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
+    refuse_memory(f'the response of {len(particles)} particles at {len(omega)} frequencies', 48 * len(omega) * len(particles),
+                  'ask for fewer')
     u = np.zeros((len(omega), len(particles), 3), complex)
     if s.shape[0] <= SMALL:
         u[..., : system.dim], error = _by_modes(system, s, omega, gamma, particles)

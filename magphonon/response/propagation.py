@@ -28,7 +28,7 @@ from scipy import sparse
 
 from ..dynamics.drives import Constant, PrescribedMotion, ToneBurst, check_drives, constant_push, forces_and_walls
 from ..dynamics.motion import MOTION_UNITS, Motion
-from ..errors import Unstable, finite, positive
+from ..errors import Unstable, finite, positive, refuse_memory
 from ..stiffness.rest import LinearSystem, components, static_forces
 from ..stiffness.sites import site_damping
 from ..traits import LINEAR, takes
@@ -227,6 +227,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
     particles = system.recorded(particles)
+    refuse_memory(f'the motion of {len(particles)} particles at {len(times)} times',
+                  32 * len(times) * len(particles) * system.dim, 'ask for fewer')
     rows, shapes = system.rows(particles)
     load = _Load(system, drives, push, tolerance)
     state = _initial_state(atoms, system, load.walls.particles)

@@ -13,10 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
-from ..design.next_records import after_ridges
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, frequency_sensitivities
 from ..errors import one_of
-from ..findings import Proposal
 from ..interactions.fits import BENDS, EXPONENT as CENTRE, FamilyLaw, LawFamily
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
@@ -157,17 +155,8 @@ class BandFits:
         fit = self.fits[one_of('model', model, MODELS)]
         scene = with_factors(self.scene, fit.by_name)  # bends change neither force nor slope at the spacing
         found = {name: (value_of(scene, name), sigma) for name, sigma in zip(self.names, fit.sigma.tolist(), strict=False)}
-        found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(self.along(model)['bond stiffness'])
+        found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(bond_powers(scene, fit.names))
         return found
-
-    def along(self, model: Model = 'complete') -> dict[str, NDArray[np.float64]]:
-        """For each parameter and the stiffness of a bond: the powers of the fitted quantities of which it is the product."""
-        fit = self.fits[model]
-        return along(with_factors(self.scene, fit.by_name), fit.names)
-
-    def built(self, model: Model = 'complete') -> tuple[Atoms, dict[str, StiffnessDerivative]]:
-        """One cell of the fitted lattice, and what each fitted quantity changes in it."""
-        return _built(self.scene, self.scene.perfect_cell(), self.fits[model].by_name)
 
     def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Frequencies of the fitted lattice, and their relative standard uncertainties from the covariance of the fit.
@@ -183,16 +172,11 @@ class BandFits:
         omega, sigma : ndarray, shape (wavevectors, branches)
             `omega` is in rad/ms; `sigma` is a fraction of it, infinite if the points do not determine the frequency.
         """
-        fit, (atoms, changes) = self.fits[one_of('model', model, MODELS)], self.built(model)
+        fit = self.fits[one_of('model', model, MODELS)]
+        atoms, changes = _built(self.scene, self.scene.perfect_cell(), fit.by_name)
         omega, slopes = frequency_sensitivities(atoms, q, [changes[name] for name in fit.names], model)
         relative = np.divide(slopes, abs(omega), out=np.zeros_like(slopes), where=slopes != 0)
         return omega, np.apply_along_axis(fit.sigma_along, 0, relative)
-
-    @property
-    def proposals(self) -> list[Proposal]:
-        """Proposals for the next measurement; none if the complete model does not fit the points."""
-        fit = self.fits['complete']
-        return after_ridges(fit, self.points, *self.built(), self.along()) if fit.follows else []
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -381,13 +365,11 @@ def changes_of(scene: Scene) -> dict[str, StiffnessDerivative]:
     return changes
 
 
-def along(scene: Scene, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Powers of the parameters whose product is each parameter or the stiffness of a bond, shape (parameters,) each."""
+def bond_powers(scene: Scene, names: Sequence[str]) -> NDArray[np.float64]:
+    """Powers of the parameters whose product is the stiffness of a bond at the spacing, shape (parameters,)."""
     law, changes, L = scene.law.potential(), changes_of(scene), scene.lattice.spacing_m * u.m
     laws = [changes[name].law if name in changes else None for name in names]
-    own = {name: one for name, one in zip(names, np.eye(len(names)), strict=True)
-           if name not in (EXPONENT, *BENT)}
-    return own | {'bond stiffness': np.array([0.0 if one is None else one.d2phi(L) / law.d2phi(L) for one in laws])}
+    return np.array([0.0 if one is None else one.d2phi(L) / law.d2phi(L) for one in laws])
 
 
 def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:

@@ -42,8 +42,7 @@ MOST_SHELLS = 300
 MOST_LEGS = 100
 """Largest number of points along a path; a picture has no room for more names."""
 
-OF_LATTICES = 'plan', 'design'  # tables of computations that vary one law and the spacing of a lattice
-IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
+IN_PLANE = 'frf', 'burst', 'vibrometer', 'uncertainty', 'design'
 """Tables of computations that do not support motion out of the plane."""
 
 
@@ -95,7 +94,7 @@ def _supports(scene: Scene) -> None:
 
 def _modulation(scene: Scene) -> None:
     lattice, foundation = scene.lattice, scene.foundation
-    tables = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design', 'defects', 'disorder'
+    tables = 'frf', 'burst', 'vibrometer', 'uncertainty', 'design', 'defects', 'disorder'
     beside = [f'[{name}]' for name in tables if getattr(scene, name) is not None]
     beside += ['[foundation.out_of_plane]'] if foundation.out_of_plane is not None else []
     beside += ['foundation.pillar.lean'] if foundation.leans else []
@@ -209,9 +208,9 @@ def _file(scene: Scene) -> None:
         raise ValueError(f'law.kind = "{scene.law.kind}" {does}; it belongs to lattice.kind = "file"')
     if scene.members and lattice.cutoff_m is not None:
         raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove cutoff_m')
-    of_sites = scene.design is not None and bool(scene.design.targets)
-    _refuse(scene, OF_LATTICES[:1] if of_sites else OF_LATTICES, 'it varies the spacing and the shells of a lattice, but '
-            'particles from a file have neither; remove the table [{0}]')
+    if scene.design is not None and not scene.design.targets:
+        _refuse(scene, ('design',), 'it varies the spacing and the shells of a lattice, but particles from a file have neither; '
+                'remove the table [{0}]')
     if lattice.finite:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
                 'periods, and [{0}] needs a lattice; remove the table, or give the file a cell')
@@ -226,7 +225,7 @@ def _file(scene: Scene) -> None:
     if lattice.cell().has('stiffness') and scene.foundation is not None:
         raise ValueError(f'foundation: {lattice.file} gives the stiffness of each particle; remove [foundation] or this column')
     if lattice.cell().has('relative_damping'):
-        _refuse(scene, ('burst', 'plan', 'uncertainty'), f'it supports only one damping for all particles, but {lattice.file} '
+        _refuse(scene, ('burst', 'uncertainty'), f'it supports only one damping for all particles, but {lattice.file} '
                 'has the column relative_damping; remove one of the two')
     if lattice.relaxed and lattice.positions == 'rest':
         raise ValueError('lattice.relaxed moves the particles, but positions = "rest" says that they are at rest; remove relaxed')
@@ -262,7 +261,7 @@ def _kinds(scene: Scene) -> None:
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
+    _refuse(scene, ('design', 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
                                                   '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
         raise ValueError('laws_of_kinds: the tags of particles are their kinds, but this patch uses tags to mark its rim; choose '
@@ -322,7 +321,8 @@ def _frequencies(scene: Scene, calc: Repulsion) -> None:
 
 
 def _scale(scene: Scene, calc: Repulsion) -> None:
-    if not calc.law.dphi(calc.bonds.lengths).any():
+    lengths = calc.bonds.lengths
+    if not (calc.law.dphi(lengths).any() or calc.law.d2phi(lengths).any()):  # a spring may have its natural length
         mend = '' if scene.law.kind != 'hertz' else (
             f' than law.diameter_m = {scene.law.diameter_m!r}; spheres repel where they touch')
         raise ValueError(f'{scene.lattice.spacing_given} is so large, or the law of so short a range ({_numbers(scene)}), that '

@@ -70,20 +70,16 @@ def within(least: float, most: float, unit: str) -> AfterValidator:
     return AfterValidator(partial(between, least, most, unit))
 
 
-class Allowed(str):
-    """Words for the list of keys: which values the check next to it in an annotation accepts. It checks nothing itself."""
-
-
 listed = BeforeValidator(_list)
-Positive = Annotated[float, BeforeValidator(partial(positive, '')), Allowed('above 0')]
-NotNegative = Annotated[float, BeforeValidator(partial(not_negative, '')), Allowed('0 or more')]
-Count = Annotated[int, BeforeValidator(partial(whole, '')), Allowed('1 or more')]
+Positive = Annotated[float, BeforeValidator(partial(positive, ''))]
+NotNegative = Annotated[float, BeforeValidator(partial(not_negative, ''))]
+Count = Annotated[int, BeforeValidator(partial(whole, ''))]
 Number = Annotated[float, BeforeValidator(partial(number, ''))]
-Point = Annotated[tuple[float, float], BeforeValidator(_point), Allowed('-1e6 to 1e6 each')]
+Point = Annotated[tuple[float, float], BeforeValidator(_point)]
 Points = Annotated[tuple[Point, ...], listed]
-Flag = Annotated[bool, BeforeValidator(_flag), Allowed('true or false')]
-AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2)), Allowed('2 or more')]
-Text = Annotated[str, BeforeValidator(_text), Allowed(f'one line of at most {LONGEST_TEXT} characters')]
+Flag = Annotated[bool, BeforeValidator(_flag)]
+AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2)), within(2, 1e6, 'points')]
+Text = Annotated[str, BeforeValidator(_text)]
 Counts = Annotated[tuple[Count, ...], listed]
 # Beyond these ranges a unit or an exponent is wrong, and squares and powers soon leave the range of numbers.
 Spacing = Annotated[Positive, within(1e-6, 1e6, 'metres')]  # phonopy takes particles closer than 1e-5 mm for one

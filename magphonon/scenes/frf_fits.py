@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from ase import Atoms
@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from .. import units as u
 from ..design.least_squares import MOST_FACTOR
 from ..design.misreadings import misreading
-from ..design.next_records import after_responses
 from ..design.site_unknowns import with_site_unknowns
 from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses
 from ..errors import not_negative, one_of
-from ..findings import Proposal
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import MODELS, Model
@@ -97,13 +95,6 @@ class FrfFits:
             found[name] = abs(np.log(value / known)) / np.sqrt(expected or np.inf)
         return {name: sigmas for name, sigmas in found.items() if sigmas > CONTRADICTS}
 
-    @cached_property
-    def proposals(self) -> list[Proposal]:
-        """Proposals for the next measurement; none if the complete model does not fit the data."""
-        fit = self.fits['complete']
-        along = {name: v for name, v in band_fits.along(self.fitted(), fit.names).items() if name not in ('damping', 'gain')}
-        return after_responses(fit, partial(_built, self.scene, 'complete'), self.functions, along) if fit.follows else []
-
     def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the parameters of the fit, without the gain, which belongs to the instrument."""
         return _with(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
@@ -113,7 +104,7 @@ class FrfFits:
         fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
         found = {name: (fit.by_name['gain'] if name == 'gain' else value_of(scene, name), sigma)
                  for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
-        if (slopes := band_fits.along(scene, fit.names)['bond stiffness']).any():
+        if (slopes := band_fits.bond_powers(scene, fit.names)).any():
             found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(slopes)
         return found
 

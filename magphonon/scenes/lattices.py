@@ -20,7 +20,6 @@ from ..interactions.pair_laws import PairLaw
 from ..interactions.upright import UprightMagnets
 from ..stiffness.site_laws import Travelling
 from .fields import (
-    Allowed,
     Angle,
     Count,
     Flag,
@@ -103,7 +102,7 @@ class Oscillator(Table):
     free: ClassVar = 3  # the index of the free magnet
 
     kind: Literal['oscillator']
-    theta0_deg: Annotated[float, BeforeValidator(_right_angle), Allowed('0 to 90')] = Field(
+    theta0_deg: Annotated[float, BeforeValidator(_right_angle)] = Field(
         description='the angle in degrees below the horizontal at which the free magnet sees the two outer ones')
     spacing_m: Spacing = Field(description='the length in m of the three bonds of the oscillator')
     mass_kg: Mass = Field(description='the mass in kg of the free magnet of the oscillator')
@@ -294,8 +293,6 @@ class PatchTable(Table):
 class Parallelogram(PatchTable):
     """Whole cells along both lattice vectors."""
 
-    size_key: ClassVar = 'patch.cells_1'
-
     kind: Literal['parallelogram']
     cells_1: Count = Field(description='the number of cells along the first lattice vector')
     cells_2: Count = Field(description='the number of cells along the second lattice vector')
@@ -309,8 +306,6 @@ class Parallelogram(PatchTable):
 
 class Rectangle(PatchTable):
     """Upright rectangle."""
-
-    size_key: ClassVar = 'patch.width_m'
 
     kind: Literal['rectangle']
     width_m: Length = Field(description='the width in m, along x')
@@ -326,8 +321,6 @@ class Rectangle(PatchTable):
 class Hexagon(PatchTable):
     """Regular hexagon with corners on the x axis, or its upper half, as in the paper's experiment."""
 
-    size_key: ClassVar = 'patch.side_m'
-
     kind: Literal['hexagon', 'half_hexagon']
     side_m: Length = Field(description='the side of the hexagon in m')
 
@@ -340,8 +333,6 @@ class Hexagon(PatchTable):
 
 class Supercell(PatchTable):
     """Whole cells that repeat periodically, without a rim: where defects and disorder stand in an endless lattice."""
-
-    size_key: ClassVar = 'patch.cells_1'
 
     kind: Literal['supercell']
     cells_1: Count = Field(description='the number of cells along the first lattice vector')

@@ -17,7 +17,7 @@ from ..interactions.law_cards import Kind, kinds_of_laws
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
 from ..interactions.pair_laws import Attraction, InversePower, PairLaw, Tabulated
-from .fields import Allowed, Flag, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
+from .fields import Flag, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
 
 ALL, AUTO = 'all', 'auto'
 TOLERANCE = 1e-3
@@ -34,7 +34,7 @@ def _shells(value):
         raise ValueError(f' must be a whole number from 1 to {MOST}, {AUTO!r} or {ALL!r}, not {shown(value)}') from None
 
 
-Shells = Annotated[int | Literal['auto', 'all'], BeforeValidator(_shells), Allowed('1 or more'),
+Shells = Annotated[int | Literal['auto', 'all'], BeforeValidator(_shells),
                    Field(description=f"the number of shells of neighbours that interact; '{AUTO}' for as many as are needed to "
                                      f"get each frequency at the special points right to {TOLERANCE:.1%}, '{ALL}' for all",
                          examples=[1])]
@@ -231,7 +231,7 @@ def _poisson_ratio(value):
     return ratio
 
 
-Ratio = Annotated[float, BeforeValidator(_poisson_ratio), Allowed('above 0, up to 0.5')]
+Ratio = Annotated[float, BeforeValidator(_poisson_ratio)]
 QUANTITIES = {'positive': Positive, 'length': Length, 'force': Force, 'pressure': Pressure, 'ratio': Ratio}
 """Which values the parameters of a law may have, as its card says."""
 
@@ -359,7 +359,7 @@ def _two_kinds(value):
 class LawOfKinds(Table):
     """The law between particles of two kinds, in place of [law]."""
 
-    kinds: Annotated[tuple[int, int], BeforeValidator(_two_kinds), Allowed('0 or more each')] = Field(
+    kinds: Annotated[tuple[int, int], BeforeValidator(_two_kinds)] = Field(
         description='the two kinds, in either order; a particle has the kind that its file or [[defects.substitutions]] gives, '
         'or 0', examples=[[0, 1]])
     law: Law = Field(description='the law between particles of the two kinds, as a table like [law]')

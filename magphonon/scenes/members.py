@@ -17,7 +17,7 @@ from ..errors import shown, whole
 from ..interactions.members import Cable, Spring
 from ..stiffness.nets import net, self_stress
 from ..stiffness.repulsion import repulsion_of
-from .fields import Allowed, Flag, Length, Number, Positive, Table, listed, within
+from .fields import Flag, Length, Number, Positive, Table, listed, within
 from .laws import Law, SavedLaw
 
 UNBALANCED = 1e-6  # of the largest tension: larger forces that are left at nodes are no round-off of the positions in a file
@@ -33,7 +33,7 @@ def _joined(value):
     return i, j, (*shift, *[0] * (3 - len(shift)))
 
 
-Joined = Annotated[tuple[int, int, tuple[int, int, int]], BeforeValidator(_joined), Allowed('nodes from 0')]
+Joined = Annotated[tuple[int, int, tuple[int, int, int]], BeforeValidator(_joined)]
 
 
 class Members(Table):

@@ -1,4 +1,4 @@
-"""The tables of a scene that say what to compute, in SI: bands, frequency responses, plans and tone bursts. [design] states
+"""The tables of a scene that say what to compute, in SI: bands, frequency responses and tone bursts. [design] states
 wanted frequencies, from which the tables of a lattice that has them are computed.
 """
 
@@ -163,12 +163,6 @@ class FrfPlan(Damped):
     def damping(self) -> float:
         """Damping rate gamma in 1/ms."""
         return self.damping_per_s / u.s
-
-
-class PlanTable(Table):
-    """Settings of "magphonon plan" that the other tables do not hold."""
-
-    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; infinitesimal by default')
 
 
 class BurstPlan(Table):

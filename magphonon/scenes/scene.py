@@ -46,7 +46,7 @@ from .fields import Table, Text, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell, Trap
 from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .members import Members, joined
-from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
+from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, VibrometerPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import Defects, Disorder, FileLattice
 from .tolerances import Uncertainty
@@ -95,7 +95,6 @@ class Scene(Table):
     disorder: Disorder | None = None
     burst: BurstPlan | None = None
     vibrometer: VibrometerPlan | None = None
-    plan: PlanTable | None = None
     uncertainty: Uncertainty | None = None
     design: DesignPlan | None = None
 

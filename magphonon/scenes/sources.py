@@ -17,7 +17,7 @@ from ..files import MEGABYTE, refuse_endless
 MOST_BYTES = 10 * MEGABYTE
 """Largest size of a scene in bytes; the ready scenes have 3 kB."""
 LIKENESS = 0.7
-"""Least similarity at which a file name counts as mistyped; more than for keys, since 'mine' and 'wigner' have 0.6."""
+"""Least similarity at which a file name counts as mistyped; more than for keys, since 'wing' and 'rings' have 0.67."""
 LIST = '"magphonon scene" lists scenes to start from'
 
 

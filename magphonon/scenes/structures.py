@@ -32,7 +32,7 @@ from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
 from ..stiffness.restartable import Restartable
 from ..tables import LENGTH, MASS, PURE, STIFFNESS, read_table
-from .fields import Allowed, Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
+from .fields import Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
 COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
@@ -55,7 +55,7 @@ PACKAGE_UNIT_m = 1e-3
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]
 SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of the value of its neighbours')]
 NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of the value of its neighbours')]
-Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')]
+Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0))]
 Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
 
@@ -392,7 +392,7 @@ def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
 class Disorder(Table):
     """Normally distributed scatter of the sites of the patch or of the finite structure, which then relaxes."""
 
-    seed: Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')] = Field(
+    seed: Annotated[int, BeforeValidator(partial(whole, '', least=0))] = Field(
         description='the seed of the random numbers; the same seed gives the same structure on every machine', examples=[1])
     position_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(
         0.0, description='the standard deviation of each coordinate of a particle and of its support in m', examples=[1e-5])

@@ -13,7 +13,7 @@ from .. import units as u
 from ..design.scatter import ALIKE, SITES, SiteScatter
 from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, spacing_change
 from ..design.uncertainty import Tolerances
-from .fields import Allowed, Number, Positive, Table
+from .fields import Number, Positive, Table
 from .laws import KINDS
 from .structures import FileLattice
 
@@ -45,7 +45,7 @@ def _correlation(value):
     return float(value)
 
 
-Correlation = Annotated[Number, BeforeValidator(_correlation), Allowed('between -1 and 1')]
+Correlation = Annotated[Number, BeforeValidator(_correlation)]
 
 
 class _Uncertainty(Table):

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..bands.force_constants import checked_supercell, default_distance
+from ..bands.force_constants import checked_supercell
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
@@ -159,7 +159,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     supercell : three ints, optional
         Supercell for phonopy's finite displacements.
     distance : float, optional
-        Displacement for phonopy's finite displacements in mm; by default that of `finite_displacements`.
+        Displacement for phonopy's finite displacements in mm, if you choose it yourself.
     damping : float or array_like, shape (particles,)
         Damping rate in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
         Everything else is computed with the mean springs of that foundation.
@@ -566,11 +566,10 @@ def displacements(case: Case) -> Finding:
     curvature = max((fourth / second for fourth, second in bent if fourth), default=0.0)  # none of cables that are slack
     least = float(ROUND_OFF / DERIVATIVE_ERROR * case.spacing)
     most = float(np.sqrt(6 * DERIVATIVE_ERROR / curvature)) if curvature else np.inf  # of springs
-    distance = default_distance(case.calc) if case.distance is None else case.distance
-    if least <= distance <= most:
+    if case.distance is None or least <= case.distance <= most:
         return Finding((least, most))
-    reason = 'small: round-off' if distance < least else 'large: the curvature of the law'
-    return Finding((least, most), f'A finite-difference displacement of {distance / u.m:.3g} m is too {reason} changes the '
+    reason = 'small: round-off' if case.distance < least else 'large: the curvature of the law'
+    return Finding((least, most), f'A finite-difference displacement of {case.distance / u.m:.3g} m is too {reason} changes the '
                    f'stiffness by more than a fraction of {DERIVATIVE_ERROR:g}. Use {least / u.m:.2g} to {most / u.m:.2g} m.',
                    fault=True)
 

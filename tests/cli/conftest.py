@@ -2,8 +2,7 @@
 
 import matplotlib as mpl
 import pytest
-
-from magphonon.scenes.scene import ready_scene
+from scene_files import ready_scene
 
 
 @pytest.fixture(autouse=True)

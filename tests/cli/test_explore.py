@@ -4,8 +4,8 @@ import json
 import os
 
 import pytest
+from scene_files import ready_scene
 
-from magphonon import ready_scene
 from magphonon.cli.main import main
 from magphonon.plotting import explorer
 
@@ -27,16 +27,16 @@ def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatc
     assert '<h1>Honeycomb of light and heavy magnets, one of them missing</h1>' in first
     assert 'This lattice is perfect: [defects] and [disorder] belong to a patch.' in first
     assert 'vacancies_m' in first  # the scene itself
-    assert main(['explore', 'measured', '-o', 'new/page.html']) == 0
-    assert '<h1>Magnets on pillars, force from a table' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')
-    assert main(['explore', 'design']) == 0  # without a table [bands]
-    assert sorted(file.name for file in tmp_path.iterdir()) == ['design-explore.html', 'new']
+    assert main(['explore', 'rings', '-o', 'new/page.html']) == 0
+    assert '<h1>N42 rings on pillars' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')
+    assert main(['explore', str(ready_scene('steel'))]) == 0
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['new', 'steel-explore.html']
 
 
 @pytest.mark.parametrize(('scene', 'words'), [
     ('oscillator', 'one particle and has no bands'), ('fcc', 'is a lattice in space'), ('layer', '[foundation.out_of_plane]')])
 def test_scenes_that_it_does_not_know_are_refused(scene, words, tmp_path, capsys):
-    assert main(['explore', scene, '-o', str(tmp_path / 'page.html')]) == 2
+    assert main(['explore', str(ready_scene(scene)), '-o', str(tmp_path / 'page.html')]) == 2
     assert words in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -59,15 +59,14 @@ def test_a_structure_from_a_file_is_refused(cell, words, tmp_path, capsys):
 
 @pytest.mark.parametrize(('by', 'words'), [('anchors', ''), ('rest', 'give positions = "anchors"')])
 def test_a_structure_that_is_pushed_has_a_page(by, words, scene_file, tmp_path, capsys):
-    table = ready_scene('demux').with_name('demultiplexer.csv').as_posix()
-    file = scene_file({'"demultiplexer.csv"': f'"{table}"', '"anchors"': f'"{by}"'}, name='demux')
+    table = ready_scene('demultiplexer').with_name('demultiplexer.csv').as_posix()
+    file = scene_file({'"demultiplexer.csv"': f'"{table}"', '"anchors"': f'"{by}"'}, name='demultiplexer')
     assert main(['explore', str(file), '-o', str(tmp_path / 'page.html')]) == 2 * bool(words)
     assert words in capsys.readouterr().err
     if not words:
         page = (tmp_path / 'page.html').read_text(encoding='utf-8')
         structure = json.loads(page.split('id="data">')[1].split('</script>')[0])['structure']
-        assert structure['drive']['tones'] == [60, 80]
-        assert [port['name'] for port in structure['drive']['ports']] == ['A', 'B']
+        assert structure['drive']['carrier_Hz'] == 70
         assert len(structure['x']) == 127
 
 

@@ -17,8 +17,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
-from magphonon import read_scene, ready_scene
+from magphonon import read_scene
 from magphonon.cli import results as module
 from magphonon.cli.results import COPY, File, Provenance, _sum, results
 

@@ -8,11 +8,12 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 import magphonon
 from magphonon import Bands
 from magphonon.cli.main import main
-from magphonon.scenes.scene import read_scene, ready_scene, ready_scenes, reference
+from magphonon.scenes.scene import read_scene, ready_scenes, reference
 
 FILES = {'bands.png', 'zone.png', 'bands.csv', 'bands_complete.npz', 'bands_conventional.npz', 'bands_phonopy.npz', 'band.yaml',
          'phonopy_params.yaml', 'provenance.json', 'scene.toml'}
@@ -101,7 +102,7 @@ def test_scenes_are_listed_and_printed(capsys, tmp_path):
         assert main(['scene', name]) == 0
         (tmp_path / 'copy.toml').write_text(capsys.readouterr().out)
         copy, scene = read_scene(tmp_path / 'copy.toml'), read_scene(file)
-        beside = name in ('demux', 'penning', 'prism', 'signs')  # a table stands beside the ready scene
+        beside = name in ('demultiplexer', 'prism')  # a table stands beside the ready scene
         assert copy == scene or (beside and copy.atoms() == scene.atoms())
 
 

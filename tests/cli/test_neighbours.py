@@ -141,10 +141,10 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
 
 @pytest.mark.parametrize(('command', 'name', 'words'), [
     ('check', 'prototype', 'branch 1 at M by +16 %'), ('modes', 'prototype', 'branch 1 at M by +16 %'),
-    ('explore', 'prototype', 'branch 1 at M by +16 %'), ('plan', 'vacancy', None),
+    ('explore', 'prototype', 'branch 1 at M by +16 %'),
     ('bands', 'chain', 'branch 1 at X by -0.91 %')])
 def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path, capsys):
-    where = {'check': [], 'plan': [], 'explore': ['-o', str(tmp_path / 'x.html')]}.get(command, ['-o', str(tmp_path / 'out')])
+    where = {'check': [], 'explore': ['-o', str(tmp_path / 'x.html')]}.get(command, ['-o', str(tmp_path / 'out')])
     file = tmp_path / 'my.toml'
     file.write_text(ready_scene(name).read_text().replace('side_m = 0.3 ', 'side_m = 0.05 '))
     main([command, '--verbose', str(file), *where])
@@ -163,10 +163,3 @@ def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
         (tmp_path / 'own.toml').write_text(ready_scene('prototype').read_text())
         assert main(['fit', 'prototype_ridges', '--bands', name if name == 'prototype' else str(tmp_path / name)]) == 0
         assert ('farther ones would shift branch 1 at the ridges' in capsys.readouterr().out) == warned
-
-
-def test_a_sweep_says_it_of_the_scene(tmp_path, capsys):
-    assert main(['sweep', '--verbose', 'prototype', '--over', 'lattice.spacing_m=0.009,0.01', '--ask', 'bands.M.1',
-                 '--executor', 'here', '-o', str(tmp_path)]) == 0
-    told = 'At the values of the scene itself: Nearest neighbours only (shells = 1): farther ones would shift branch 1 at M'
-    assert told in capsys.readouterr().out

@@ -11,8 +11,8 @@ from magphonon.cli.bands import _draw
 from magphonon.cli.main import main
 from magphonon.plotting.axes import label_frequencies
 
-DRAWING = ('bands', 'burst', 'dos', 'fit', 'frf', 'modes', 'spectrum', 'sweep', 'uncertainty')
-WITHOUT_FREQUENCIES = ('fit', 'sweep')
+DRAWING = ('bands', 'burst', 'fit', 'frf', 'modes', 'spectrum', 'uncertainty')
+WITHOUT_FREQUENCIES = ('fit',)
 
 
 @pytest.mark.parametrize('command', DRAWING)

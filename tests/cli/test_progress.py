@@ -53,7 +53,7 @@ def bars(monkeypatch, bar=tqdm):
 
 
 CASES = [('bands', 'prototype', ['wavevectors', 'displacements']), ('frf', 'prototype', ['products']),
-         ('uncertainty', 'tolerances', ['samples', 'wavevectors']), ('plan', 'prototype', ['products'])]
+         ('uncertainty', 'tolerances', ['samples', 'wavevectors'])]
 
 
 @pytest.mark.slow
@@ -61,7 +61,7 @@ CASES = [('bands', 'prototype', ['wavevectors', 'displacements']), ('frf', 'prot
 def test_bars(command, scene, names, folder, monkeypatch):
     """On a terminal each kind of long work has its bar; elsewhere there is none."""
     asked = bars(monkeypatch)
-    arguments = [command, str(folder / f'{scene}.toml')] + ([] if command == 'plan' else ['-o', str(folder / 'out')])
+    arguments = [command, str(folder / f'{scene}.toml'), '-o', str(folder / 'out')]
     for stream, shown in ((Terminal(), True), (StringIO(), False)):
         monkeypatch.setattr(sys, 'stderr', stream)
         assert main(arguments) == 0

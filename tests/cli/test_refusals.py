@@ -7,28 +7,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
 from magphonon.bands.zone import ZoneMap
 from magphonon.cli.main import main
 from magphonon.errors import finite, positive, whole
 from magphonon.files import write_columns
 from magphonon.response.frf import FrequencyResponse
-from magphonon.scenes.scene import ready_scene
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['bnads', 'x.toml'], "there is no command 'bnads'; did you mean 'bands'?"),
     (['scene', 'protoype'], "did you mean 'prototype'?"),
     (['Bands'], "did you mean 'bands'?"), (['zzz'], "there is no command 'zzz'; the commands are bands, burst"),
-    (['density'], "did you mean 'dos'?"), (['bands', 'chain', '--outptu', 'x'], "did you mean '--output'?"),
-    (['check', 'chain', 'dust'], "takes no further argument 'dust'"), (['check', ''], "'' names no file"),
-    (['bands', 'chain', '-o', ''], '-o names no directory'), (['bands', 'chain', '--output=--'], '-o names no directory'),
-    (['bands', 'chain', '--title', '\x1b[31m'], "'\\x1b[31m' holds a control character"),
+    (['dispersion'], "did you mean 'bands'?"), (['bands', 'ideal', '--outptu', 'x'], "did you mean '--output'?"),
+    (['check', 'ideal', 'dust'], "takes no further argument 'dust'"), (['check', ''], "'' names no file"),
+    (['bands', 'ideal', '-o', ''], '-o names no directory'), (['bands', 'ideal', '--output=--'], '-o names no directory'),
+    (['bands', 'ideal', '--title', '\x1b[31m'], "'\\x1b[31m' holds a control character"),
     (['check', 'a\0b'], 'a control character'),
-    (['burst', 'prototype', '--threads', '1000000'], '--threads must be at most 1024'),
-    (['sweep', 'chain', '--over', 'law.a=3,4', '--ask', 'bands.Q.1'], "one of 'G', 'X', not 'Q'"),
-    (['sweep', 'chain', '--over', 'law.aa=3,4', '--ask', 'stability.margin'], "has no number law.aa; did you mean 'law.a'?"),
-    (['sweep', 'chain', '--over', 'law.a=3,4', '--ask', 'stability.mragin'], "did you mean 'stability.margin'?")])
+    (['burst', 'prototype', '--threads', '1000000'], '--threads must be at most 1024')])
 def test_arguments(arguments, words, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     try:
@@ -90,15 +87,6 @@ def test_speeds_that_are_no_numbers_have_words(tmp_path, capsys):
         assert not {'nan', 'inf'} & set(said.split())
 
 
-def test_an_error_without_bound_has_a_word(scene_file, capsys):
-    """So strong a force that no periodic vibration answers it: linear models are off by whatever it is."""
-    file = scene_file({'spacing_m = 1.0 ': 'spacing_m = 1.2 ', 'damping_per_s = 12.0 ': 'damping_per_s = 0.1 '}, 'oscillator')
-    assert main(['plan', '--verbose', str(file)]) == 0
-    said = capsys.readouterr().out
-    assert 'unbounded' in next(line for line in said.splitlines() if line.startswith('  complete linear')).split()
-    assert 'inf' not in said.split()
-
-
 @pytest.mark.parametrize('number', [np.nan, np.inf, complex(0, -np.inf)])
 def test_results_that_are_no_numbers_are_not_written(number, tmp_path):
     response = FrequencyResponse(np.array([1.0, 2.0]), np.array([1 + 1j, number]))
@@ -139,11 +127,11 @@ def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monke
 
 def test_a_date_of_the_shell_that_is_none(monkeypatch, capsys):
     monkeypatch.setenv('SOURCE_DATE_EPOCH', 'abc')
-    assert main(['bands', '--verbose', 'chain']) == 2
+    assert main(['bands', '--verbose', 'ideal']) == 2
     assert capsys.readouterr().err == ('magphonon: SOURCE_DATE_EPOCH of the shell must be whole seconds since 1970, not '
                                        "'abc'; correct or unset it\n")
     monkeypatch.setenv('SOURCE_DATE_EPOCH', '0')
-    assert main(['check', '--verbose', 'chain']) == 0
+    assert main(['check', '--verbose', 'ideal']) == 0
 
 
 # --- output that nobody reads ----------------------------------------------------------------------------------------
@@ -169,7 +157,7 @@ def test_letters_that_the_terminal_lacks(tmp_path):
 def test_a_report_that_cannot_be_shown_has_a_status_of_its_own(tmp_path):
     (tmp_path / 'law.csv').write_text('r_mm,f_N\n' + '\n'.join(f'{r},{2e4 * r**-4}' for r in range(8, 18)) + '\n')
     fit = ('fit', tmp_path / 'law.csv', '-o', tmp_path / 'out')
-    for arguments, written in ((('scene', 'chain'), ''), (fit, '; the results are written')):
+    for arguments, written in ((('scene', 'ideal'), ''), (fit, '; the results are written')):
         with open('/dev/full', 'w') as full:
             done = command(*arguments, capture_output=False, stdout=full, stderr=subprocess.PIPE)
         assert done.returncode == 3

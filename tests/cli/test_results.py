@@ -12,8 +12,9 @@ from hashlib import sha256
 from types import SimpleNamespace
 
 import pytest
+from scene_files import ready_scene
 
-from magphonon import __version__, read_scene, ready_scene
+from magphonon import __version__, read_scene
 from magphonon.cli.main import main
 from magphonon.cli.results import results
 from magphonon.files import whole_file
@@ -183,7 +184,7 @@ def test_a_file_of_the_scene_named_like_a_result_is_refused_before_anything_is_c
     """Its copy beside the results would have taken the place of one."""
     text = CHAIN.replace(f'[{key}]', f'[{key}]\nfile = "{name}"')
     options = SimpleNamespace(output=tmp_path, scene=scene_file(tmp_path, text), command='bands', words=[], results=PATTERNS)
-    with pytest.raises(ValueError, match=re.escape(f'{key}.file = "{name}"')), results(options, read_scene('chain')):
+    with pytest.raises(ValueError, match=re.escape(f'{key}.file = "{name}"')), results(options, read_scene(ready_scene('chain'))):
         pytest.fail('the command has begun')
     assert [file.name for file in tmp_path.iterdir()] == ['my.toml']
 

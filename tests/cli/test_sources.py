@@ -4,9 +4,10 @@ import io
 import sys
 
 import pytest
+from scene_files import ready_scene
 
 from magphonon.cli.main import main
-from magphonon.scenes import read_scene, ready_scene
+from magphonon.scenes import read_scene
 
 CHAIN = ready_scene('chain').read_text().replace('points = 200', 'points = 20')
 HEAVY = CHAIN.replace('mass_kg = 1.0', 'mass_kg = 2.0').replace('title = "Chain', 'title = "Heavy chain')
@@ -31,9 +32,9 @@ def names(folder):
 def test_a_ready_scene_is_taken_by_its_name_unless_a_file_has_it(desk, capsys):
     assert main(['bands', 'oscillator']) == 2  # read, and refused for what is in it
     assert "'Oscillator of arXiv:1911.10410, Sec. III, at 30 degrees' is one particle" in capsys.readouterr().err
-    assert read_scene('chain') == read_scene(ready_scene('chain'))
-    (desk / 'chain').mkdir()
-    assert read_scene('chain').lattice.mass_kg == 1.0  # a folder is no file
+    assert read_scene('ideal') == read_scene(ready_scene('ideal'))
+    (desk / 'ideal').mkdir()
+    assert read_scene('ideal').lattice.mass_kg == 1.0  # a folder is no file
     (desk / 'prototype').write_text(HEAVY)
     assert read_scene('prototype').title.startswith('Heavy chain')
 
@@ -78,22 +79,6 @@ def test_a_pipe_without_a_scene(content, words, monkeypatch, capsys):
     pipe(content, monkeypatch)
     assert main(['check', '-']) == 2
     assert words in capsys.readouterr().err
-
-
-def test_results_go_to_a_directory_named_after_scene_and_command(desk, capsys):
-    text = ready_scene('oscillator').read_text()
-    (desk / 'mine.toml').write_text(text)
-    assert main(['plan', 'mine.toml', '--run']) == 0
-    assert 'data are in mine-plan' in capsys.readouterr().out
-    assert (desk / 'mine-plan' / 'provenance.json').exists()
-    (desk / 'sub').mkdir()
-    (desk / 'sub' / 'mine.toml').write_text(text.replace('title = "', 'title = "Heavy '))
-    before = names(desk)
-    assert main(['plan', 'sub/mine.toml', '--run']) == 2  # another scene of the same name
-    assert 'mine-plan holds results (plan) of the scene' in capsys.readouterr().err
-    assert main(['plan', 'mine.toml', '-o', 'x']) == 2
-    assert 'add --run' in capsys.readouterr().err
-    assert names(desk) == before
 
 
 def test_parents_of_the_results_are_made_and_go_with_them_if_they_fail(desk, capsys):

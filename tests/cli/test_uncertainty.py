@@ -5,11 +5,12 @@ import csv
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon.cli.main import main
 from magphonon.design.uncertainty import Spread, response_spread
 from magphonon.response.frf import receptance
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.scene import read_scene
 from magphonon.scenes.tolerances import varied
 
 OWN = {'provenance.json', 'scene.toml'}

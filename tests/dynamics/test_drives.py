@@ -57,7 +57,7 @@ def test_bad_forces_are_refused():
     for drive, words in ((lambda t: np.zeros((3, 3)), 'must have the shape'), (lambda t: np.full((49, 3), np.nan), 'finite'),
                          (Constant([24], (0, 0, 1), 1.0), 'along z'), (lambda t: np.ones((49, 3)), 'along z')):
         with pytest.raises(ValueError, match=words):
-            DrivenVerlet(patch(), DT, drives=[drive], engine='numpy').run(3)
+            DrivenVerlet(patch(), DT, drives=[drive], engine='compiled').run(3)
 
 
 AT_THE_RIM, INSIDE = 0, 12

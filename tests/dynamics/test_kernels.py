@@ -10,7 +10,6 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Tabulated, 
 from magphonon.dynamics import memory_layout
 from magphonon.dynamics.bond_increments import DEGREE, RANGES, TOLERANCE, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
-from magphonon.dynamics.engine import PIECES
 from magphonon.dynamics.memory_layout import arrange
 from magphonon.dynamics.verlet import threads_for
 from magphonon.interactions.bond_laws import labels
@@ -153,27 +152,6 @@ def test_other_structures_go_into_a_table():
     assert arrange(twice, MagneticRepulsion(twice, LAW, bonds=[(0, 1), (64, 65)]).bonds, np.ones(128, bool)).offset is None
 
 
-@pytest.mark.parametrize('engine', ['numpy', pytest.param('compiled', marks=pytest.mark.slow)])
-def test_a_strain_that_comes_and_goes_within_a_block_is_noticed(engine):
-    if engine == 'compiled':
-        pytest.importorskip('numba')
-    patch = vacancies(lattices.parallelogram(cells()['triangular'], 12, 12))
-
-    def run(law_itself):
-        moving = patch.copy()
-        moving.calc = MagneticRepulsion(moving, LAW, foundation=2.0)  # its period is the 32 steps of a block
-        dyn = DrivenVerlet(moving, 0.11, engine=engine)
-        dyn.run(0)
-        if law_itself:
-            dyn._blocks._fit(PIECES + 1)
-        dyn.run(320)
-        assert dyn.engine == ('numpy' if law_itself else engine)
-        return dyn.displacements
-
-    # the bound of the polynomials, over 320 steps; those of a smaller reach would be off by 1e-8
-    assert abs(run(False) - run(True)).max() < 1e-12 * abs(run(True)).max()
-
-
 # --- the law in pieces, beyond every polynomial ----------------------------------------------------------------------
 
 
@@ -193,44 +171,6 @@ def test_pieces_are_the_law_from_contact_to_where_bonds_end(name, model):
     expected = f / law.length(e, 10.0) - f0 / 10.0 if model == 'complete' else (f - f0) / 10.0
     # 1e-12 of the force and of what the stiffness at rest would give; the difference here loses 1e-16 of the force at rest
     assert (abs(H - expected) < 1e-12 * (abs(expected) + abs(e * law.slope(0.0, 10.0))) + 1e-16 * f0).all()
-
-
-def test_far_from_rest_the_compiled_engine_is_as_exact_and_still_compiled():
-    pytest.importorskip('numba')
-
-    def run(engine, exact=False):
-        atoms = lattices.parallelogram(cells()['triangular'], 9, 9)
-        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.02)
-        atoms.positions[40] += (-2.6, -0.4, 0)  # a strain over 1/2 at once: polynomials are not even made
-        atoms.set_momenta(np.outer(np.arange(81) == 40, [0.7 * 2.0, 0.3, 0]))
-        dyn = DrivenVerlet(atoms, 0.05, engine=engine)
-        dyn.run(0)
-        if exact:
-            dyn._blocks._fit(PIECES + 1)
-        dyn.run(96)
-        assert dyn._blocks._level >= PIECES
-        assert dyn.engine == engine
-        return dyn.displacements
-
-    expected = run('numpy', exact=True)
-    assert abs(expected).max() > 2.0
-    assert abs(run('compiled') - expected).max() < 1e-11 * abs(expected).max()
-
-
-def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
-    pytest.importorskip('numba')
-
-    class Rough(InversePower):
-        def dphi(self, r):
-            return super().dphi(r) * (1 + 1e-6 * np.sin(1e9 * np.asarray(r)))
-
-    atoms = lattices.parallelogram(cells()['triangular'], 6, 6)
-    atoms.calc = MagneticRepulsion(atoms, Rough(8900.0, 4.5), foundation=0.02)
-    atoms.set_momenta(np.outer(np.arange(36) == 14, [0.7 * 2.0, 0, 0]))
-    dyn = DrivenVerlet(atoms, 0.05, engine='compiled')
-    dyn.run(64)
-    assert dyn._blocks._level > PIECES
-    assert dyn.engine == 'numpy'
 
 
 # --- threads ----------------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from magphonon import DrivenVerlet, MagneticRepulsion, Tabulated, lattices
+from magphonon import Tabulated
 from magphonon.dynamics.bond_increments import DEGREE, SMALL, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
 
@@ -67,21 +67,3 @@ def test_past_a_knot_near_rest_the_forces_are_still_those_of_the_law(seed):
     assert (abs(H - expected) < limit).all()
     assert (abs(law.exact(e, REST) - expected) < limit).all()
     assert (abs(integral(law, e) - expected) > 10 * limit).any()  # the control
-
-
-@pytest.mark.parametrize(('low', 'high'), [(5e-5, 5e-5), (2e-4, 1e-5), (1e-5, 2.0)])
-def test_a_table_that_ends_at_once_is_left_to_the_law_itself(low, high):
-    pytest.importorskip('numba')
-    r = REST * np.linspace(1 - low, 1 + high, 40)
-    atoms = lattices.parallelogram(lattices.triangular(REST, 0.7), 5, 5)
-    atoms.calc = MagneticRepulsion(atoms, Tabulated(r, 8900 * r**-4.5), foundation=0.5)
-
-    def run(engine):
-        moving = atoms.copy()
-        moving.calc = atoms.calc
-        moving.set_momenta(np.outer(np.arange(25) == 12, [1e-5, 0, 0]))
-        dyn = DrivenVerlet(moving, 0.05, engine=engine)
-        dyn.run(5)
-        return dyn.displacements
-
-    assert np.array_equal(run('compiled'), run('numpy'))

@@ -42,7 +42,7 @@ def burst(amplitude=1e-4 * u.N):
     return ToneBurst(np.arange(N * N // 2 + 2, N * N // 2 + 8), (3, 4), amplitude, omega=2 * np.pi * 40 * u.Hz, start=4 * u.ms)
 
 
-def by_magphonon(atoms, drive, damping=0.0, engine='numpy'):
+def by_magphonon(atoms, drive, damping=0.0, engine='compiled'):
     moving = atoms.copy()
     moving.calc = atoms.calc
     dyn = DrivenVerlet(moving, TIMESTEP, [drive], damping, engine=engine)
@@ -96,7 +96,7 @@ def test_forces_at_random_displacements(lammps, patch, tmp_path):
 
 # 1e-7 is the promise.  What is left is round-off of the absolute positions, in LAMMPS (see the next test), and of the
 # momenta that FixAtoms rebuilds from them in ASE's loop: found 3e-11 and 3e-10.
-@pytest.mark.parametrize(('engine', 'tolerance'), [('numpy', 1e-9), ('ase', 1e-8)])
+@pytest.mark.parametrize(('engine', 'tolerance'), [('compiled', 1e-9), ('ase', 1e-8)])
 @pytest.mark.parametrize('damping', [0.0, 0.02 / u.ms])
 def test_burst_particle_by_particle(lammps, patch, tmp_path, damping, engine, tolerance):
     found = by_lammps(tmp_path, patch, burst(), damping=damping)

@@ -47,7 +47,7 @@ def drawn_patch(seed):
 def by_magphonon(atoms, drive, records, damping=DAMPING):
     moving = atoms.copy()
     moving.calc = atoms.calc
-    dyn = DrivenVerlet(moving, DT, [drive], damping, engine='numpy')
+    dyn = DrivenVerlet(moving, DT, [drive], damping, engine='compiled')
     recorders = [Recorder(dyn, particles, interval) for particles, interval in records]
     dyn.run(STEPS)
     return recorders

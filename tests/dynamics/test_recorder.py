@@ -9,7 +9,7 @@ from magphonon import DrivenVerlet, Recorder
 
 def test_recorder_keeps_what_was_there_in_memory_and_on_disk(tmp_path, monkeypatch):
     def record(particles=None):
-        dyn = DrivenVerlet(patch(speed=0.05), DT, engine='numpy')
+        dyn = DrivenVerlet(patch(speed=0.05), DT, engine='compiled')
         seen = []
         dyn.attach(lambda: seen.append(dyn.displacements), 4)
         recorder = Recorder(dyn, particles, interval=4)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from textwrap import dedent
 
+import numba
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixCartesian
@@ -12,9 +13,10 @@ from ase.io import read
 from motion import DT, apart, patch, states_of
 
 from magphonon import Constant, DrivenVerlet, Harmonic, Tabulated, ToneBurst, restored
+from magphonon.dynamics import compiled
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_observers_are_called_as_by_ase(engine):
     calls = {3: [], 7: [], -11: []}
     dyn = DrivenVerlet(patch(speed=0.01), DT, engine=engine)
@@ -44,13 +46,10 @@ def test_trajectory_and_log(tmp_path):
     assert logged[0, 3] > 0  # in four decimals, as ASE writes them, it is not much more than zero
 
 
-def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():
-    pytest.importorskip('numba')
-    whole = states_of(patch(), 200, 10, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
-    dyn = DrivenVerlet(patch(), DT, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
-    dyn.run(70)
-    dyn.asked_engine = 'compiled'
-    dyn.run(60)
+def test_the_state_is_carried_from_run_to_run():
+    whole = states_of(patch(), 200, 10, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='compiled')
+    dyn = DrivenVerlet(patch(), DT, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='compiled')
+    dyn.run(130)
     dyn.atoms.set_constraint([*dyn.atoms.constraints, FixAtoms([0])])  # nothing new: 0 is on the rim
     dyn.run(70)
     assert dyn.engine == 'compiled'
@@ -60,29 +59,26 @@ def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():
 def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
     dyn = DrivenVerlet(patch(), DT)
     dyn.run(2)
-    assert dyn.engine == 'numpy'
+    assert dyn.engine == 'ase'
+    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 1)
+    dyn.run(2)
+    assert dyn.engine == 'compiled'
     atoms = patch()
     atoms.set_constraint(FixCartesian([0]))
     dyn = DrivenVerlet(atoms, DT)
+    dyn.run(2)
     assert dyn.engine == 'ase'
-    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* FixCartesian.*use engine='ase'"):
-        DrivenVerlet(atoms, DT, engine='numpy')
+    with pytest.raises(ValueError, match=r"engine='compiled' cannot .* FixCartesian.*use engine='ase'"):
+        DrivenVerlet(atoms, DT, engine='compiled')
     atoms = patch()
     atoms.set_momenta(np.outer(np.arange(49) == 24, (0, 0, 1)))
     with pytest.raises(ValueError, match=r'particle 24 moves out of the plane.*FixedPlane'):  # nothing acts along z
         DrivenVerlet(atoms, DT).run(2)
-    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* out of the plane"):
-        DrivenVerlet(atoms, DT, engine='numpy')
-    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 1)
-    monkeypatch.setattr('magphonon.dynamics.verlet.find_spec', lambda name: None)
-    dyn = DrivenVerlet(patch(), DT)
-    dyn.run(2)
-    assert dyn.engine == 'numpy'
-    with pytest.raises(ImportError, match=r'magphonon\[fast\]'):
-        DrivenVerlet(patch(), DT, engine='compiled')
+    with pytest.raises(ValueError, match=r"engine='compiled' cannot .* out of the plane"):
+        DrivenVerlet(atoms, DT, engine='compiled')
 
 
-def test_a_run_of_blocks_imports_no_numba():
+def test_a_short_run_imports_no_numba():
     import subprocess
 
     code = ('import sys; from magphonon import *; a = lattices.parallelogram(lattices.square(1., 1.), 5, 5); '
@@ -96,15 +92,15 @@ def test_a_run_of_blocks_imports_no_numba():
 def test_a_law_that_no_polynomial_fits_is_evaluated_itself(reach):
     r = np.array([4, 6, 8, 9, 10 - 0.4 * reach, 10 + 0.3 * reach, 11, 13, 16, 20])  # knots within reach of the motion
     law = Tabulated(r, 8900 * r**-4.5 * (1 + 0.01 * np.sin(3 * r)))
-    ase, numpy = (states_of(patch(speed=reach, law=law), 100, 10, engine=engine) for engine in ('ase', 'numpy'))
-    assert apart(numpy, ase) < 1e-8
+    ase, blocks = (states_of(patch(speed=reach, law=law), 100, 10, engine=engine) for engine in ('ase', 'compiled'))
+    assert apart(blocks, ase) < 1e-8
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     ({'timestep': 0}, 'timestep must be a positive number in ms, not 0'),
     ({'damping': -1}, 'damping must be a zero or positive number in 1/ms'),
     ({'damping': [1, 2]}, 'one for each of the 49 particles'),
-    ({'engine': 'fast'}, "engine must be one of 'auto', 'ase', 'numpy', 'compiled', not 'fast'"),
+    ({'engine': 'fast'}, "engine must be one of 'auto', 'ase', 'compiled', not 'fast'"),
     ({'drives': [3]}, 'a drive must be'),
     ({'drives': [Constant(49, (1, 0), 1.0)]}, 'particle 49, but the structure has particles 0 to 48'),
 ])
@@ -113,7 +109,7 @@ def test_bad_arguments_are_refused(arguments, words):
         DrivenVerlet(patch(), **{'timestep': DT, **arguments})
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_a_killed_run_goes_on_from_its_trajectory(engine, tmp_path):
     def driven(atoms, **options):
         return DrivenVerlet(atoms, DT, [ToneBurst(24, (1, 2), 1e-3, omega=3.0, cycles=3)], damping=0.05, engine=engine, **options)
@@ -140,57 +136,38 @@ def test_a_killed_run_goes_on_from_its_trajectory(engine, tmp_path):
     assert abs(late.displacements - whole.displacements).max() > 1e-3 * abs(whole.displacements).max()
 
 
-def test_a_run_that_becomes_long_changes_the_kernel_and_nothing_else(monkeypatch):
-    pytest.importorskip('numba')
-    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 49 * 30)
-    dyn, whole = DrivenVerlet(patch(speed=0.01), DT), DrivenVerlet(patch(speed=0.01), DT, engine='numpy')
-    engines, blocks = [], []
+def test_a_run_that_becomes_long_is_compiled_and_stays_so(monkeypatch):
+    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 1049 * 30)
+    dyn, whole = DrivenVerlet(patch(speed=0.01), DT), DrivenVerlet(patch(speed=0.01), DT, engine='ase')
+    engines = []
     for steps in (29, 30, 29):  # on both sides of what pays
         dyn.run(steps)
         engines.append(dyn.engine)
-        blocks.append(dyn._blocks)
     whole.run(88)
-    assert engines == ['numpy', 'compiled', 'numpy']
-    assert blocks[0] is blocks[1] is blocks[2]
-    assert apart(dyn.displacements, whole.displacements) < 1e-13
-    dyn.atoms.set_momenta(dyn.atoms.get_momenta() + np.outer(np.arange(49) == 24, (0, 0, 1)))  # blocks are refused now
-    with pytest.raises(ValueError, match='moves out of the plane'):
-        dyn.run(30)
+    assert engines == ['ase', 'compiled', 'compiled']
+    assert apart(dyn.displacements, whole.displacements) < 1e-11
 
 
-def test_with_a_numba_that_does_not_serve_long_runs_go_on_in_numpy_with_one_warning(monkeypatch):
-    numba = pytest.importorskip('numba')
-    from magphonon.dynamics import compiled
-
+@pytest.mark.parametrize(('fault', 'words'), [('missing', 'numba'), ('other', 'overload'), ('off', 'NUMBA_DISABLE_JIT is set')])
+def test_without_a_numba_that_serves_long_runs_go_through_ases_loop_with_one_warning(monkeypatch, fault, words):
     monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 0)
-    monkeypatch.delitem(sys.modules, 'magphonon.dynamics.kernels_numba', raising=False)
-    monkeypatch.delattr('magphonon.dynamics.kernels_numba', raising=False)
-    monkeypatch.delattr(numba.extending, 'overload')
+    if fault == 'off':
+        monkeypatch.setattr(numba.config, 'DISABLE_JIT', 1)
+    else:
+        monkeypatch.delitem(sys.modules, 'magphonon.dynamics.kernels_numba', raising=False)
+        monkeypatch.delattr('magphonon.dynamics.kernels_numba', raising=False)
+        if fault == 'missing':
+            monkeypatch.setitem(sys.modules, 'numba', None)
+        else:
+            monkeypatch.delattr(numba.extending, 'overload')
     compiled.can_compile.cache_clear()
-    dyn = DrivenVerlet(patch(speed=0.01), DT)
-    with pytest.warns(UserWarning, match='compiled steps cannot be loaded .*overload'):
+    dyn, want = DrivenVerlet(patch(speed=0.01), DT), DrivenVerlet(patch(speed=0.01), DT, engine='ase')
+    with pytest.warns(UserWarning, match=f'compiled steps cannot be loaded .*{words}'):
         dyn.run(3)
     dyn.run(3)  # warnings are errors
-    assert dyn.engine == 'numpy'
-    monkeypatch.undo()
-    compiled.can_compile.cache_clear()
-
-
-def test_where_compiling_is_switched_off_long_runs_go_on_in_numpy_with_one_warning(monkeypatch):
-    numba = pytest.importorskip('numba')
-    from magphonon.dynamics import compiled
-
-    want = DrivenVerlet(patch(speed=0.01), DT, engine='numpy')
     want.run(6)
-    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 0)
-    monkeypatch.setattr(numba.config, 'DISABLE_JIT', 1)
-    compiled.can_compile.cache_clear()
-    dyn = DrivenVerlet(patch(speed=0.01), DT)
-    with pytest.warns(UserWarning, match='NUMBA_DISABLE_JIT is set'):
-        dyn.run(3)
-    dyn.run(3)  # warnings are errors
-    assert dyn.engine == 'numpy'
-    assert apart(dyn.displacements, want.displacements) < 1e-14
+    assert dyn.engine == 'ase'
+    assert np.array_equal(dyn.displacements, want.displacements)
     with pytest.raises(ImportError, match='needs numba'):
         DrivenVerlet(patch(), DT, engine='compiled')
     monkeypatch.undo()
@@ -201,7 +178,6 @@ def test_where_compiling_is_switched_off_long_runs_go_on_in_numpy_with_one_warni
 @pytest.mark.parametrize('fault', ['damaged', 'unwritable'])
 def test_a_cache_that_does_not_serve_is_done_without(tmp_path, fault):
     """The same bits as with a cache, in processes of their own; the control is that the first run fills the cache."""
-    pytest.importorskip('numba')
     script = tmp_path / 'run.py'
     script.write_text(dedent("""
         from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices

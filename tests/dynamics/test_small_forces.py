@@ -64,7 +64,7 @@ def propagated(atoms, drives):
 def stepped(atoms, drives):
     atoms, calc = atoms.copy(), atoms.calc
     atoms.calc = calc
-    dyn = DrivenVerlet(atoms, DT, drives, engine='numpy')
+    dyn = DrivenVerlet(atoms, DT, drives, engine='compiled')
     dyn.run(round(T / DT))
     return dyn.displacements
 

@@ -1,6 +1,5 @@
 """Steps of order 4 and 6, against SciPy's integrator of order 8 and on both sides of their limit."""
 
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from scipy.integrate import solve_ivp
 from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.dynamics.splittings import SPLITTINGS
 
-ENGINES = ['ase', 'numpy', pytest.param('compiled', marks=pytest.mark.skipif(find_spec('numba') is None, reason='no numba'))]
+ENGINES = ['ase', 'compiled']
 T = 12.0  # ms, about six periods of the fastest wave
 
 
@@ -56,7 +55,7 @@ def by_scipy(patch, u, drive, gamma):
     return found.y[:, -1].reshape(2, -1, 2)
 
 
-def moved(patch, u, drive, gamma, order, steps, engine='numpy', **options):
+def moved(patch, u, drive, gamma, order, steps, engine='compiled', **options):
     atoms = patch.copy()
     atoms.calc = patch.calc
     atoms.positions[:, :2] += u

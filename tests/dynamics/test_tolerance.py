@@ -14,8 +14,6 @@ from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
 from magphonon.stiffness import LinearSystem
 
-pytest.importorskip('numba')
-
 FINER = 4
 
 
@@ -76,7 +74,7 @@ class Case:
     def misfit(self, **settings):
         """Error of a run with the tolerance as a fraction of it, and that run."""
         dyn, _ = self.run(tolerance=self.tolerance, engine='compiled', threads=1, **settings)
-        reference, largest = self.run(FINER, engine='numpy' if self.phase < 100 else 'compiled', order=6)
+        reference, largest = self.run(FINER, engine='compiled', order=6)
         return abs(dyn.displacements - reference.displacements).max() / largest / self.tolerance, dyn
 
 
@@ -173,7 +171,8 @@ def test_what_drives_or_leads_faster_than_the_lattice_counts(led):
     def end(dt, **settings):
         atoms, steps = row.copy(), int(np.ceil(20 / omega / dt))
         atoms.calc = row.calc
-        dyn = DrivenVerlet(atoms, 20 / omega / steps, [PrescribedMotion(course) if led else course], engine='numpy', **settings)
+        drive = PrescribedMotion(course) if led else course
+        dyn = DrivenVerlet(atoms, 20 / omega / steps, [drive], engine='compiled', **settings)
         dyn.run(steps)
         return dyn.displacements
 

@@ -50,7 +50,7 @@ def test_any_calculator_of_ase_will_do():
     assert abs(dyn.displacements).max() > 0.1
 
 
-@pytest.mark.parametrize('engine', ['auto', 'ase', 'numpy'])
+@pytest.mark.parametrize('engine', ['auto', 'ase', 'compiled'])
 def test_motion_is_told_before_the_first_step_and_between_runs(engine):
     atoms = patch(speed=0.05)
     atoms.positions[24] += 0.3, -0.2, 0
@@ -65,7 +65,7 @@ def test_motion_is_told_before_the_first_step_and_between_runs(engine):
     assert abs(dyn.displacements - u[:, :2]).max() > 0.01
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 @pytest.mark.parametrize('what', ['drive', 'record'])
 def test_another_time_step_would_turn_the_clock_back_and_is_refused(engine, what):
     atoms = patch(speed=0.05)
@@ -93,15 +93,12 @@ def test_shells_at_which_a_law_underflows_say_nothing(kappa):
         atoms = calc.reference.copy()
         atoms.calc = calc
         atoms.positions[free[3], 0] += 0.1
-        DrivenVerlet(atoms, DT, engine='numpy').run(50)
+        DrivenVerlet(atoms, DT, engine='compiled').run(50)
         ends.append(atoms.positions)
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-250)  # forces of 1e-300 N change nothing
 
 
-@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
-def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes(engine):
-    if engine == 'compiled':
-        pytest.importorskip('numba')
+def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes():
 
     def run(engine):
         atoms = patch(speed=0.01)
@@ -111,7 +108,7 @@ def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes(engine):
                   Constant([31], (1, 0), 1e-3), lambda t: 1e-4 * t * np.outer(np.arange(49) == 32, (1, 0, 0))]
         return states_of(atoms, 600, 7, engine=engine, drives=drives, damping=np.linspace(0, 0.05, 49))
 
-    ase, blocks = run('ase'), run(engine)
+    ase, blocks = run('ase'), run('compiled')
     assert apart(blocks, ase) < 1e-9
     assert not ase[:, 30].any()  # a line along z
     assert not blocks[:, 30].any()
@@ -123,19 +120,16 @@ def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes(engine):
 # --- order, frequency, decay ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
 @pytest.mark.parametrize(('omega_dt', 'gamma'), [(0.1, 0.0), (1.0, 0.0), (1.9, 0.0), (0.3, 0.02), (1.9, 0.1)])
-def test_discrete_frequency_and_decay_are_exact(engine, omega_dt, gamma, paper):
+def test_discrete_frequency_and_decay_are_exact(omega_dt, gamma, paper):
     # One step is linear here, so u[n+1] = trace u[n] - det u[n-1].  Velocity Verlet has det = 1 and trace = 2 - (omega dt)^2,
     # that is sin(omega' dt/2) = omega dt/2; two half decays make det = exp(-gamma dt), trace = (1 + det)(1 - (omega dt)^2/2).
-    if engine == 'compiled':
-        pytest.importorskip('numba')
     omega = paper['oscillator']['omega_y'][0] / u.s  # 141.42 rad/s
     dt = omega_dt / omega
     atoms = oscillator()
     atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
     atoms.set_momenta([[0, 0, 0]] * 3 + [[0, 1e-8, 0]])  # amplitude below 1e-13 of the spacing: as linear as that
-    frames = states_of(atoms, 400, 1, dt, damping=gamma, engine=engine, allow_unstable=True)[:, 3]
+    frames = states_of(atoms, 400, 1, dt, damping=gamma, engine='compiled', allow_unstable=True)[:, 3]
     assert not frames[:, 0].any()
     y = frames[:, 1] / abs(frames[:, 1]).max()
     (trace, det), *_ = np.linalg.lstsq(np.stack([y[1:-1], -y[:-2]], axis=1), y[2:])
@@ -147,7 +141,6 @@ def test_discrete_frequency_and_decay_are_exact(engine, omega_dt, gamma, paper):
 
 @pytest.mark.slow
 def test_energy_stays_bounded_over_a_million_steps():
-    pytest.importorskip('numba')
     atoms, energy = patch(5, speed=0.1), []
     dyn = DrivenVerlet(atoms, DT, engine='compiled')
     dyn.attach(lambda: energy.append(atoms.get_total_energy()), 1000)
@@ -164,11 +157,11 @@ def test_energy_stays_bounded_over_a_million_steps():
 @pytest.mark.parametrize('theta0', [0, np.pi / 6, np.pi / 2])
 def test_balanced_static_forces_leave_nothing(theta0):
     atoms = oscillator(theta0)
-    assert not states_of(atoms, 300, dt=0.5, engine='numpy').any()  # unstable at pi/2, yet not one bit
+    assert not states_of(atoms, 300, dt=0.5, engine='compiled').any()  # unstable at pi/2, yet not one bit
     balance = Constant(3, (0, 1), atoms.calc.load[3, 1])
     atoms.calc = atoms.calc.about(atoms, load=np.zeros((4, 3)))
-    assert not states_of(atoms, 300, dt=0.5, drives=[balance], engine='numpy').any()
-    pushed = states_of(atoms, 10, dt=0.5, engine='numpy')[-1, 3]
+    assert not states_of(atoms, 300, dt=0.5, drives=[balance], engine='compiled').any()
+    pushed = states_of(atoms, 10, dt=0.5, engine='compiled')[-1, 3]
     assert pushed[1] > 0.01  # the control: three magnets push it up
 
 
@@ -178,7 +171,7 @@ def test_bytes_of_a_magnet_at_the_peak():
         tracemalloc.start()
         atoms = patch(n)
         atoms.get_forces()
-        DrivenVerlet(atoms, DT, engine='numpy').run(2)
+        DrivenVerlet(atoms, DT, engine='compiled').run(2)
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return most

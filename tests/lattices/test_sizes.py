@@ -1,12 +1,13 @@
 """What would need more memory than is free is refused before it is built, with the number; the number is what building takes."""
 
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from ase import Atoms
 
-from magphonon import InversePower, PairCalculator, find_bonds, lattices, modes
+from magphonon import InversePower, PairCalculator, find_bonds, frequency_response, lattices, modes, propagate
 from magphonon.lattices import bonds, patches
 from magphonon.lattices.bonds import bonds_within
 from magphonon.response import natural_frequencies
@@ -27,6 +28,17 @@ def test_what_no_memory_holds_is_refused_at_once(build):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 3e7
+
+
+@pytest.mark.parametrize('build', [
+    lambda patch: propagate(patch, np.arange(1e6)), lambda patch: frequency_response(
+        patch, np.ones((len(patch), 3)) * [1, 0, 0], np.linspace(1, 2, 10**6), 0.1)], ids=['motion', 'response'])
+def test_a_long_record_of_many_particles_is_refused(build, monkeypatch):
+    monkeypatch.setattr('psutil.virtual_memory', lambda: SimpleNamespace(available=2**30))
+    patch = lattices.parallelogram(TRIANGULAR, 12, 12)
+    patch.calc = PairCalculator(patch, InversePower(1.0, 4.0), foundation=1.0)
+    with pytest.raises(ValueError, match=r'would take about .* GB of memory, and 1.07 GB are free; ask for fewer'):
+        build(patch)
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -96,7 +96,7 @@ def test_where_a_hole_buckles_the_page_names_a_foundation_that_holds_it(opened):
 
 @pytest.mark.parametrize('removed', [False, True])
 def test_the_tone_in_a_structure_from_a_table_is_the_exact_motion(removed, opened):  # noqa: F811
-    rng, page = np.random.default_rng(7 + removed), opened('demux')
+    rng, page = np.random.default_rng(7 + removed), opened('demultiplexer')
     carrier, time = rng.uniform(45, 95), rng.uniform(0.1, 0.2)
     if removed:  # one of the middle
         page.evaluate('view.burst.source = view.burst.patch.keys[63]')

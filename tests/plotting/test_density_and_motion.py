@@ -7,10 +7,10 @@ from figures import drawn, legend_of
 from motion import patch
 from PIL import Image
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, modes, units as u
-from magphonon.bands import DensityOfStates, band_path, band_ranges, lattice_density
-from magphonon.plotting import animate, mode_frames, plot_bands, plot_density, plot_extents, plot_shape, plot_spectral_function
-from magphonon.response import density_of_states, localisation, spectral_function
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, units as u
+from magphonon.bands import DensityOfStates, band_ranges, lattice_density
+from magphonon.plotting import animate, mode_frames, plot_density, plot_extents, plot_shape
+from magphonon.response import density_of_states, localisation
 
 
 def test_densities_of_a_lattice_and_a_patch_share_axes():
@@ -41,20 +41,6 @@ def test_peaks_of_flat_branches_are_cut_and_their_heights_written():
     control = plot_density(lattice_density(prototype(), steps=24))
     assert control.get_ylim()[1] > control.lines[0].get_ydata().max()
     assert not control.texts
-
-
-def test_spectral_function_lies_under_the_bands():
-    cell = prototype()
-    path = band_path(cell, 'GMKG', npoints=25)
-    spectral = spectral_function(patch(12), cell, path.kpts, moments=64)
-    ax = plot_spectral_function(spectral, path)
-    drawn(plot_bands(analytic_bands(cell, path), ax=ax))
-    assert [label.get_text() for label in ax.get_xticklabels()] == ['Γ', 'M', 'K', 'Γ']
-    image = ax.collections[0]
-    shown = np.asarray(image.get_array()).reshape(129, 25)
-    np.testing.assert_allclose(shown, spectral.density.T / 2 * 2 * np.pi * u.Hz)
-    with pytest.raises(ValueError, match='25 wavevectors, but the path 30'):
-        plot_spectral_function(spectral, band_path(cell, 'GMKG', npoints=30))
 
 
 def test_extents_and_shapes():

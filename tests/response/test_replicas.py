@@ -47,7 +47,7 @@ def alone(atoms, u, v, law, model, periodic=True):
                   velocities=v, displacements=u)[0]
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('engine', ['ase', 'compiled'])
 @pytest.mark.parametrize('seed', range(8))
 def test_each_moves_as_by_itself(engine, seed):
     rng = np.random.default_rng(seed)

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from motion import L0, LAW, MASS
-from numpy.testing import assert_allclose
 from scipy.integrate import cumulative_trapezoid
 
-from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed, units as u
-from magphonon.bands import band_path, bloch_modes, lattice_density
-from magphonon.response import density_of_states, natural_frequencies, spectral_function
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
+from magphonon.bands import lattice_density
+from magphonon.response import density_of_states, natural_frequencies
 from magphonon.response.chebyshev import Interval, SpectralMoments, stable_interval, whole_interval
-from magphonon.response.spectral_density import sites_of
 from magphonon.stiffness import LinearSystem
 
 K0 = 0.12  # N/mm, on which all the lattices here are stable
@@ -91,49 +89,6 @@ def test_total_density_is_that_of_all_modes_within_its_error(seed):
     assert (abs(found.density - wrong) / np.maximum(found.error, 1e-9 * exact.max())).max() > 14
 
 
-@pytest.mark.parametrize('seed', [0, 1, 2, 3, 7])
-def test_spectral_function_is_the_overlap_with_all_modes(seed):
-    cell, atoms = disturbed(seed)
-    system = LinearSystem.of(atoms)
-    q = np.array([[0.25, 0.2, 0], [0.0, 0.0, 0.0], [0.5, -0.4, 0]])
-    found = spectral_function(system, cell, q, moments=COUNT)
-    omega, vectors, interval = all_modes(system)
-    own = sites_of(atoms.calc.anchors, cell)
-    expected = np.zeros_like(found.density)
-    for row, k in enumerate(2 * np.pi * q @ cell.cell.reciprocal().array):
-        for sort in range(len(cell)):
-            for along in range(2):
-                wave = np.zeros((len(atoms), 2), complex)
-                wave[own == sort, along] = np.exp(1j * atoms.calc.anchors[own == sort] @ k)
-                wave = system.free.T @ wave.ravel()
-                count = np.linalg.norm(system.free.T @ np.ravel(abs(np.where((own == sort)[:, None], np.eye(2)[along], 0))))
-                expected[row] += kernel(found.omega, omega, interval) @ abs(vectors.T @ wave / count) ** 2
-    assert_allclose(found.density, expected, atol=1e-10 * expected.max())
-    assert found.modes == 2 * len(cell)
-
-
-@pytest.mark.parametrize(('kind', 'n', 'ratio', 'held'), [('triangular', 24, 1.0, []), ('honeycomb', 12, 1.5, []),
-                                                          ('kagome', 8, 2.0, [1])])
-def test_without_disorder_the_peaks_lie_on_the_branches(kind, n, ratio, held):
-    cell = getattr(lattices, kind)(L0, MASS)
-    cell.set_masses(MASS * np.linspace(1, ratio, len(cell)))
-    cell.set_constraint(FixAtoms(held))
-    atoms = cell.repeat((n, n, 1))
-    cell.calc, atoms.calc = (MagneticRepulsion(which, LAW, foundation=K0) for which in (cell, atoms))
-    path = band_path(cell, 'GMKG', npoints=30)
-    q = np.round(path.kpts * n) / n  # of a periodic patch, its own wavevectors
-    found = spectral_function(atoms, cell, q, moments=512)
-    system = LinearSystem.of(atoms)
-    for model in ('complete', 'conventional'):
-        bands = bloch_modes(cell, q, model)[0]
-        peaks = kernel(found.omega, bands.ravel(), stable_interval(system.K), 512)
-        of_bands = peaks.reshape(len(found.omega), *bands.shape).sum(axis=2).T
-        off = abs(found.density - of_bands).max() / found.density.max()
-        assert off < 1e-9 if model == 'complete' else off > 0.5
-    integral = np.trapezoid(found.density, found.omega, axis=1)
-    assert_allclose(integral, found.modes, rtol=1e-4)  # of the trapezoids
-
-
 def test_the_stated_width_is_that_of_a_peak():
     interval, top = Interval(0.0, 4.0), 2.0
     grid = np.linspace(0, top, 40001)[1:-1]
@@ -209,83 +164,12 @@ def test_a_mode_at_the_bound_of_all_frequencies_is_on_the_default_grid(seed):
     assert abs(np.trapezoid(control.density, equal) / len(exact) - 1) > 0.02
 
 
-def test_the_sites_of_a_patch_are_found_wherever_it_lies():
-    for kind in ('honeycomb', 'kagome', 'square'):
-        cell = getattr(lattices, kind)(L0, MASS)
-        patch = lattices.hexagon(cell, 44.0)
-        expected = patch.arrays['site'] % len(cell)
-        places = patch.positions + np.random.default_rng(1).uniform(-0.6, 0.6, patch.positions.shape) * [1, 1, 0]
-        np.testing.assert_array_equal(sites_of(places + np.array([3.0, -1.0, 0.0]), cell), expected)
-    with pytest.raises(ValueError, match=r'particle \d+ is .* mm away from every site'):
-        sites_of(patch.positions, lattices.triangular(L0, MASS))
-
-
 @pytest.mark.parametrize(('change', 'message'), [
     ({'moments': 63}, 'moments must be even'), ({'vectors': 1}, 'vectors must be a whole number of at least 2'),
     ({'omega': [0.3, 0.2]}, 'two or more increasing'), ({'seed': -1}, 'seed must be a whole number')])
 def test_bad_numbers_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         density_of_states(disturbed(1)[1], **change)
-
-
-def shear_at_M(n, seed):
-    """The prototype, periodic, with 1 % scatter of every magnet's strength, at rest; its shear wave at M."""
-    atoms = lattices.triangular(L0, MASS).repeat((n, n, 1))
-    strengths = 1 + 0.01 * np.random.default_rng(seed).normal(size=n * n)
-    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.0196757, strengths=strengths)
-    system = LinearSystem.of(relaxed(atoms).atoms)
-    signs = (-1.0) ** (np.arange(n * n) % n)  # along R_2, across the wavevector of M along b_2; atoms run along R_2 first
-    return system, np.kron(signs, [1.0, 0.0]) / n
-
-
-@pytest.mark.long
-def test_scatter_of_strength_broadens_shear_as_in_exact_supercells():
-    """A patch of 72 x 72 against 200 supercells of 12 x 12: `pytest -n 0 -m long tests/response/test_spectral_density.py`, 1 min.
-
-    The rms of the squared frequency over the modes of the wave is 0.92 Hz of frequency; at a resolution of 0.51 Hz the peak is
-    0.54 Hz wide.
-    """
-    cell = lattices.triangular(L0, MASS)
-    M = [[0.0, 0.5, 0.0]]
-    large, _ = shear_at_M(72, 1)
-    omega = np.linspace(0.30, 0.44, 1500)  # 48 to 70 Hz, shear alone
-    found = spectral_function(large, cell, M, omega, moments=512).density[0]
-    interval = stable_interval(large.K)
-    exact, first, second = np.zeros_like(omega), 0.0, 0.0
-    for seed in range(200):
-        system, wave = shear_at_M(12, 1000 + seed)
-        squares, vectors = np.linalg.eigh(system.K.toarray())
-        weight = (wave @ vectors) ** 2
-        exact += kernel(omega, np.sqrt(squares), interval, 512) @ weight / 200
-        first, second = first + squares @ weight / 200, second + squares**2 @ weight / 200
-
-    def spread(density):
-        half = omega[density > density.max() / 2]
-        return (half[-1] - half[0]) / (2 * np.sqrt(2 * np.log(2)))
-
-    sharp = kernel(omega, bloch_modes_of_prototype(cell), interval, 512)[:, 0]
-    assert spread(found) == pytest.approx(spread(exact), rel=0.03)
-    assert abs(found - exact).max() < 0.06 * exact.max()  # the 12 x 12 shift by 0.12 Hz each, the large one by a sixth of it
-    assert spread(exact) > 1.02 * spread(sharp)
-    away = abs(u.hertz(omega) - 58.23) > 1.3  # 2.5 standard deviations of the peak
-    assert found[away].sum() / found.sum() == pytest.approx(exact[away].sum() / exact.sum(), rel=0.1)
-    assert sharp[away].sum() / sharp.sum() < 0.5 * exact[away].sum() / exact.sum()
-    _, wave = shear_at_M(72, 1)
-    squared = large.K @ wave
-    rms = np.sqrt(squared @ squared - (wave @ squared) ** 2)
-    assert rms == pytest.approx(np.sqrt(second - first**2), rel=0.05)
-
-
-def bloch_modes_of_prototype(cell):
-    """Shear at M without scatter, shape (1,)."""
-    cell.calc = MagneticRepulsion(cell, LAW, foundation=0.0196757)
-    return bloch_modes(cell, [[0.0, 0.5, 0.0]])[0][0, :1]
-
-
-def test_a_wavevector_has_three_fractions():
-    cell, atoms = disturbed(1)
-    with pytest.raises(ValueError, match='wavevectors of three fractions'):
-        spectral_function(atoms, cell, [0.1, 0.2])
 
 
 def test_modes_about_rest_and_density_agree_on_their_number():

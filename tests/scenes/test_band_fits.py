@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from oracles import Pairs, lattice
 from scans import Experiment, scene_text, triangular_branches
+from scene_files import ready_scene
 from scipy.stats import binom
 
 from magphonon import InversePower, read_scene
@@ -276,7 +277,7 @@ def test_tables_that_are_no_ridges_are_refused(spoil, message, experiment, capsy
 ])
 def test_scenes_whose_law_is_not_fitted_are_refused(name, message, experiment, capsys):
     _, folder = experiment
-    assert main(['fit', str(folder / 'ridges.csv'), '--bands', name]) == 2
+    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(ready_scene(name))]) == 2
     assert message in capsys.readouterr().err
 
 

@@ -10,7 +10,6 @@ from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes import fit_bands
 from magphonon.scenes.scene import parts_of, scene_of
 from magphonon.scenes.tolerances import varied
-from magphonon.sweeps import sweep
 
 F = 1.6209e-10 * 0.01**-4.5824
 
@@ -68,18 +67,6 @@ def test_tolerances_of_the_force_and_of_the_exponent_at_this_force():
     for slope, name in zip(slopes, changes, strict=True):
         up, down = (bloch_modes(varied(scene, {name: np.exp(s * h)}).perfect_cell(), np.array(q))[0] for s in (1, -1))
         assert_allclose(slope, (up - down) / (2 * h), rtol=1e-6)
-
-
-def test_an_exponent_swept_at_constant_force():
-    # what holds a square lattice, 4 f/L whatever the exponent: at constant b it runs over decades, of which a warning tells
-    scene, a = read_scene('square'), [2.0, 3.0, 4.5824, 6.0]
-    found = sweep(scene, {'law.a': a, 'law.force_N': [F]}, 'stability.needed')
-    assert_allclose(found['stability.needed'], 4 * F / 0.01 * np.ones((4, 1)), rtol=1e-8)
-    with pytest.warns(UserWarning, match='the force between neighbours varies from'):
-        swept = sweep(scene, {'law.a': a}, 'stability.needed')['stability.needed'].values
-    assert swept.max() > 1e3 * swept.min()
-    own = sweep(with_force('square'), {'law.a': a}, 'stability.needed')  # without a warning
-    assert_allclose(own['stability.needed'], found['stability.needed'][:, 0], rtol=1e-9)
 
 
 @pytest.mark.slow

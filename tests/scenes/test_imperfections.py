@@ -7,18 +7,19 @@ import tomllib
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import MagneticRepulsion, relaxed, units as u
 from magphonon.cli.main import main
 from magphonon.response import natural_frequencies
-from magphonon.scenes.scene import Scene, ready_scenes
+from magphonon.scenes.scene import Scene
 from magphonon.stiffness.defects import Scatter, scattered, substituted, with_interstitial, with_vacancies
 
 HZ = 1e3 / (2 * np.pi)
 
 
 def tables(name='vacancy', **changes):
-    return tomllib.loads(ready_scenes()[name].read_text(encoding='utf-8')) | changes
+    return tomllib.loads(ready_scene(name).read_text(encoding='utf-8')) | changes
 
 
 def scene(**changes):
@@ -51,7 +52,7 @@ def test_the_ready_scene_has_local_modes_in_the_gap():
 
 @pytest.mark.slow
 def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
-    text = ready_scenes()['vacancy'].read_text(encoding='utf-8').replace('points = 401', 'points = 3')
+    text = ready_scene('vacancy').read_text(encoding='utf-8').replace('points = 401', 'points = 3')
     text = text.replace('_1 = 10', '_1 = 5').replace('_2 = 10', '_2 = 5')
     (tmp_path / 'v.toml').write_text(text)
     rest = scene(patch=PATCH | {'cells_2': 5}).relaxation()

@@ -4,8 +4,9 @@ import re
 
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
-from magphonon import lattices, read_scene, ready_scene, units as u
+from magphonon import lattices, read_scene, units as u
 from magphonon.lattices.patches import RIM
 
 L0 = 10 * u.mm

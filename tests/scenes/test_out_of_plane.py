@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
 from magphonon import read_scene, verdict
 from magphonon.cli.main import main
 from magphonon.interactions import UprightMagnets
-from magphonon.scenes import ready_scene
 
 SCENE = '''title = "layer"
 [lattice]

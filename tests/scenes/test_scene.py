@@ -6,6 +6,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import (
     AllNeighbours,
@@ -16,7 +17,7 @@ from magphonon import (
     units as u,
 )
 from magphonon.interactions.pair_laws import repulsion
-from magphonon.scenes.scene import read_scene, ready_scene, ready_scenes, reference
+from magphonon.scenes.scene import read_scene, ready_scenes, reference
 from magphonon.stiffness.rest import freedom
 
 # A law of each kind, with forces of some tenths of a newton at 10 mm
@@ -51,7 +52,7 @@ def test_prototype_is_the_papers(tmp_path):
 
 
 def test_every_ready_scene_reads_and_says_where_its_numbers_come_from():
-    assert {'prototype', 'ideal', 'chain'} <= set(ready_scenes())
+    assert {'prototype', 'ideal', 'square'} <= set(ready_scenes())
     for file in ready_scenes().values():
         assert read_scene(file).title
         numbers = [line for line in file.read_text().splitlines() if '=' in line and any(c.isdigit() for c in line.split('#')[0])

@@ -11,11 +11,12 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands
 from magphonon.interactions.pair_laws import repulsion
-from magphonon.scenes.keys import scene_keys
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.fields import unit_of
+from magphonon.scenes.scene import Scene, read_scene
 from magphonon.scenes.sources import Source
 from magphonon.scenes.tolerances import varied
 
@@ -39,32 +40,35 @@ def refusal(file):
 SCENES = 'prototype', 'tolerances', 'vacancy', 'layer', 'design', 'oscillator'
 DRAWN = 12
 """Scenes drawn from each ready one."""
-KEYS = {(key.table, kind, key.name): key for key in scene_keys() for kind in key.kinds or ('',)}
+SCHEMA = Scene.model_json_schema()
+RANGED = '_Hz', '_kg', '_Pa'  # ends of keys whose values have an upper end
 
 
-def tables_of(scene, place=''):
-    """The tables of a scene with their places: '' for the scene itself, 'foundation.pillar'."""
-    yield place, scene
+def tables_of(scene, place='', schema=SCHEMA):
+    """The tables of a scene with their places, '' for the scene itself, 'foundation.pillar', and their schemas."""
+    yield place, scene, schema
     for name, value in scene.items():
         if isinstance(value, dict):
-            yield from tables_of(value, f'{place}.{name}' if place else name)
+            found = schema['properties'][name]
+            found = found.get('anyOf', [found])[0]
+            ref = found['discriminator']['mapping'][value['kind']] if 'discriminator' in found else found['$ref']
+            yield from tables_of(value, f'{place}.{name}' if place else name, SCHEMA['$defs'][ref.rpartition('/')[2]])
 
 
-def spoil(table, place, rng):
+def spoil(place, table, schema, rng):
     """Spoil one key of a table; the beginning of the line that must tell it."""
     name = str(rng.choice([name for name in table if name != 'kind' and not isinstance(table[name], dict)] or ['']))
-    key = KEYS.get((place, table.get('kind', ''), name), KEYS.get((place, '', name)))
     whole = f'{place}.{name}' if place else name
     told = place or 'the scene'
-    fault = rng.choice(['unknown', 'missing', 'type', 'range'])
-    if fault == 'missing' and key is not None and key.default == 'required':
+    fault = rng.choice(['unknown', 'missing', 'type', 'range']) if name else 'unknown'
+    if fault == 'missing' and name in schema.get('required', ()):
         del table[name]
         return f"{told} lacks the key '{name}'; add "
-    if fault == 'type' and key is not None and not key.type.startswith('table'):
+    if fault == 'type' and not (isinstance(table[name], list) and isinstance(table[name][0], dict)):
         table[name] = {'no': 1}
         return f'{whole} must be '
-    if fault == 'range' and key is not None and key.unit and key.type == 'number' and '_deg' not in name and key.allowed:
-        table[name] = -1e-3 if rng.integers(2) or ' to ' not in key.allowed else 1e30
+    if fault == 'range' and unit_of(name) and '_deg' not in name and isinstance(table[name], int | float):
+        table[name] = -1e-3 if rng.integers(2) or not name.endswith(RANGED) else 1e30
         return f'{whole} must '
     table['zzz'] = 1
     return f"{told} has no key 'zzz'; its keys are "
@@ -89,7 +93,7 @@ def test_one_answer_names_every_fault_and_no_other(name, as_toml):
         scene = copy.deepcopy(good)
         places = list(tables_of(scene))
         chosen = rng.permutation(len(places))[: rng.integers(2, len(places) + 1)]
-        expected = sorted(spoil(places[k][1], places[k][0], rng) for k in chosen)
+        expected = sorted(spoil(*places[k], rng) for k in chosen)
         said = sorted(answer(scene, as_toml))
         assert [begin for begin in expected if not any(line.startswith(begin) for line in said)] == []
         assert len(said) == len(expected)
@@ -287,17 +291,17 @@ def test_the_gap_of_a_design_has_a_branch_above(tmp_path):
 
 def test_a_measured_force_in_place_of_the_grade(tmp_path):
     """As the comment of the ready scene says; the force has a tolerance, in proportion to which all forces go."""
-    text = ready_scene('disc').read_text().replace('grade = "N45"', '# grade')
+    text = ready_scene('rings').read_text().replace('remanence_T = 1.30', '# remanence_T')
     assert '\n# [law.calibration]' in text
     for line in ('[law.calibration]', 'distance_m', 'force_N'):
         text = text.replace(f'# {line}', line)
     (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nforce_N = 0.001\n')
     scene = read_scene(tmp_path / 'my.toml')
     law = scene.law.potential()
-    assert repulsion(law, 12.0) == pytest.approx(0.05)
+    assert repulsion(law, 10.0) == pytest.approx(0.2369)
     (change,) = scene.uncertainty.tolerances(scene).changes.values()
     assert change.law.dphi(15.0) == pytest.approx(law.dphi(15.0))
     assert repulsion(varied(scene, {'force': 1.1}).law.potential(), 15.0) == pytest.approx(1.1 * repulsion(law, 15.0))
-    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx(0.02**2)
+    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx((0.001 / 0.2369) ** 2)
     (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nremanence_percent = 1.0\n')
     assert 'its parameters are spacing, mass, force' in refusal(tmp_path / 'my.toml')

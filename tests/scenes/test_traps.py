@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
-from magphonon import modes, read_scene, ready_scene, units as u
+from magphonon import modes, read_scene, units as u
 
 MASS = 1.4965e-26  # kg
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import (
     AllNeighbours,
@@ -63,7 +64,7 @@ def test_a_magnet_upside_down_comes_to_rest_nearer_to_its_neighbours():
 
 
 def test_the_ready_scene_needs_half_the_stiffness_of_its_neighbours():
-    scene = read_scene('signs')
+    scene = read_scene(ready_scene('signs'))
     k1 = 4.5824 * 1.6209e-10 * 0.01**-5.5824
     assert verdict(scene.atoms())
     assert critical_foundation(scene.atoms()).k == pytest.approx(k1 / 2 * 1e-3, rel=1e-5)

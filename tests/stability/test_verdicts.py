@@ -6,6 +6,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixBondLength
 from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
+from scene_files import ready_scene
 from scipy.optimize import minimize_scalar
 
 from magphonon import (
@@ -113,7 +114,8 @@ def test_spacing_that_a_foundation_holds():
 
 def test_members_that_balance_at_one_size_alone_have_no_critical_spacing():
     assert critical_spacing(read_scene('prism').atoms()) is None  # of two rest lengths
-    tissue = read_scene('tissue').atoms()  # all members are alike: the tension that holds them ends at their rest length
+    # all members are alike: the tension that holds them ends at their rest length
+    tissue = read_scene(ready_scene('tissue')).atoms()
     slack = tissue.calc.law.L0 / tissue.calc.bonds.lengths[0]
     assert slack < 0.95
     assert critical_spacing(tissue) == critical_spacing(LinearSystem.of(tissue)) == pytest.approx(slack, rel=1e-6)

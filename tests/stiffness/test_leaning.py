@@ -115,7 +115,7 @@ def test_a_patch_leans_as_its_lattice_does():
     ({'uncertainty': {'mass_percent': 1.0}}, r'remove \[uncertainty\] or lean'),
     ({'lattice': {'kind': 'kagome'}, 'patch': None, 'frf': None, 'burst': None, 'vibrometer': None},
      'leaning gives the sites of this lattice different springs, or oblique ones'),
-    ({'lattice': {'kind': 'fcc'}, 'patch': None, 'bands': None, 'frf': None, 'burst': None, 'vibrometer': None, 'plan': None},
+    ({'lattice': {'kind': 'fcc'}, 'patch': None, 'bands': None, 'frf': None, 'burst': None, 'vibrometer': None},
      'is not a perfect lattice of magnets on a plane'),
     ({'foundation': {'pillar': {'youngs_modulus_Pa': 71e9, 'radius_m': 1e-4, 'height_m': 0.15, 'lean': True}}},
      'lean so much that the magnets would tip over'),

@@ -8,12 +8,10 @@ from oracles import LAWS
 
 from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices, modes
 from magphonon.dynamics.engine import frequency_bound, highest_frequency
-from magphonon.planning.peak import plan_peak
-from magphonon.response.frf import Dof, harmonic_response
+from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
 from magphonon.stability.amplitude_shifts import frequency_shifts
 from magphonon.stability.buckling import critical_foundation, critical_support
-from magphonon.stiffness import rest
 from magphonon.stiffness.rest import LinearSystem
 
 OMEGA = np.linspace(0.1, 2.0, 5)
@@ -88,15 +86,6 @@ def flat(result):
     if isinstance(result, tuple):
         return [np.asarray(part) for part in result]
     return [np.asarray(part) for part in vars(result).values()] if hasattr(result, '__dict__') else [np.asarray(result)]
-
-
-def test_a_plan_asks_for_rest_once(monkeypatch):
-    calls, static_forces = [], rest.static_forces
-    monkeypatch.setattr(rest, 'static_forces', lambda *given: calls.append(given) or static_forces(*given))
-    atoms = patch(4)
-    place = Dof(18, [1.0, 0.0, 0.0])
-    plan_peak(atoms, place, place, np.linspace(0.5, 4.0, 40), 0.02, 0.05, force=1e-4)
-    assert len(calls) == 1
 
 
 def test_what_is_made_stays_when_the_atoms_move_on():

@@ -35,7 +35,7 @@ def shear_burst(cell, source='row', model='complete', n=40, force=1 * u.N, durat
     patch = patch_of(cell, n, model)
     where = replace(burst_setup(cell, patch, source), **change)
     drive = where.burst(polarisations(cell, source)['transverse'], force, CARRIER)
-    return where, run_burst(patch, where, drive, 0.02 * CARRIER, duration, 'numpy')  # nothing waits for a compiler
+    return where, run_burst(patch, where, drive, 0.02 * CARRIER, duration, 'compiled')
 
 
 # --- where -----------------------------------------------------------------------------------------------------------
@@ -333,7 +333,7 @@ def test_a_burst_with_a_tolerance_keeps_it_with_even_frames(ideal):
     where = burst_setup(ideal, patch, 'row')
     drive = where.burst(polarisations(ideal, 'row')['transverse'], 1 * u.N, CARRIER)
     for tolerance in (1e-2, 1e-7, None):
-        found[tolerance] = run_burst(patch, where, drive, 0.02 * CARRIER, 350 * u.ms, 'numpy', tolerance=tolerance).row
+        found[tolerance] = run_burst(patch, where, drive, 0.02 * CARRIER, 350 * u.ms, 'compiled', tolerance=tolerance).row
     rough, fine, plain = found.values()
     assert 0 < abs(rough.displacements - fine.displacements).max() < 1e-2 * abs(fine.displacements).max()
     assert_allclose(rough.times, fine.times, rtol=1e-12)

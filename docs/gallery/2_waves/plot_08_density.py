@@ -11,7 +11,7 @@ from magphonon.bands import lattice_density
 from magphonon.plotting import plot_density
 from magphonon.response import density_of_states
 
-cell = read_scene('honeycomb').atoms()
+cell = read_scene('vacancy').perfect_cell()
 patch = lattices.hexagon(cell, side=500 * u.mm)
 patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.foundation)
 ax = plot_density(lattice_density(cell), label='lattice')

@@ -2,17 +2,24 @@
 A map over two parameters
 =========================
 
-The map shows the shear frequency at M as a function of the exponent of the law and the height of the pillars. The
+The map shows the shear frequency at M as a function of the exponent of the law and the stiffness of the pillars. The
 force between neighbours is kept the same.
 """
 
 import numpy as np
 
-from magphonon import read_scene, sweep
-from magphonon.plotting import plot_sweep
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, sweep, units as u
+from magphonon.plotting import new_axes
 
-scene = read_scene('prototype')
-over = {'law.a': np.linspace(3, 6, 13), 'foundation.pillar.height_m': np.linspace(0.1, 0.3, 11), 'law.force_N': [0.2369]}
-answers = sweep(scene, over, 'bands.M.1', workers=1)
-ax = plot_sweep(answers, 'bands.M.1')
+
+def shear(a, foundation):
+    cell = lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g)
+    law = InversePower(b=0.2369 * u.N * (10 * u.mm)**a, a=a)
+    cell.calc = MagneticRepulsion(cell, law, foundation=foundation * u.N / u.m)
+    return analytic_bands(cell, [[0.5, 0, 0]]).frequencies_Hz[0, 0]
+
+
+grid = {'a': np.linspace(3, 6, 13), 'foundation': np.linspace(5, 80, 11)}
+ax = new_axes()
+sweep(shear, grid, units={'foundation': 'N/m', 'value': 'Hz'}).value.plot(ax=ax)
 ax.figure.savefig('sweep.png')

@@ -1,20 +1,18 @@
-"""`magphonon dos` and `magphonon modes` on lattices, patches and structures from files: what is written and what is said."""
+"""`magphonon modes` on lattices, patches and structures from files: what is written and what is said."""
 
 import csv
 import json
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from motion import L0, LAW, MASS
+from scene_files import ready_scene
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed, write_scene
-from magphonon.bands import DensityOfStates
-from magphonon.cli import dos
 from magphonon.cli.main import main
-from magphonon.response import Localisation, SpectralFunction
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.response import Localisation
+from magphonon.scenes.scene import read_scene
 
 
 @pytest.fixture
@@ -31,37 +29,6 @@ def table(file):
     with open(file, newline='') as rows:
         header, *rows = csv.reader(rows)
     return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-
-
-@pytest.mark.slow
-def test_densities_of_the_prototype(prototype, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(dos, 'WAVEVECTORS', 13)
-    out = tmp_path / 'out'
-    assert main(['dos', '--verbose', str(prototype), '-o', str(out)]) == 0
-    assert {file.name for file in out.iterdir()} == {
-        'dos.png', 'spectral.png', 'dos.csv', 'dos_patch.csv', 'dos_complete.npz', 'dos_conventional.npz', 'dos_patch.npz',
-        'spectral.npz', 'scene.toml', 'provenance.json'}
-    shown = capsys.readouterr().out
-    # 2 branches from the foundation's cut-off to M, where the reference has 149.476 and 155.0505 Hz
-    assert 'lattice, complete: 2 branches from 26.5507 to 149.476 Hz, most modes at' in shown
-    assert 'lattice, conventional: 2 branches from 26.5507 to 155.051 Hz' in shown
-    found = table(out / 'dos.csv')
-    bin_Hz = found['frequency_Hz'][1] - found['frequency_Hz'][0]
-    for model in ('complete', 'conventional'):
-        assert found[f'{model}_share_per_Hz'].sum() * bin_Hz == pytest.approx(1, rel=1e-9)
-    below = found['frequency_Hz'] < 75
-    assert found['frequency_Hz'][below][found['complete_share_per_Hz'][below].argmax()] == pytest.approx(58.23, abs=0.5)
-    patch = table(out / 'dos_patch.csv')
-    free = read_scene(prototype).patch_atoms()
-    count = 2 * int((free.get_tags() == 0).sum())
-    assert f'patch: {count} free directions' in shown
-    saved = DensityOfStates.load(out / 'dos_patch.npz')
-    np.testing.assert_allclose(saved.density * 2 * np.pi / 1e3 / count, patch['share_per_Hz'], rtol=1e-9)
-    below_M = patch['frequency_Hz'] < 60
-    exact = (modes(free).frequencies_Hz < 60).mean()
-    share = np.trapezoid(patch['share_per_Hz'][below_M], patch['frequency_Hz'][below_M])
-    assert share == pytest.approx(exact, abs=0.05)  # of 16 random vectors and 74 modes
-    assert SpectralFunction.load(out / 'spectral.npz').density.shape == (13, 2 * dos.SPECTRAL_MOMENTS + 1)
 
 
 @pytest.mark.slow
@@ -82,10 +49,8 @@ def test_modes_of_the_prototype(prototype, tmp_path, capsys):
 def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     chain = tmp_path / 'chain.toml'
     chain.write_text(ready_scene('chain').read_text())
-    for command, files in (('dos', {'dos.png', 'dos.csv', 'dos_complete.npz', 'dos_conventional.npz'}),
-                           ('modes', {'modes_lattice.csv'})):
-        assert main([command, '--verbose', str(chain), '-o', str(tmp_path / command)]) == 0
-        assert {file.name for file in (tmp_path / command).iterdir()} == files | {'scene.toml', 'provenance.json'}
+    assert main(['modes', '--verbose', str(chain), '-o', str(tmp_path / 'modes')]) == 0
+    assert {file.name for file in (tmp_path / 'modes').iterdir()} == {'modes_lattice.csv', 'scene.toml', 'provenance.json'}
     told = capsys.readouterr().out.splitlines()
     assert ['X,', 'branch', '1', '15.9155', '35.5881', 'transverse'] in [line.split() for line in told]
     assert any(line.startswith('no picture') for line in told)
@@ -99,8 +64,6 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     assert main(['modes', '--verbose', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
     shown = capsys.readouterr().out
     assert 'modes of the structure: all 50, from' in shown
-    assert main(['dos', '--verbose', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
-    assert 'patch: 50 free directions' in capsys.readouterr().out
 
 
 def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
@@ -127,30 +90,17 @@ def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     assert table(tmp_path / 'out' / 'modes.csv')['mode'].tolist() == list(range(1, 11))
 
 
-def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch):
+def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys):
     oscillator = tmp_path / 'oscillator.toml'
     oscillator.write_text(ready_scene('oscillator').read_text())
     chain = tmp_path / 'chain.toml'
     chain.write_text(ready_scene('chain').read_text())
-    for arguments, words in ((['dos', str(oscillator)], 'use "magphonon frf"'),
-                             (['modes', str(oscillator)], 'use "magphonon frf"'),
+    for arguments, words in ((['modes', str(oscillator)], 'use "magphonon frf"'),
                              (['modes', str(chain), '--animate', '1'], 'has no patch whose modes could be computed'),
                              (['modes', str(prototype), '--animate', '99999'], '--animate must be the number of a mode, 1 to ')):
         assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
         assert words in capsys.readouterr().err
         assert not (tmp_path / 'out').exists()
-    monkeypatch.setattr('psutil.virtual_memory', lambda: SimpleNamespace(available=10**8))
-    for command in ('dos', 'modes'):
-        assert main([command, str(prototype), '-o', str(tmp_path / 'out')]) == 2
-        assert f'makes [{command}] need' in capsys.readouterr().err
-
-
-def test_a_patch_of_several_shells(tmp_path, capsys):
-    file = tmp_path / 'my.toml'
-    text = ready_scene('prototype').read_text().replace('side_m = 0.3', 'side_m = 0.1')
-    file.write_text(text.replace('shells = 1', 'shells = 2'))
-    assert main(['dos', '--verbose', str(file), '-o', str(tmp_path / 'out')]) == 0
-    assert 'patch' in capsys.readouterr().out
 
 
 def test_what_other_neighbours_change_of_the_modes_of_a_patch(tmp_path, capsys):

@@ -1,2 +1,0 @@
-from .dataset import sweep as sweep
-from .questions import observables as observables
