@@ -185,7 +185,7 @@ def replicas(omega, dt, cost):
     atoms, particles = batch(np.zeros(1), np.zeros(len(omega), int), 'complete')
     atoms.set_constraint([*atoms.constraints, FixedLine(particles, (0, 1, 0))])
     drives = [Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
-    dyn = DrivenVerlet(atoms, dt, drives=drives, damping=DAMPING)
+    dyn = DrivenVerlet(atoms, dt, drives=drives, damping=DAMPING, engine='compiled')
     recorder = Recorder(dyn, particles, interval=max(1, int(2 * FRAMES / dt)))
     amplitudes, _ = steady_amplitudes(dyn, recorder, omega, axis=1, tolerance=3e-4)
     cost['force evaluations'] = dyn.nsteps

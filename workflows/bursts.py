@@ -96,7 +96,8 @@ def compared(record, wave, motion, model, branch):
     apart = {'shear': 5, 'longitudinal': 1}[branch]  # bins: D* hardly moves the longitudinal branch
     return [Check(f'{record}: the strongest motion is {motion}', float(wave.motion == motion), 1.0, 0.0, by='two methods'),
             Check(f'{record}: distance to its own branch (bins)', exact.bins, 0.0, NEAR),
-            Check(f'{record}: distance to its own branch / uncertainty', own.omega / own.sigma_omega, 0.0, NORMAL, by='two methods'),
+            Check(f'{record}: distance to its own branch / uncertainty', own.omega / own.sigma_omega, 0.0, NORMAL,
+                  by='two methods'),
             Check(f'{record}: of the branches with which the ridge agrees, its own is the nearest',
                   float(wave.agrees_with[:1] == ((model, branch),)), 1.0, 0.0, by='two methods'),
             Check(f'control: {record}: distance to the {other} branch (bins)', off.bins, 0.0, apart, control='D0'),

@@ -1,8 +1,8 @@
 """Which rows notice a wrong package: each chapter is run with wrong physics inside, `python -m workflows --mutate`.
 
-    weak D*     D* of the analytic stiffness is 2 % too small; forces, and so time steps and phonopy, stay right
-    weak law    all forces and their derivatives are 10 % too small
-    no D0       the model of D0 alone is the complete model: every control that puts D0 to the test must fail
+weak D*     D* of the analytic stiffness is 2 % too small; forces, and so time steps and phonopy, stay right
+weak law    all forces and their derivatives are 10 % too small
+no D0       the model of D0 alone is the complete model: every control that puts D0 to the test must fail
 """
 
 import os

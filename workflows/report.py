@@ -50,8 +50,8 @@ def counts(outcomes):
 def counted(outcomes):
     """One sentence that says how many rows of each kind pass, and how many fail."""
     count = counts(outcomes)
-    return (f'References: {", ".join(f"{count[source]} {source}" for source in SOURCES)}. {count["control"]} wrong models differ, '
-            f'as they must; {count["reported"]} numbers are reported without a reference; {count["FAIL"]} rows fail')
+    return (f'References: {", ".join(f"{count[source]} {source}" for source in SOURCES)}. {count["control"]} wrong models '
+            f'differ, as they must; {count["reported"]} numbers are reported without a reference; {count["FAIL"]} rows fail')
 
 
 def write_summary(path, outcomes):

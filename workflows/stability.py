@@ -90,7 +90,7 @@ def growth(atoms, rate, dt=0.1):
     """Rate at which a tiny random start grows over the last third of a run in which `rate` would give e^15; zero if it stays."""
     atoms.positions[:, :2] += 1e-12 * np.random.default_rng(0).normal(size=(len(atoms), 2))
     steps = round(5 / rate / dt)
-    dyn = DrivenVerlet(atoms, dt, allow_unstable=True)
+    dyn = DrivenVerlet(atoms, dt, engine='compiled', allow_unstable=True)
     size = []
     for _ in range(3):
         dyn.run(steps)
@@ -268,7 +268,8 @@ def integrators(zeta):
                 dyn.run(1)
                 frames.append(atoms.positions[1:, 0] - 1)
         else:
-            dyn = DrivenVerlet(atoms, 1.0, [Constant(np.arange(1, n + 1), (-1, 0), 1.0)], damping, allow_unstable=True)
+            push = Constant(np.arange(1, n + 1), (-1, 0), 1.0)
+            dyn = DrivenVerlet(atoms, 1.0, [push], damping, 'compiled', allow_unstable=True)
             recorder = Recorder(dyn, interval=1)
             dyn.run(8)
             frames = recorder.displacements[:, 1:, 0]

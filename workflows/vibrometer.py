@@ -70,7 +70,8 @@ def maps(scene, out):
             exact[model].append(distance(wave, closed_branch(PROTOTYPE, 'point', 'shear', model)).bins)
             checks += [Check(f'{record}: distance to its own shear branch, Gamma-K (bins)', own.bins, 0, HALF_A_BIN,
                              by='two methods'),
-                       Check(f'{record}: this distance / its uncertainty', own.omega / own.sigma_omega, 0, NORMAL, by='two methods'),
+                       Check(f'{record}: this distance / its uncertainty', own.omega / own.sigma_omega, 0, NORMAL,
+                             by='two methods'),
                        Check(f'{record}: the ridge agrees with its own branch and no other',
                              float(wave.agrees_with == ((model, 'shear'),)), 1, 0, by='two methods'),
                        Check(f'control: {record}: distance to the {other} shear branch (bins)', off.bins, 0, 1, control='D0')]
