@@ -33,7 +33,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'stability', 'stiffness', 'units', 'waves',
 ], {
     'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements',
-              'floquet_bands', 'group_velocities', 'phonopy_bands', 'sound_speeds'],
+              'group_velocities', 'phonopy_bands', 'sound_speeds'],
     'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst', 'PrescribedMotion'],
     'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],
     'interactions': ['Cable', 'Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Spring', 'Tabulated', 'Yukawa',
@@ -43,7 +43,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'response': ['frequency_response', 'modes', 'propagate'],
     'scenes': ['read_scene', 'ready_scene', 'write_scene'],
     'stability': ['critical_foundation', 'verdict'],
-    'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'OnSite', 'PairCalculator', 'Travelling', 'for_ase_tools',
+    'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'PairCalculator', 'for_ase_tools',
                   'relaxed', 'restored'],
     'sweeps': ['sweep'],
 })

@@ -20,7 +20,6 @@ from .bands import (
     complex_bands as complex_bands,
     edge_flow as edge_flow,
     finite_displacements as finite_displacements,
-    floquet_bands as floquet_bands,
     group_velocities as group_velocities,
     phonopy_bands as phonopy_bands,
     sound_speeds as sound_speeds,
@@ -55,9 +54,7 @@ from .stability import critical_foundation as critical_foundation, verdict as ve
 from .stiffness import (
     AllNeighbours as AllNeighbours,
     MagneticRepulsion as MagneticRepulsion,
-    OnSite as OnSite,
     PairCalculator as PairCalculator,
-    Travelling as Travelling,
     for_ase_tools as for_ase_tools,
     relaxed as relaxed,
     restored as restored,

@@ -1,4 +1,4 @@
-"""Traits: features of a structure beyond masses, bonds and constant springs, and which tools accept them.
+"""Traits: features of a structure beyond masses, bonds and springs, and which tools accept them.
 
     @takes('gyration', 'constraints')
     def tool(atoms, ...):
@@ -183,7 +183,7 @@ def _mixed(calc):
 
 
 def _uneven(calc):
-    return np.ndim(calc.tie.k) and np.ptp(calc.tie.k, axis=0).any()
+    return np.ndim(calc.foundation) and np.ptp(calc.foundation, axis=0).any()
 
 
 def _differing(calc):
@@ -191,18 +191,10 @@ def _differing(calc):
     return f'these have different {" and ".join(filter(None, what))}'
 
 
-def _known(calc):
-    return f'for {calc.tie!r}: {calc.tie.known}'
-
-
 trait('all neighbours', 'the sum over all neighbours (AllNeighbours), in which bonds are not known one by one',
       'attach atoms.calc = PairCalculator(atoms, law, ...) with a number of shells; in a scene give shells a number')(
     lambda atoms, calc: not calc.pairwise)
 trait('gyration', 'particles that gyrate', _gyrating)(lambda atoms, calc: np.any(calc.gyration))
-trait('modulation', 'a foundation that changes with time', _known)(
-    lambda atoms, calc: calc.tie.changes)
-trait('site law', 'foundations other than constant springs', _known)(
-    lambda atoms, calc: calc.tie.known and not calc.tie.modulated)
 trait('constraints', 'particles that are held or guided', 'remove the constraints with atoms.set_constraint()')(
     lambda atoms, calc: _held(atoms))
 trait('out of plane', 'motion out of the plane', 'keep to motion in the plane with atoms.calc = atoms.calc.in_plane()')(
@@ -217,12 +209,8 @@ trait('unlike', 'particles of different laws, strengths or springs', _differing)
     lambda atoms, calc: _mixed(calc) or _uneven(calc))
 
 LIKE = 'constraints', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike'
-"""Traits accepted by tools that use masses, bonds and springs."""
-SPRUNG = 'gyration', *LIKE
-"""Traits accepted by tools that use M, B and K with constant springs."""
-STIFF = 'site law', *LIKE
 """Traits accepted by tools that use only masses and the stiffness K."""
-LINEAR = 'gyration', *STIFF
+LINEAR = 'gyration', *LIKE
 """Traits accepted by tools that use M, B and K."""
-KNOWN = 'all neighbours', *STIFF
+KNOWN = 'all neighbours', *LIKE
 """Traits accepted from callers without a declaration, such as users' own tools."""

@@ -140,7 +140,7 @@ def opened(context):
 
 
 def results_in(folder):
-    return results(SimpleNamespace(output=folder, command='bands', words=[]))
+    return results(SimpleNamespace(output=folder, force=False))
 
 
 CASES = {

@@ -1,12 +1,14 @@
-"""The one reader of tables: drawn tables come back as they were drawn, and what is no table is refused with file and line."""
+"""The one reader of tables: drawn tables come back as they were drawn, and what is no table is refused in one line."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from magphonon.tables import ANGLE, AREA, FORCE, FREQUENCY, LENGTH, MASS, PURE, SPEED, STIFFNESS, TEXT, TIME, read_table
+from magphonon.quantities import ANGLE, AREA, FORCE, FREQUENCY, LENGTH, MASS, PURE, SPEED, STIFFNESS, TEXT, TIME
+from magphonon.tables import read_table
 
 COLUMNS = {'time': TIME, 'x': LENGTH, 'v_x': SPEED, 'f': FORCE, 'name': TEXT, 'count': PURE}
+FORMS = '{}_{}', '{} [{}]', '{} ({})', '{} / {}', '{}/{}', '{} in {}'
 
 
 def write(folder, text, **options):
@@ -32,7 +34,8 @@ def test_a_drawn_table_comes_back_as_it_was_drawn(seed, tmp_path):
                 column = [cell.replace('.', ',') for cell in column]
         else:
             truth[name] = column = [f'P{k:03d}' for k in rng.permutation(rows)]
-        header.append(f'{name}_{units[name]}' if units[name] else name)
+        form = str(rng.choice(FORMS[: 1 if ' ' in separator else None]))
+        header.append(form.format(name, units[name]) if units[name] else name)
         cells.append([f'"{cell}"' for cell in column] if quoted else column)
     header.insert(place := int(rng.integers(len(header) + 1)), 'remark')
     cells.insert(place, ['fine'] * rows)
@@ -54,80 +57,100 @@ def test_a_drawn_table_comes_back_as_it_was_drawn(seed, tmp_path):
 
 
 @pytest.mark.parametrize(('units', 'name', 'inside'), [  # what 6 of the unit in the name are in mm, g, ms
-    (LENGTH, 'm', 6e3), (LENGTH, 'mm', 6), (LENGTH, 'um', 6e-3), (LENGTH, 'nm', 6e-6), (TIME, 's', 6e3), (TIME, 'ms', 6),
-    (TIME, 'us', 6e-3), (FORCE, 'N', 6), (FORCE, 'mN', 6e-3), (FORCE, 'uN', 6e-6), (MASS, 'kg', 6e3), (MASS, 'g', 6),
-    (MASS, 'mg', 6e-3), (SPEED, 'm_per_s', 6), (SPEED, 'mm_per_s', 6e-3), (SPEED, 'um_per_ms', 6e-3),
-    (STIFFNESS, 'N_per_m', 6e-3), (STIFFNESS, 'mN_per_mm', 6e-3), (STIFFNESS, 'N_per_mm', 6),
-    (FREQUENCY, 'Hz', 0.03769911184), (FREQUENCY, 'kHz', 37.69911184),
+    (LENGTH, 'm', 6e3), (LENGTH, 'mm', 6), (LENGTH, 'um', 6e-3), (LENGTH, 'nm', 6e-6), (LENGTH, 'cm', 60), (LENGTH, 'in', 152.4),
+    (TIME, 's', 6e3), (TIME, 'ms', 6), (TIME, 'us', 6e-3), (FORCE, 'N', 6), (FORCE, 'mN', 6e-3), (FORCE, 'uN', 6e-6),
+    (FORCE, 'kN', 6e3), (FORCE, 'g', 0.0588399), (FORCE, 'gf', 0.0588399), (FORCE, 'kgf', 58.8399), (FORCE, 'mgf', 5.88399e-5),
+    (FORCE, 'lbf', 26.689329), (MASS, 'kg', 6e3), (MASS, 'g', 6), (MASS, 'mg', 6e-3), (SPEED, 'm_per_s', 6),
+    (SPEED, 'mm_per_s', 6e-3), (SPEED, 'um_per_ms', 6e-3), (STIFFNESS, 'N_per_m', 6e-3), (STIFFNESS, 'mN_per_mm', 6e-3),
+    (STIFFNESS, 'N_per_mm', 6), (FREQUENCY, 'Hz', 0.03769911184), (FREQUENCY, 'kHz', 37.69911184),
     (AREA, 'm2', 6e6), (AREA, 'mm2', 6), (ANGLE, 'rad', 6), (PURE, '', 6),
 ])
 def test_units_by_the_header(units, name, inside, tmp_path):
-    path = write(tmp_path, f'{f"q_{name}".rstrip("_")},x\n6,1\n')
-    assert read_table(path, {'q': units}, ['q'])['q'][0] == pytest.approx(inside, rel=1e-9)
+    for form in FORMS if name else ('{}{}',):
+        path = write(tmp_path, f'{form.format("q", name)};x\n6;1\n')
+        assert read_table(path, {'q': units}, ['q'])['q'][0] == pytest.approx(inside, rel=1e-7)
 
 
-NEEDED = 'a table has time_s and x_m'
+LONG = 200_000 * '1'
+TABLES = {  # and x in mm, or None if it is refused
+    '': None,
+    'time_s,x_m\n': None,
+    '0.1,2\n0.2,3\n': None,
+    'time_s,y_m\n1,2\n': None,
+    'time_s,x_m,x_mm\n1,2,3\n': None,
+    'time_s,x_m,x_m\n1,2,2\n': None,
+    'time_s,x\n1,2\n': None,
+    f'time_s,x_{999 * "z"}\n1,2\n': None,
+    'time_min,x_m\n1,2\n': None,
+    '# time_s,x_mm\ntime_s,x_m\n1,2\n': None,
+    '# time_s,x_mm\ntime_s,x_mm\n1,2\n': None,
+    'time_s,x_mm\n1,2\n# time_s x_m\n3,4\n': None,
+    'time_s,x_mm\n1,2\n# time_s,x_mm\n3,4\n': [2, 4],
+    'time_s,x_mm\n1,2\n# x after lunch\n3,4\n': [2, 4],
+    '1,2\ntime_s,x_mm\n3,4\n': None,
+    "1'000,2\ntime_s,x_mm\n3,4\n": None,
+    'Date,23.11.2026\nSamples,2\ntime_s,x_mm\n3,4\n': [4],
+    'time_s,x_mm\ns,mm\n3,4\n': [4],
+    'time_s,x_mm\ns,m\n3,4\n': None,
+    'time,x\ns,mm\n3,4\n': [4],
+    'time,x\nmm,s\n3,4\n': None,
+    'time_s,x_m\n1,2\n3\n': None,
+    'time_s,x_m\n1,2\n\n3,4,5\n': None,
+    'time_s,x_mm,comment\n1,2\n3,4,\n5,6,late\n': [2, 4, 6],
+    'time_s,x_mm\n1,2,\n': [2],
+    'time_s,x_m\n1,2\n3,1_0\n': None,
+    'time_s,x_m\n1,\uff12\n': None,
+    'time_s,x_m\n1,0x10\n': None,
+    'time_s,x_m\n1,nan\n': None,
+    'time_s,x_m\n1,-inf\n': None,
+    'time_s,x_m\n1,\n': None,
+    'time_s,x_m\n1,1e400\n': None,
+    'time_s,x_m\n1,1e307\n': None,
+    'time_s,x_mm\n1,-.5e1\n': [-5],
+    'time_s;x_m\n1,5;2.5\n': None,
+    'time_s;x_m\n1,5;2\n2;2.5\n': None,
+    'time_s;x_mm\n1,5;2,25\n': [2.25],
+    'time_s;x_m\n1;2.174,5\n': None,
+    'time_s,x_m\n1,"1\n2"\n3,4\n': None,
+    'time_s,x_m\n1,2\n3,"4\n': None,
+    f'time_s,x_m\n{LONG},2\n': None,
+    f'time_s,x_m\n1,2\n3,{LONG}\n': None,
+    f'time_s,{200_000 * "x"}\n1,2\n': None,
+    'time_s  x_mm\n 1      2\n30     4\n': [2, 4],
+}
 
 
-@pytest.mark.parametrize(('text', 'message'), [
-    ('', 't.csv is empty'),
-    ('time_s,x_m\n', 'holds no rows below its header; a table has'),
-    ('0.1,2\n0.2,3\n', r"lacks the column time_s \(its header is '0.1,2'\); a table has"),
-    ('time_s,y_m\n1,2\n', r"lacks the column x_m \(its header is 'time_s,y_m'\)"),
-    ('time_s,x_m,x_mm\n1,2,3\n', "the columns 'x_m' and 'x_mm' say the same; keep one"),
-    ('time_s,x_m,x_m\n1,2,2\n', "the columns 'x_m' and 'x_m' say the same"),
-    ('time_s,x\n1,2\n', "the column 'x' has no known unit; write x_m, x_mm"),
-    (f'time_s,x_\x1b{999 * "z"}\n1,2\n', r"the column 'x_\\x1bz{,400}\.\.\. \(1007 characters\) has no known unit"),
-    ('time_min,x_m\n1,2\n', "the column 'time_min' has no known unit; write time_s, time_ms"),
-    ('# time_s,x_mm\ntime_s,x_m\n1,2\n', "line 2 of .*t.csv: 'time_s,x_m' names other columns or units than the header"),
-    ('time_s,x_mm\n1,2\n# time_s x_m\n3,4\n', 'line 3 of .*t.csv: .* names other columns or units than the header'),
-    ('time_s,x_m\n1,2\n3\n', 'line 3 of .*t.csv: it has 1 values, not 2: it was cut off'),
-    ('time_s,x_m\n1,2\n\n3,4,5\n', 'line 4 of .*t.csv: it has 3 values, not 2'),
-    ('time_s,x_m\n1,2\n3,1_0\n', "line 3 of .*t.csv: x_m is '1_0', not a finite number"),
-    ('time_s,x_m\n1,\uff12\n', "line 2 of .*t.csv: x_m is '.', not a finite number"),
-    ('time_s,x_m\n1,0x10\n', "x_m is '0x10', not a finite number"),
-    ('time_s,x_m\n1,nan\n', "x_m is 'nan', not a finite number"),
-    ('time_s,x_m\n1,-inf\n', "x_m is '-inf', not a finite number"),
-    ('time_s,x_m\n1,\n', "x_m is '', not a finite number"),
-    ('time_s,x_m\n1,1e400\n', 'line 2 of .*t.csv: x_m must be a finite number'),
-    ('time_s,x_m\n1,1e307\n', 'x_m must be a finite number'),
-    ('time_s;x_m\n1,5;2.5\n', 'but other numbers use the other decimal sign'),
-    ('time_s;x_m\n1;2.1745,5\n', "x_m is '2.1745,5', not a finite number"),
-    ('time_s,x_m\n1,"1\n2"\n3,4\n', 'line 2 of .*t.csv: a quotation mark is not closed'),
-    ('time_s,x_m\n1,2\n3,"4\n', 'line 3 of .*t.csv: unexpected end of data; complete or delete it'),
-    ('time_s,x_m\n' + 200_000 * '1' + ',2\n', 'line 2 of .*t.csv: field larger than field limit'),
-    ('time_s,x_m\n1,2\n3,' + 200_000 * '1' + '\n', 'line 3 of .*t.csv: field larger than field limit'),
-    ('time_s,' + 200_000 * 'x' + '\n1,2\n', 't.csv is not a text table .field larger than field limit'),
-])
-def test_what_is_no_table_is_refused_with_the_place(text, message, tmp_path):
-    with pytest.raises(ValueError, match=message):
-        read_table(write(tmp_path, text), COLUMNS, ['time', 'x'], layout=NEEDED)
+@pytest.mark.parametrize('text', TABLES)
+def test_a_table_is_read_or_refused_in_one_line(text, tmp_path):
+    path, x = write(tmp_path, text), TABLES[text]
+    if x is not None:
+        assert read_table(path, COLUMNS, ['time', 'x'])['x'].tolist() == x
+        return
+    with pytest.raises(ValueError, match=r't\.csv') as error:
+        read_table(path, COLUMNS, ['time', 'x'])
+    assert str(error.value).isprintable()
+    assert len(str(error.value)) < 700
+
+
+@pytest.mark.parametrize(('text', 'line'), [
+    ('time_s,x_m\n1,2\n\n3,x\n', 4), ('# a\ntime_s,x_m\n1\n', 3), ('x_m\ttime_s\n1\t"2\n', 2)])
+def test_a_refusal_names_the_line(text, line, tmp_path):
+    with pytest.raises(ValueError, match=rf'line {line} of .*t\.csv'):
+        read_table(write(tmp_path, text), COLUMNS, ['time', 'x'])
 
 
 def test_other_columns_are_refused_where_a_table_wants_none(tmp_path):
-    with pytest.raises(ValueError, match=r"this kind of table has no column 'colour'; a table has"):
-        read_table(write(tmp_path, 'x_m,colour\n1,2\n'), COLUMNS, ['x'], others=False, layout=NEEDED)
-    with pytest.raises(ValueError, match=r"this kind of table has no column 'cont'; did you mean 'count'\?"):
-        read_table(write(tmp_path, 'x_m,cont\n1,2\n'), COLUMNS, ['x'], others=False)
-    with pytest.raises(ValueError, match=r"no column 'z{,400}\.\.\. \(1002 characters\); a table has"):
-        read_table(write(tmp_path, f'x_m,{1000 * "z"}\n1,2\n'), COLUMNS, ['x'], others=False, layout=NEEDED)
+    path = write(tmp_path, 'x_m,cont\n1,2\n')
+    with pytest.raises(ValueError, match="'cont'; did you mean 'count'"):
+        read_table(path, COLUMNS, ['x'], others=False)
+    assert read_table(path, COLUMNS, ['x']).columns.keys() == {'x'}
 
 
 def test_files_that_are_no_text_or_too_large_or_endless(tmp_path):
     (tmp_path / 'p.csv').write_bytes(bytes(range(256)))
-    for path, most, message in ((tmp_path / 'p.csv', 1e6, 'is not a text file; export it as CSV'),
-                                (write(tmp_path, 'x_m\n1\n'), 3, 'more than the'), ('/dev/zero', 1e6, 'may never end')):
-        with pytest.raises(ValueError, match=message):
+    for path, most in ((tmp_path / 'p.csv', 1e6), (write(tmp_path, 'x_m\n1\n'), 3), ('/dev/zero', 1e6)):
+        with pytest.raises(ValueError, match=str(path)):
             read_table(path, COLUMNS, ['x'], most=int(most))
-
-
-def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr('magphonon.tables.BLOCK', 7)
-    text = 'time_s;x_m\n' + ''.join(f'{k};{k * k}\n' for k in range(30))
-    np.testing.assert_array_equal(read_table(write(tmp_path, text), COLUMNS, ['x'])['x'], 1e3 * np.arange(30) ** 2)
-    for at, cell in ((3, 'x'), (8, 'x'), (24, 'x'), (24, '1;2')):
-        with pytest.raises(ValueError, match=f'line {at + 2} of '):
-            read_table(write(tmp_path, text.replace(f'\n{at};{at * at}\n', f'\n{at};{cell}\n')), COLUMNS, ['x'])
 
 
 def test_blank_cells_are_read_where_they_may_be(tmp_path):

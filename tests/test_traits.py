@@ -19,8 +19,6 @@ from magphonon import (
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
-    OnSite,
-    Travelling,
     bands,
     design,
     lattices,
@@ -52,38 +50,27 @@ def made(atoms, law=LAW, k=K, **given):
     return atoms
 
 
-def travelling(k=K):
-    return Travelling(k, 0.3, W=18.0, kap=(0.5, 0))
-
-
-def every(atoms, **given):
+def every(atoms):
     atoms = atoms.copy()
     atoms.calc = AllNeighbours(atoms, LAW, foundation=K)
     return atoms
 
 
-def held(atoms, **given):
-    atoms = made(atoms, **given)
+def held(atoms):
+    atoms = made(atoms)
     atoms.set_constraint(FixAtoms([1]))
     return atoms
 
 
-def among(k, other):
-    """Other springs, modulated if the first ones are."""
-    return travelling(other) if isinstance(k, Travelling) else other
-
-
-HAVE = {  # how a structure on springs k comes by a trait
+HAVE = {  # how a structure comes by a trait
     'all neighbours': every,
     'gyration': partial(made, gyration=2.0),
-    'modulation': lambda atoms, k=K: made(atoms, k=travelling()),
-    'site law': lambda atoms, k=K: made(atoms, k=OnSite.tensor(np.diag([70.0, 95.0]))),
     'constraints': held,
-    'out of plane': lambda atoms, k=K: made(atoms, k=among(k, [[K, K, 500.0]]), dim=3),
+    'out of plane': lambda atoms: made(atoms, k=[[K, K, 500.0]], dim=3),
     'conventional': partial(made, model='conventional'),
-    'attraction': lambda atoms, k=K: made(atoms, k=k, strengths=np.resize([1.0, -0.1, 1.2], len(atoms))),
-    'oblique': lambda atoms, k=K: made(atoms, UprightMagnets(LAW), among(k, [[K, K, 500.0]]), dim=3),
-    'unlike': lambda atoms, k=K: made(atoms, k=among(k, K + 5.0 * np.arange(len(atoms)))),
+    'attraction': lambda atoms: made(atoms, strengths=np.resize([1.0, -0.1, 1.2], len(atoms))),
+    'oblique': lambda atoms: made(atoms, UprightMagnets(LAW), [[K, K, 500.0]], dim=3),
+    'unlike': lambda atoms: made(atoms, k=K + 5.0 * np.arange(len(atoms))),
 }
 
 
@@ -151,23 +138,15 @@ CELLS = {
     'band_ranges': lambda a: bands.band_ranges(a, 6),
     'zone_map': lambda a: bands.zone_map(a, 6).omega,
     'complex_bands': lambda a: abs(mp.complex_bands(a, (0, 1, 0), [9.5]).xi[:, :2]),
-    'gruneisen_parameters': lambda a: bands.gruneisen_parameters(a, Q),
     'neighbour_shifts': lambda a: bands.neighbour_shifts(a, Q),
     'converged_shells': lambda a: bands.converged_shells(a, Q, 1e-3),
     'finite_displacements': lambda a: mp.phonopy_bands(mp.finite_displacements(a), path(a)).omega,
-    'floquet_bands': lambda a: np.sort(mp.floquet_bands(a, Q, tolerance=1e-4).omega.real),
-    'parametric_growth': lambda a: stability.parametric_growth(a, damping=0.01).rate,
     'critical_foundation': lambda a: mp.critical_foundation(a).k,
     'softest_of': lambda a: stability.buckling.softest_of(a).lowest,
-    'critical_spacing': stability.critical_spacing,
-    'critical_support': stability.critical_support,
-    'stability_boundary': lambda a: stability.stability_boundary(a, [0.5, 1.0]).needed,
-    'stability_boundary_of_exponents': lambda a: stability.stability_boundary_of_exponents(a, [2.0]).needed,
     'frequency_shifts': lambda a: stability.frequency_shifts(a),
     'verdict': judged,
     'elastic_moduli': stiffness.elastic_moduli,
     'for_ase_tools': lambda a: displaced(mp.for_ase_tools(a)).get_forces(),
-    'foundation_for': lambda a: design.foundation_for(a, 2.0),
     'frequency_sensitivities': lambda a: design.frequency_sensitivities(a, Q, HARDER),
     'frequency_spread': lambda a: design.frequency_spread(a, Q, SPREAD).std,
     'branch': lambda a: waves.branch(a, (0, 1, 0), 0).omega,
@@ -184,7 +163,6 @@ PATCHES = {
     'density_of_states': lambda a: response.density_of_states(a, np.linspace(5, 12, 9)),
     'critical_foundation': lambda a: mp.critical_foundation(a).k,
     'frequency_shifts': lambda a: stability.frequency_shifts(a),
-    'nonlinear_modes': lambda a: stability.nonlinear_modes(a, 3, 0.01, points=1).omega,
     'mode_scatter': lambda a: design.mode_scatter(a, design.SiteScatter(strength=0.01))[1],
     'response_sensitivities': lambda a: design.response_sensitivities(a, pushed(a), np.array([5.0]), 0.1, HARDER),
     'write_lammps_input': lammps,
@@ -194,19 +172,15 @@ PATCHES = {
     'verdict': judged,
     'relaxed': relaxed,
 }
-TOGETHER = 'floquet_bands', 'parametric_growth'  # of foundations that are modulated, other traits among them
 ABOVE = {'out of plane', 'oblique'}  # here motion in the plane is the same with these, and all motion out of it is faster
 SEEN = {'analytic_bands', 'bloch_modes', 'damped_modes', 'group_velocities', 'lattice_density', 'band_ranges', 'modes',
-        'propagate', 'natural_frequencies', 'density_of_states', 'finite_displacements', 'floquet_bands', 'frequency_spread',
+        'propagate', 'natural_frequencies', 'density_of_states', 'finite_displacements', 'frequency_spread',
         'verdict'}
 """Tools whose answers show motion out of the plane."""
 SAME = {  # traits that change no answer, by the tool
     'cut_off': {'all neighbours', 'conventional'},  # all particles move alike
-    'sound_speeds': {'site law', 'unlike'}, 'elastic_moduli': {'site law', 'unlike'},  # of the lattice without its springs
+    'sound_speeds': {'unlike'}, 'elastic_moduli': {'unlike'},  # of the lattice without its springs
     'converged_shells': {'all neighbours'},
-    'foundation_for': TRAITS.keys(),  # m w^2, whatever holds the particles apart
-    'critical_support': {'unlike', 'site law', 'conventional'},  # of the bonds alone
-    'stability_boundary_of_exponents': {'unlike'},
     'verdict': {'gyration', 'constraints', 'conventional', 'oblique'},  # stiffness holds it, by the complete model
     'highest_frequency': {'gyration'},  # the limit of a step is that of stiffness
     'frequency_bound': {'gyration', 'constraints', 'conventional'},
@@ -222,19 +196,19 @@ def asked(ask, atoms, tmp_path):
     return numbers(ask(atoms, tmp_path) if 'tmp_path' in inspect.signature(ask).parameters else ask(atoms))
 
 
-LONG = {'parametric_growth', 'finite_displacements'}  # tools that take several seconds for all traits
+LONG = {'finite_displacements'}  # tools that take several seconds for all traits
 
 
 @pytest.mark.parametrize(('tool', 'base'), [pytest.param(name, base, marks=[pytest.mark.slow] * (name in LONG))
                                             for base, tools in ((CELL, CELLS), (PATCH, PATCHES)) for name in tools])
 def test_no_trait_is_ignored(tool, base, tmp_path):
-    ask, k = (CELLS if base is CELL else PATCHES)[tool], travelling() if tool in TOGETHER else K
-    plain = asked(ask, made(base, k=k), tmp_path)
+    ask = (CELLS if base is CELL else PATCHES)[tool]
+    plain = asked(ask, made(base), tmp_path)
     taken = TOOLS[tool].takes
     for name, have in HAVE.items():
-        if (name == 'all neighbours' and base is PATCH) or (name in ('modulation', 'site law') and tool in TOGETHER):
+        if name == 'all neighbours' and base is PATCH:
             continue
-        atoms = have(base, k=k)
+        atoms = have(base)
         if name not in taken:
             words = '|'.join(re.escape(one.words) for one in TRAITS.values() if one.has(atoms, atoms.calc))
             with pytest.raises(ValueError, match=f'{tool} does not support ({words})'):
@@ -263,9 +237,8 @@ def of_unequal(base, way, strengths=UNEQUAL):
     return made(atoms, laws, k=springs)
 
 
-APART = {'write_lammps_input', 'stability_boundary_of_exponents', 'floquet_bands', 'parametric_growth', 'neighbour_shifts',
-         'converged_shells', 'foundation_for', 'for_ase_tools'}
-"""Tools that are not compared: of files, of one law, of one mass, of modulated springs, of sums that end elsewhere."""
+APART = {'write_lammps_input', 'neighbour_shifts', 'converged_shells', 'for_ase_tools'}
+"""Tools that are not compared: of files, of one law, of sums that end elsewhere."""
 
 
 @pytest.mark.parametrize(('tool', 'base'), [(name, base) for base, tools in ((CELL, CELLS), (PATCH, PATCHES)) for name in tools
@@ -282,8 +255,8 @@ def test_strengths_are_laws_of_kinds(tool, base):
 
 
 HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
-           'series_response', 'stepped_response', 'thermal_bands', 'thermal_run', 'response_spread',
-           'Variables', 'chern_numbers', 'edge_flow', 'vibration'}
+           'series_response', 'stepped_response', 'thermal_bands', 'response_spread',
+           'Variables', 'chern_numbers', 'edge_flow'}
 """Declared, and asked in the tests of their rooms: they take more than a structure."""
 
 
@@ -303,7 +276,7 @@ def new_trait(monkeypatch):
 @pytest.mark.parametrize(('tool', 'base'), [*((name, CELL) for name in CELLS), *((name, PATCH) for name in PATCHES)])
 def test_a_new_trait_is_refused_everywhere_on_its_first_day(tool, base, new_trait, tmp_path):
     ask = (CELLS if base is CELL else PATCHES)[tool]
-    atoms = made(base, k=travelling() if tool in TOGETHER else K)
+    atoms = made(base)
     with pytest.raises(ValueError, match='does not support particles that are painted; wash them'):
         asked(ask, atoms, tmp_path)
 
@@ -337,13 +310,12 @@ def test_a_declaration_holds_for_all_that_a_tool_calls():
 
 
 def test_supercells_that_other_tools_displace_are_asked_too():
-    for name in ('gyration', 'modulation'):
-        cell = HAVE[name](CELL)
-        large = cell.repeat((2, 2, 1))
-        large.calc = cell.calc
-        words = f'a tool that displaces particles of its own supercells does not support {TRAITS[name].words}'
-        with pytest.raises(ValueError, match=words):
-            large.get_forces()
+    cell = HAVE['gyration'](CELL)
+    large = cell.repeat((2, 2, 1))
+    large.calc = cell.calc
+    words = f'a tool that displaces particles of its own supercells does not support {TRAITS["gyration"].words}'
+    with pytest.raises(ValueError, match=words):
+        large.get_forces()
 
 
 def test_what_is_set_later_is_asked_again():

@@ -8,7 +8,7 @@ from . import api
 
 HEAD = """# Which tool takes what
 
-A structure may have more than masses, bonds and constant springs. Each tool declares which of these it supports, and refuses
+A structure may have more than masses, bonds and springs. Each tool declares which of these it supports, and refuses
 the rest: its message names the trait, the tools that support it, and what to do instead. The tables are made from these
 declarations (`magphonon/traits.py`). If a tool of your own calls `LinearSystem.of(atoms)`, structures with {refused} raise
 an error there, unless the tool declares these traits with `magphonon.traits.takes`.
@@ -17,7 +17,7 @@ an error there, unless the tool declares these traits with `magphonon.traits.tak
 |---|---|
 """
 LEFT_OUT = """
-ASE's own dynamics and optimisers cannot be refused, and see forces alone: they ignore gyration and modulation.
+ASE's own dynamics and optimisers cannot be refused, and see forces alone: they ignore gyration.
 """
 
 

@@ -19,14 +19,12 @@ from .evanescent import (
     ComplexBands as ComplexBands,
     complex_bands as complex_bands,
 )
-from .floquet import FloquetBands as FloquetBands, floquet_bands as floquet_bands
 from .force_constants import (
     extracted_dstar as extracted_dstar,
     finite_displacements as finite_displacements,
     foundation_recovered as foundation_recovered,
     phonopy_bands as phonopy_bands,
 )
-from .gruneisen import Gruneisen as Gruneisen, gruneisen_parameters as gruneisen_parameters
 from .neighbours import (
     ConvergedShells as ConvergedShells,
     NeighbourShifts as NeighbourShifts,

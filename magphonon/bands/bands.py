@@ -18,12 +18,11 @@ from ase.dft.kpoints import BandPath, parse_path_string
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, positive
-from ..files import Saved, not_saved, saved_arrays
-from ..results import InHertz
+from ..results import InHertz, Saved, not_saved, saved_arrays
 from ..stiffness.matrices import mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
-from ..stiffness.site_laws import each_spring
-from ..traits import LINEAR, SPRUNG, takes
+from ..stiffness.sites import each_spring
+from ..traits import LINEAR, takes
 from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:
@@ -351,7 +350,7 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
     return GroupVelocities(omega, velocity)
 
 
-@takes('all neighbours', *SPRUNG)
+@takes('all neighbours', *LINEAR)
 def cut_off(atoms: Atoms) -> float | None:
     """The cut-off frequency of a lattice on a foundation or between walls: the lowest frequency at Gamma. Long waves do not
     propagate below it.
@@ -380,7 +379,7 @@ def cut_off(atoms: Atoms) -> float | None:
     return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
 
 
-@takes('all neighbours', 'site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
+@takes('all neighbours', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
 def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model | None = None) -> NDArray[np.float64]:
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 

@@ -72,8 +72,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     calc: Any = system.atoms.calc
     count = every = system.directions
     alone = len(system) == 1 and every == 2 == system.dim and calc.pairwise and not vectors and not system.turning
-    by_cosines = alone and np.ndim(calc.site_stiffness) < 3
-    parts = _of_one_particle(system, q, model) if by_cosines else _by_lapack(system, q, model, vectors)
+    parts = _of_one_particle(system, q, model) if alone else _by_lapack(system, q, model, vectors)
     if branches is not None:
         count = whole('branches', branches)
         if count > every:
@@ -154,7 +153,7 @@ def _of_one_particle(system, q, model):
     """Squared frequencies of a cell of one particle, for batches of wavevectors: K = k + sum_b (2 - 2 cos q.R_b) K_b."""
     calc, m = system.calc, system.masses[0]
     K = calc.rest_stiffness(model).reshape(-1, 4)[:, [0, 1, 3]] * (2 / m)
-    kx, ky = (calc.site_stiffness * np.ones((1, 2)))[0] / m
+    kx, ky = (calc.foundation * np.ones((1, 2)))[0] / m
     own = K.sum(axis=0) + np.array([kx, 0, ky])
     lead = 2 * np.pi * calc.bonds.shift.T
     for part in in_batches(q, calc):
@@ -175,7 +174,7 @@ def _lowest_by_inverse(system, q, model, count, vectors):
     calc, S, squares = system.calc, system.shapes, None
     K = calc.rest_stiffness(model)
     for at in tqdm(q, desc='wavevectors', delay=2, disable=None, leave=False):
-        D = sparse.csr_array(S.T @ hessian(calc.bonds, K, calc.site_stiffness, at) @ S)
+        D = sparse.csr_array(S.T @ hessian(calc.bonds, K, calc.foundation, at) @ S)
         squares, columns = lowest_eigenpairs(D, count, squares)
         yield squares[None], (system.free @ columns)[None] if vectors else None
 

@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import whole
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.bond import Model
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.repulsion import Repulsion

@@ -32,8 +32,7 @@ from ..results import InHertz
 from ..stiffness.bond import Model
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
-from ..stiffness.site_laws import site_blocks
-from ..stiffness.sites import site_damping
+from ..stiffness.sites import each_spring, site_damping
 from ..traits import LINEAR, takes
 
 LINK = 1e-11
@@ -250,7 +249,7 @@ def _laurent(calc, model, exponents):
     np.subtract.at(D, (P + exponents, i, j), K)
     np.subtract.at(D, (P - exponents, j, i), K)
     D = D.swapaxes(2, 3).reshape(2 * P + 1, n * calc.dim, -1)
-    D[P] += np.asarray(linalg.block_diag(*site_blocks(calc.site_stiffness, n, calc.dim)))
+    D[P] += np.diag(each_spring(calc.foundation, n, calc.dim))
     return D
 
 

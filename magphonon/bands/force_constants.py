@@ -25,7 +25,7 @@ from .. import units
 from ..errors import positive, whole
 from ..stiffness.matrices import signed_root
 from ..stiffness.rest import LinearSystem, freedom
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .bands import Bands, path_of
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ SAME_PLACE = 1e-6
 of any unit of length."""
 
 
-@takes(*STIFF, 'all neighbours')
+@takes(*LIKE, 'all neighbours')
 def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, distance: float | None = None) -> Phonopy:
     """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
 
@@ -268,7 +268,7 @@ def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)
 
 
-@takes('site law', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
+@takes('out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
 def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     """The stiffness that the static forces add to each bond, taken from phonopy's force constants: `D* = -FC - D0`.
 

@@ -23,7 +23,7 @@ from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_
 from ..stiffness.bond import interaction_along
 from ..stiffness.matrices import bloch_matrix, hermitian_eigenvalues, lossless_modes, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
-from ..traits import SPRUNG, takes
+from ..traits import LINEAR, takes
 from .bloch import bloch_modes
 
 REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
@@ -60,7 +60,7 @@ class NeighbourShifts:
         return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
 
 
-@takes('all neighbours', *{*SPRUNG} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional'})
 def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     """How the frequencies of a lattice change if all neighbours repel each other.
 
@@ -108,7 +108,7 @@ class ConvergedShells:
     clear: bool
 
 
-@takes('all neighbours', *{*SPRUNG} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
     """The smallest number of shells that, like every larger number, gives each frequency to within a tolerance.
 

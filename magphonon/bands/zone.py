@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Voronoi
 
 from ..errors import whole
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.bond import Model
 from ..traits import LINEAR, takes
 from .bands import group_velocities

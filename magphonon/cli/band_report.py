@@ -1,4 +1,4 @@
-"""The report of `magphonon bands`: frequencies and speeds, decays, thermal motion, Chern numbers, stability."""
+"""The report of `magphonon bands`: frequencies and speeds, decays, Chern numbers, stability."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from math import isinf, isnan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import units
 from ..bands.bands import Bands, cut_off, points_on, sound_speeds
@@ -31,9 +30,7 @@ if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
     from phonopy import Phonopy
 
-    from ..bands.floquet import FloquetBands
     from ..scenes.scene import Scene
-    from ..waves.thermal import ThermalBands
 
 ZERO_FRACTION = 1e-5
 """Fraction of the highest frequency below which a number is shown as zero: it is the square root of a rounded eigenvalue."""
@@ -53,7 +50,6 @@ class Case:
     bands: dict[str, Bands]
     phonon: Phonopy | None = None  # None where it is not installed, and where forces depend on the velocity
     lossy: Bands | None = None
-    hot: ThermalBands | None = None
 
     @property
     def path(self) -> BandPath:
@@ -66,19 +62,6 @@ class Case:
 
 
 REPORT = Findings()
-
-
-def floquet_report(bands: dict[str, FloquetBands], x: NDArray[np.float64]) -> list[str]:
-    """Lines that say which waves of Floquet bands grow, and where; `x` are distances along the path in rad/mm."""
-    lines = []
-    for model, found in bands.items():
-        k, rate = found.growth.argmax(), found.growth.max() * units.s
-        grows = found.growth.max() > 1e-9 * abs(found.omega).max()
-        what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
-        lines.append(f'{model}: {what}')
-    return [*lines, f'Computed at {len(x)} wavevectors along the path and back, with {bands["complete"].harmonics} harmonics '
-            'above each frequency and as many below. Waves grow in narrow ranges of wavevectors, so some may have been missed: '
-            '"magphonon check" searches everywhere.']
 
 
 def _in_words(value):
@@ -175,20 +158,6 @@ def decays(case: Case) -> Iterator[str]:
         for branch, (w, decay) in enumerate(zip(lossy.omega[at], lossy.decay[at], strict=True)):
             said = (f'{decay / np.hypot(w, decay):16.4g}' if w > 0 else f'{"overdamped" if decay >= 0 else "grows":>16}')
             yield f'{f"  {name}, branch {branch + 1}":18}{units.hertz(max(w, 0.0)):16.7g}{decay * units.s:14.6g}{said}'
-
-
-@REPORT.remark
-def thermal_motion(case: Case) -> Iterator[str]:
-    """Frequencies in thermal motion at the special points, beside the linear ones."""
-    if (hot := case.hot) is None:
-        return
-    yield f'\n{"in thermal motion":18}{"frequency (Hz)":>16}{"+-":>10}{"linear (Hz)":>16}{"change of stiffness":>22}'
-    for q, *rows in zip(hot.q, hot.omega, hot.error, hot.linear, strict=True):
-        name = next(name for name, point in case.path.special_points.items() if np.allclose(point, q))
-        for branch, (w, error, linear) in enumerate(zip(*rows, strict=True)):
-            change = f'{100 * ((w / linear) ** 2 - 1):+.2g} %' if linear > 0 else ''
-            yield (f'{f"  {name}, branch {branch + 1}":18}{units.hertz(w):16.6g}{units.hertz(error):10.2g}'
-                   f'{units.hertz(linear):16.6g}{change:>22}')
 
 
 @REPORT.remark

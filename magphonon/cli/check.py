@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import units
 from ..findings import Finding, Findings
-from .arguments import add_scene
+from .arguments import add_scene, add_verbose
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -29,14 +29,13 @@ JUDGED = 20_000
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
          'burst': 'response.propagation.propagate',
-         'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.stability_boundary'}
+         'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.critical_foundation'}
 """The tool that each command calls first: a command supports what this tool declares."""
-SEEN = 1e-3
-"""Relative change of a frequency by leaning pillars above which it is reported; real lattices are hardly known to better."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
+    add_verbose(parser)
 
 
 def run(options: Namespace) -> int:
@@ -53,7 +52,7 @@ def run(options: Namespace) -> int:
     found = REPORT.asked(case, options.verbose)
     print(*(('\n' if options.verbose else '') + one.words for name, one in found.items()
             if one.words and (options.verbose or one.fault or name == REPORT.first)),
-          *([] if options.verbose or case.modulated else omission(case.scene, False)), sep='\n')
+          *([] if options.verbose else omission(case.scene, False)), sep='\n')
     return int(any(one.fault for one in found.values()))
 
 
@@ -80,11 +79,6 @@ class Case:
             return None
         return self.scene.patch_atoms() if self.relaxation is None else self.relaxation.atoms
 
-    @property
-    def modulated(self) -> bool:
-        """Whether the springs of the foundation change in time."""
-        return self.scene.foundation is not None and self.scene.foundation.modulation is not None
-
     @cached_property
     def damping(self) -> Any:
         losses = self.scene.bands is not None and self.scene.bands.damping_per_s is not None
@@ -95,7 +89,7 @@ class Case:
         """The verdict on the lattice or the finite structure."""
         from ..stability.verdicts import verdict
 
-        supercell = self.scene.supercell() if self.scene.bands is not None and not self.modulated else None
+        supercell = self.scene.supercell() if self.scene.bands is not None else None
         return verdict(self.atoms, supercell=supercell, damping=self.damping)
 
     @cached_property
@@ -164,7 +158,7 @@ def cut_off(case: Case) -> str | None:
     """The cut-off frequency, the lowest at Gamma, if a foundation or held particles cause one."""
     from ..bands import bands
 
-    if not case.atoms.pbc.any() or case.judged.residual or case.modulated or (lowest := bands.cut_off(case.atoms)) is None:
+    if not case.atoms.pbc.any() or case.judged.residual or (lowest := bands.cut_off(case.atoms)) is None:
         return None
     holds = 'The held particles and the foundation give' if case.atoms.constraints else 'The foundation gives'
     return f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz at Gamma: below it no long waves propagate.'
@@ -175,7 +169,7 @@ def others(case: Case) -> list[str]:
     """How the omitted neighbours would change the frequencies."""
     from .neighbours import neighbours
 
-    return [] if case.modulated else neighbours(case.scene)
+    return neighbours(case.scene)
 
 
 @REPORT.remark
@@ -193,26 +187,6 @@ def commands(case: Case) -> str | None:
             why = str(error).partition(' does not support ')[2].partition(' (')[0].partition(';')[0]
             refused.setdefault(why, []).append(f'"magphonon {command}"')
     return '\n'.join(f'Commands that do not support {why}: {", ".join(named)}.' for why, named in refused.items()) or None
-
-
-@REPORT.check
-def leaning(case: Case) -> str | None:
-    """How leaning pillars, which the scene omits, would shift the lowest branch, if they matter."""
-    from ..bands.bloch import bloch_modes
-
-    scene = case.scene
-    leant = scene.with_lean(True)
-    if case.modulated or scene.single or leant is scene or scene.foundation is None or scene.foundation.leans:
-        return None
-    points = {'Gamma' if name == 'G' else name: q for name, q in scene.special_points.items()}
-    try:
-        here, there = (units.hertz(bloch_modes(one.perfect_cell(), [*points.values()])[0][:, 0]) for one in (scene, leant))
-    except ValueError:  # the effect of leaning is not known for this lattice
-        return None
-    shifts = [f'at {name} from {a:.6g} to {b:.6g} Hz' for name, a, b in zip(points, here, there, strict=True)
-              if abs(b - a) > SEEN * abs(a)]
-    return (f'Not modelled: pillars lean, and the magnets with them. This would shift the lowest branch {", ".join(shifts)}. '
-            'Write lean = true in [foundation.pillar] to include it.') if shifts else None
 
 
 def _large(patch, perfect):

@@ -7,39 +7,47 @@ structure from a table has no bands: its page shows how a tone travels through i
 
 from __future__ import annotations
 
-import os
 import tomllib
 from argparse import ArgumentParser, Namespace
-from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import bisect
 
 from .. import units as u
 from ..files import whole_file
-from .arguments import add_scene, default_folder, left_out
+from .arguments import add_force, add_scene, default_folder, left_out
+from .results import refuse_existing
 
 if TYPE_CHECKING:
+    from ..plotting.explorer import Explorer
     from ..scenes.scene import Scene
 
 HELP = 'a page for the browser: sliders move the bands, a burst runs through the lattice'
+EXACT = 1e-9  # width of the interval within which an exponent is found
 CYCLES = 120  # of the tone in a structure, most of which is nearly steady
-SUM = b'<!-- magphonon explore, sha256 '
-"""Beginning of the last line of every such page, which holds the checksum of the rest; a file without it is not replaced."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument('-o', '--output', dest='page', metavar='FILE.html', help='the page (default: SCENE-explore.html)')
+    add_force(parser)
 
 
 def run(options: Namespace) -> None:
     from ..plotting.explorer import POINTS, Explorer, structure_page
     from ..scenes.scene import read_scene
-    from ..stability.buckling import stability_boundary, stability_boundary_of_exponents
     from .neighbours import omission
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
-    _refuse_foreign(file)
+    if file.suffix.lower() not in ('.html', '.htm'):
+        raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
+    if file.is_dir():
+        raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
+    refuse_existing(options, [file])
     scene = read_scene(options.scene).counted()
     if scene.finite and not scene.single and scene.frf is not None and scene.frf.force is not None:
         return _write(options, file, structure_page(*_pushed(scene), options.scene.text), [])
@@ -47,20 +55,45 @@ def run(options: Namespace) -> None:
     atoms = scene.perfect_cell()
     points = scene.bands.path if scene.bands is not None else None
     explorer = Explorer(atoms, scene.lattice.path(points, POINTS))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
-    if explorer.exponents is not None:
-        border = stability_boundary_of_exponents(atoms, explorer.exponents.values)
-    else:
-        border = stability_boundary(atoms, explorer.scales)
     perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
     template = _template(options.scene.text, scene, atoms)
-    _write(options, file, explorer.page(scene.title, options.scene.text, template, border, perfect),
-           [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])
+    _write(options, file, explorer.page(scene.title, options.scene.text, template, border(explorer), perfect),
+           [*filter(None, [perfect]), *left_out(scene), *omission(scene, False)])
+
+
+def border(explorer: Explorer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Exponents, or multiples of the spacing where the slider of the exponent is missing, and the foundation needed, in N/mm.
+
+    The exponents above which the lattice needs no foundation are added, because the foundation needed has a kink there.
+    """
+    from ..interactions.pair_laws import InversePower
+    from ..stability.buckling import STEPS, critical_foundation, softest_of
+    from ..stiffness.rest import LinearSystem
+
+    atoms = explorer.atoms
+    if explorer.exponents is None:
+        system = LinearSystem.of(atoms)
+        return explorer.scales, np.array([softest_of(system, scale=scale, steps=STEPS).needed for scale in explorer.scales])
+    calc: Any = atoms.calc
+    shortest, force = explorer.spacing, -calc.law.dphi(explorer.spacing)
+
+    def needed(a):
+        cell = atoms.copy()
+        cell.calc = calc.changed(laws=InversePower(force * shortest**a, a))
+        return critical_foundation(cell, steps=STEPS).k
+
+    found = {a: needed(a) for a in explorer.exponents.values.tolist()}
+    for low, high in pairwise([*found]):
+        if (found[low] > 0) != (found[high] > 0):
+            found[bisect(lambda a: 1 if needed(a) > 0 else -1, low, high, xtol=EXACT)] = 0.0
+    at = np.array(sorted(found))
+    return at, np.array([found[a] for a in at.tolist()])
 
 
 def _write(options, file, page, words):
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file, 'wb') as out:
-        out.write(page.encode() + _signature(page.encode()))
+        out.write(page.encode())
     options.written = file
     print('\n'.join([f'{file} is written; open it in a browser', *words]))
 
@@ -89,24 +122,6 @@ def _template(text, scene, atoms):
     return toml(tables)
 
 
-def _signature(page):
-    return SUM + sha256(page).hexdigest().encode() + b' -->\n'
-
-
-def _refuse_foreign(file):
-    if file.suffix.lower() not in ('.html', '.htm'):
-        raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
-    if file.is_dir():
-        raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
-    if os.path.lexists(file):
-        if file.is_symlink() or not file.is_file():
-            raise ValueError(f'{file} is not a regular file but, for example, a pipe or a link; choose another name')
-        page, mark, rest = file.read_bytes().rpartition(SUM)
-        if mark + rest != _signature(page):
-            raise ValueError(f'{file} is not a page of "magphonon explore", or was edited, and is not replaced; choose another '
-                             'name, or move it away')
-
-
 def _refuse_unknown(scene: Scene) -> None:
     """Refuse scenes that the page cannot compute: only planar lattices with a few shells of neighbours are possible."""
     if scene.single:
@@ -119,9 +134,6 @@ def _refuse_unknown(scene: Scene) -> None:
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
         raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; omit this table, or use '
                          '"magphonon bands"')
-    if scene.foundation is not None and scene.foundation.leans:
-        raise ValueError('foundation.pillar.lean: leaning softens the foundation by an amount that depends on the spacing, '
-                         'which the explorer does not compute; omit lean, or use "magphonon bands"')
     if scene.cell().pbc.all():
         raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, but the explorer draws planar ones; use '
                          '"magphonon bands"')

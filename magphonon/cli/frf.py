@@ -8,10 +8,9 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'frequency response to a force or a shaken bench, compared with measurements if you have any'
-RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
 MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
 MOST_COUNTED = 10_000
@@ -25,10 +24,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'points and drives that the file names: a table (frequency_Hz, amplitude_m_per_N, phase_deg or re_..., '
                         'im_...), a '
                         'universal file .uff, or raw records (time_s, drive_N, answer_m)')
-    parser.add_argument('--estimator', choices=('H1', 'H2'), default='H1', help='with raw records: H1 if the response is noisy '
-                                                                                '(default), H2 if the drive is noisy')
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> None:
@@ -37,9 +34,8 @@ def run(options: Namespace) -> None:
     from .neighbours import omission
 
     scene = read_scene(options.scene)
-    tables = [] if options.measured is None else [options.measured]
     plan, measured, relaxation = scene.wanted('frf'), _measured(scene, options), scene.relaxation()
-    with answering(options, scene, *tables) as (folder, save, told):
+    with answering(options, scene, 'frf.*', 'frf_*.npz', 'frf_measured.*') as (folder, save, told):
         first, lines = _responses(scene, plan, folder, save)
         lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
         told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save),
@@ -53,7 +49,7 @@ def _measured(scene, options):
     from ..response.transfer_functions import read_transfer
     from ..scenes.frf_fits import with_dofs  # which loads time steps
 
-    return with_dofs(scene, read_transfer(options.measured, options.estimator))
+    return with_dofs(scene, read_transfer(options.measured))
 
 
 def _responses(scene, plan, folder, save):

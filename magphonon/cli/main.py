@@ -27,11 +27,9 @@ from .. import __version__
 from ..errors import did_you_mean
 from .arguments import find_inputs
 
-SHARED = ('arguments', 'band_report', 'fit_report', 'fitted', 'main', 'neighbours', 'results',
-          'site_design')
+SHARED = 'arguments', 'band_report', 'fit_report', 'fitted', 'main', 'neighbours', 'results'
 COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
-"""The commands: each is a module beside this one, with its HELP, `add_arguments(parser)`, `run(options)` and, if it writes a
-folder of results, patterns of their names in RESULTS."""
+"""The commands: each is a module beside this one, with its HELP, `add_arguments(parser)` and `run(options)`."""
 SYNONYMS = {'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
@@ -67,10 +65,7 @@ def _status(options):
     try:
         with _termination_unwinds(), _no_silent_overflow(), _no_messages_about_fonts():
             find_inputs(options)
-            status = options.run(options) or 0
-            for note in getattr(options, 'notes', ()):  # about what else is in the folder of the results
-                _tell(note)
-            return status
+            return options.run(options) or 0
     except RuntimeWarning as warning:
         return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents, first of '
                         f'all in the law, in {_inputs(options)}')
@@ -191,7 +186,6 @@ def _options(arguments):
         meant = did_you_mean(word, options.flags, f'its options are {", ".join(options.flags)}')
         wrong = f'has no option {word!r}{meant}' if word.startswith('-') else f'takes no further argument {word!r}'
         parser.error(f'"magphonon {options.command}" {wrong}')
-    options.words = arguments  # kept with the results
     if getattr(options, 'output', None) in ('', [], '--'):  # argparse made a list of '--' before Python 3.13
         parser.error("-o names no directory; '.' is the current one")
     return options
@@ -211,9 +205,8 @@ def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
         told = (command.__doc__ or '').partition(': ')[2]  # python -OO leaves out docstrings
         subparser = commands.add_parser(name, help=command.HELP, description=told)
         command.add_arguments(subparser)
-        subparser.add_argument('--verbose', action='store_true', help='print everything that was found, not only the first line')
         flags = [flag for action in subparser._actions for flag in action.option_strings]
-        subparser.set_defaults(run=command.run, command=name, flags=flags, results=getattr(command, 'RESULTS', ()))
+        subparser.set_defaults(run=command.run, command=name, flags=flags)
     return parser
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .. import units
 from ..files import write_columns
 from ..findings import Finding, Findings
-from .arguments import LOWEST, MOST_DIRECTIONS, add_output, add_pictures, add_scene, answering, lattice_and_patch
+from .arguments import add_output, add_scene, add_style, answering, left_out
 
 if TYPE_CHECKING:
     from ..bands.bands import Bands
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from ..stiffness.rest import LinearSystem
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
-RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
@@ -37,11 +36,14 @@ points of the mesh."""
 DRAWN, MOST_DRAWN = 40, 600
 """Number of patches drawn at random with the scatter of [uncertainty], and largest number of free directions of one."""
 
+MOST_DIRECTIONS = 3000
+"""Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
+LOWEST = 60  # number of the lowest modes of a larger patch
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
     parser.add_argument('--animate', metavar='MODE', type=int,
                         help='write a film of this mode of the patch, by its number in modes.csv')
     parser.add_argument('--compare', metavar='TABLE',
@@ -53,11 +55,11 @@ def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
 
     scene = read_scene(options.scene)
-    lattice, patch, left = lattice_and_patch(scene)
+    lattice, patch, left = _lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
             raise ValueError(f'--{option} {given}: the scene has no patch whose modes could be computed; add a table [patch]')
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*') as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
         if lattice is not None:
             _write_lattice(folder, case)
@@ -66,6 +68,16 @@ def run(options: Namespace) -> None:
         if patch is not None:
             _write(folder, save, case)
         told += REPORT.told(case, options.verbose)
+
+
+def _lattice_and_patch(scene):
+    """The lattice of a scene, its patch or finite structure, and lines that say what is omitted."""
+    if scene.single:
+        raise ValueError('the oscillator is one particle and has no bands or modes; use "magphonon frf"')
+    left = left_out(scene)
+    if scene.finite:
+        return None, scene.patch_atoms(), left
+    return scene.perfect_cell(), None if scene.patch is None else scene.patch_atoms(), left
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,7 @@ class Case:
 
     @cached_property
     def atoms(self) -> Any:
-        return self.scene.with_lean(False).perfect_cell() if self.given is None else self.given
+        return self.scene.perfect_cell() if self.given is None else self.given
 
     @cached_property
     def q(self) -> dict[str, NDArray[np.float64]]:
@@ -178,7 +178,7 @@ def special_points(scene: Scene) -> dict[str, NDArray[np.float64]]:
 
 def speeds(scene: Scene) -> str | None:
     """How all neighbours would change the speeds of long waves along x, which need many more neighbours than frequencies do."""
-    atoms: Any = scene.with_lean(False).perfect_cell()
+    atoms: Any = scene.perfect_cell()
     if isinstance(scene.law, SavedLaw) or Case(scene).unknown is not None or atoms.calc.layer or atoms.constraints:
         return None
     every, known = with_all(atoms)

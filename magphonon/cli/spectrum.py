@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from .. import units
 from ..findings import Finding, Findings
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 HELP = 'dispersion points from a scan of the vibrometer, drawn over the bands of a scene'
-RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*.pdf'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -43,7 +42,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='for points that cover the plane: draw the motion at this frequency too, over the wavevectors '
                              '(with contours of the bands) and at the points')
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> None:
@@ -53,37 +52,35 @@ def run(options: Namespace) -> None:
     for stem in stems:
         if stems.count(stem) > 1:
             raise ValueError(f'two of the scans are called {stem}, so their results would have the same name; rename one of them')
-    ridges, notes = [], []
-    for table, stem in zip(options.tables, stems, strict=True):
-        options.table = table  # errors name this table
-        if _analysed(options, scene):
-            ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
-        notes += options.notes
-    options.notes = list(dict.fromkeys(notes))
+    ridges = []
+    with answering(options, scene, *(f'spectrum_{stem}_*' for stem in stems)) as (folder, save, told):
+        for table, stem in zip(options.tables, stems, strict=True):
+            options.table = table  # errors name this table
+            if _analysed(options, scene, folder, save, told):
+                ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
     if ridges:
         print(f'"magphonon fit {" ".join(ridges)} --bands {options.scene}" fits the lattice to the ridges')
 
 
-def _analysed(options, scene):
-    """Write and print what the scan `options.table` shows, and return whether it has ridges."""
+def _analysed(options, scene, folder, save, told):
+    """Write what the scan `options.table` shows, add it to the lines to print, and return whether the scan has ridges."""
     from ..waves.fields import is_field
     from ..waves.scan_tables import read_places, read_scan
 
-    own = f'spectrum_{Path(options.table).stem}'  # distinct from results of `burst` and of other scans
-    with answering(options, scene, options.table) as (folder, save, told):
-        scan = read_scan(options.table)  # its messages name the table
-        if options.geometry is not None:
-            scan = scan.placed(read_places(options.geometry))
-        cell = scene.perfect_cell()
-        plane = scan.places is not None and is_field(np.asarray(scan.places), cell)
-        try:
-            if options.at is not None and not plane:
-                raise ValueError('--at needs points that cover the plane, but these lie on one or a few rows')
-            case = (_field if plane else _row)(options, scene, cell, scan, folder, save)
-        except ValueError as error:
-            raise ValueError(f'{options.table}: {error}') from None
-        (folder / f'{own}_ridges.txt').write_text('\n'.join(REPORT.told(case, verbose=True)) + '\n', encoding='utf-8')
-        told += REPORT.told(case, options.verbose)
+    scan = read_scan(options.table)  # its messages name the table
+    if options.geometry is not None:
+        scan = scan.placed(read_places(options.geometry))
+    cell = scene.perfect_cell()
+    plane = scan.places is not None and is_field(np.asarray(scan.places), cell)
+    try:
+        if options.at is not None and not plane:
+            raise ValueError('--at needs points that cover the plane, but these lie on one or a few rows')
+        case = (_field if plane else _row)(options, scene, cell, scan, folder, save)
+    except ValueError as error:
+        raise ValueError(f'{options.table}: {error}') from None
+    name = f'spectrum_{Path(options.table).stem}_ridges.txt'  # distinct from results of `burst` and of other scans
+    (folder / name).write_text('\n'.join(REPORT.told(case, verbose=True)) + '\n', encoding='utf-8')
+    told += REPORT.told(case, options.verbose)
     return case.asked is not None
 
 

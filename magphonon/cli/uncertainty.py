@@ -8,10 +8,9 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'how uncertain bands and responses are, given the tolerances of the parts'
-RESULTS = 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*'
 SAMPLES = 1000
 """Number of lattices drawn at random to check the linear propagation.  The relative sampling error of their standard deviation is
 1/sqrt(2 SAMPLES), 2.2 %."""
@@ -29,7 +28,7 @@ LINEAR_RANGE = 0.3  # relative standard deviation of an amplitude above which th
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [uncertainty]', 'tolerances')
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> None:
@@ -42,7 +41,7 @@ def run(options: Namespace) -> None:
     if bands and (scene.single or scene.finite):
         raise ValueError(f'the scene {scene.title!r} has no [frf], so there is no response whose uncertainty could be computed; '
                          'add [frf]')
-    with answering(options, scene) as (folder, save, told):
+    with answering(options, scene, 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*') as (folder, save, told):
         if bands:
             told += _bands(folder, save, scene, tolerances, options.verbose) if tolerances.changes else []
             told += [OWN_SCATTER] if tolerances.scatter else []

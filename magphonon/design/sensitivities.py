@@ -30,8 +30,8 @@ from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED, LinearSystem
-from ..stiffness.site_laws import Foundation
-from ..traits import STIFF, takes
+from ..stiffness.sites import Foundation
+from ..traits import LIKE, takes
 
 CROSSING = 1e-9
 """Difference of two branches, as a fraction of the highest frequency, below which they cross."""
@@ -104,7 +104,7 @@ def spacing_change(law: PairLaw) -> LawDerivative:
     return LawDerivative(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[StiffnessDerivative],
                             model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies with respect to the logarithms of parameters.
@@ -170,7 +170,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     return omega, slopes
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega: NDArray[np.float64], damping: ArrayLike,
                            changes: Collection[StiffnessDerivative]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Steady displacements under a harmonic force, and their derivatives with respect to the logarithms of parameters.
@@ -205,7 +205,7 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
     return u, slopes
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivative]) -> list[sparse.csr_array]:
     """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, including the change of the rest positions.
 

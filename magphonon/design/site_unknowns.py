@@ -86,7 +86,7 @@ class Sites:
     @classmethod
     def of(cls, system: LinearSystem) -> Sites:
         calc, n = system.calc, len(system) * system.dim
-        springs = np.broadcast_to(calc.tie.springs(), (len(system), system.dim))
+        springs = np.broadcast_to(calc.foundation, (len(system), system.dim))
         tied = (springs > 0) & system.mobile[:, None]
         acting, stiff = system.mobile.copy(), sizes(calc.bond_vectors, calc.interaction)[1]
         for one, other in ((calc.bonds.i, calc.bonds.j), (calc.bonds.j, calc.bonds.i)):
@@ -164,7 +164,7 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
     reference = calc.reference.copy()
     reference.positions += moved
     own = replace(calc.sites, strengths=calc.strengths * strengths, anchors=calc.anchors + moved,
-                  foundation=calc.tie.springs() * springs)
+                  foundation=calc.foundation * springs)
     system = LinearSystem.about(calc.changed(reference, sites=own), built.system.atoms)
     pairs, changes = strengths[calc.bonds.i] * strengths[calc.bonds.j], {}
     for name, change in built.changes.items():
@@ -184,7 +184,7 @@ def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sit
     changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
     by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # columns: strengths, moves along x, along y
     order = np.arange(n * dim).reshape(dim, n).T.ravel()
-    springs = np.broadcast_to(calc.tie.springs(), sites.tied.shape)[sites.tied]
+    springs = np.broadcast_to(calc.foundation, sites.tied.shape)[sites.tied]
     found = []
     for one in own:
         x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))

@@ -28,7 +28,7 @@ from ..response.normal_modes import refuse_unstable
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import Model
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .least_squares import MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative, hessian_changes
 
@@ -152,7 +152,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
     return basis, own
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0, fields: tuple[Any, list[Solved]] | None = None,
                     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

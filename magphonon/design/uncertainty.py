@@ -18,11 +18,11 @@ from tqdm import tqdm
 
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
-from ..files import Saved
 from ..response.frf import Dof
+from ..results import Saved
 from ..stiffness.bond import Model
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .scatter import ALIKE, NO_SCATTER, ROWS, SiteScatter, response_scatter
 from .sensitivities import StiffnessDerivative, frequency_sensitivities, response_sensitivities
 
@@ -139,7 +139,7 @@ def _std(covariance, slopes):
     return np.sqrt(np.maximum(np.einsum('p...,pr,r...->...', slopes, covariance, slopes), 0.0))
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: Model | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
@@ -174,7 +174,7 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     return Spread(tuple(tolerances.changes), tolerances.covariance, omega, slopes)
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64], damping: ArrayLike,
                     tolerances: Tolerances) -> ResponseSpread:
     """Amplitude of a frequency response and its uncertainty.

@@ -172,9 +172,8 @@ def _particle_bound(system):
     In a triangular lattice it is 4 % too high.
     """
     calc, masses = system.calc, system.masses
-    bonds, k = calc.bonds, calc.site_stiffness
-    k = np.broadcast_to(abs(k).sum(axis=2) if np.ndim(k) == 3 else k, (len(masses), calc.dim)).max(axis=1)
-    own = own_stiffness(bonds, upper_part(calc.bond_vectors, calc.interaction, calc.model))
+    k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
+    own = own_stiffness(calc.bonds, upper_part(calc.bond_vectors, calc.interaction, calc.model))
     squares = (k + 2 * hermitian_eigenvalues(own)[:, -1]) / masses
     return np.sqrt(squares[system.mobile].max(initial=0.0))
 
@@ -230,8 +229,6 @@ def refusal(atoms: Atoms) -> str | None:
         return 'the structure is not planar'
     if atoms.calc.interaction.central(2) is None:
         return 'the forces are not along the bonds'
-    if atoms.calc.tie.known:
-        return f'the foundation is {atoms.calc.tie!r}, not springs'
     if out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:
@@ -325,8 +322,8 @@ class Blocks:
         decay = layout.scatter(np.real(E))
         if np.iscomplexobj(E):
             decay = decay + 1j * layout.scatter(np.imag(E))
-        k = calc.tie.k
-        k = layout.scatter(k) if isinstance(k, np.ndarray) else k
+        k: Any = calc.foundation
+        k = layout.scatter(k) if np.ndim(k) else k
         self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite
-from ..files import Saved
+from ..results import Saved
 
 MOTION_UNITS = {'times': ('ms', 'times'), 'particles': ('', 'particles'), 'displacements': ('mm', 'times', 'particles', 'dim'),
                 'velocities': ('mm/ms', 'times', 'particles', 'dim')}

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import indices, whole
-from ..files import room_for, save_arrays
+from ..files import room_for
+from ..results import save_arrays
 from .motion import Motion
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from .. import units as u
 from ..errors import finite
-from ..tables import FORCE, LENGTH, TEXT, read_table
+from ..quantities import FORCE, LENGTH, TEXT
+from ..tables import read_table
 from .pair_laws import PairLaw, repulsion
 
-COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT, 'pair': TEXT}
+COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'stroke': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT, 'pair': TEXT}
 LAYOUT = ('a table of forces has the columns r_m,f_N (or in mm, um, mN, uN; also as r [mm]; or gap_mm and the size of a magnet),'
           ' and perhaps sigma_N, direction and pair')
-ASKED = {'columns': COLUMNS, 'needed': [('r', 'gap'), 'f'], 'layout': LAYOUT}
+ASKED = {'columns': COLUMNS, 'needed': [('r', 'gap', 'stroke'), 'f'], 'layout': LAYOUT}
 DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
 """Words of the column `direction`."""
 MOST_NAMED = 5  # number of lines that a message lists
@@ -118,7 +119,7 @@ class Forces:
 
 
 def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
-    """Forces from a table of text with a header such as r_m,f_N or r_mm,f_mN,sigma_mN; see `magphonon.tables`.
+    """Forces from a table with a header such as r_m,f_N or r_mm,f_mN,sigma_mN; see `magphonon.tables`.
 
     Rows may be in any order, and distances may repeat, as on approach and return.
 
@@ -138,52 +139,50 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     """
     table = read_table(path, **ASKED)
     if 'r' in table and 'gap' in table:
-        raise ValueError(f'{path}: the columns {table.header["r"]} and {table.header["gap"]} say the same; keep one of them')
-    if 'gap' in table:
-        table = _with_distances(table, contact)
-    told = table.get('direction', '')
-    table.refuse('direction', np.array([word not in DIRECTIONS for word in told]), 'be approach or return')
-    faults = [_fault(table, *column) for column in (
-        ('r', u.m, 'm', max(DISTANCES_m[0], contact / u.m), DISTANCES_m[1],
-         f'the particles touch at {contact / u.m:g} m; give distances of the centres, not gaps' if contact else
-         'distances are those of the centres; check the unit'),
-        ('f', u.N, 'N', -FORCES_N[1], FORCES_N[1], 'check the unit'),
-        ('sigma', u.N, 'N', *FORCES_N, 'leave the column out if the uncertainty is not known, and check its unit'))]
-    if table.units['r'] == u.m and table['r'].min() >= LARGEST_CLOSEST_PAIR:
-        faults.append(f'the distances are {table["r"].min() / u.m:g} to {table["r"].max() / u.m:g} under the header r_m; if they '
-                      'are millimetres, head the column r_mm')
+        raise ValueError(f'{path}: the columns {table.named("r", "gap")} say the same; keep one of them')
+    r = table['r'] if 'r' in table else _distances(table, contact)
+    way = table.get('direction', '')
+    table.refuse('direction', np.array([word not in DIRECTIONS for word in way]), 'be approach or return')
+    least = max(DISTANCES_m[0], contact / u.m)
+    faults = [
+        _fault(table, 'r' if 'r' in table else 'gap', r / u.m, 'm', (least, DISTANCES_m[1]),
+               f'the particles touch at {contact / u.m:g} m; give distances of the centres, not gaps' if contact else
+               'distances are those of the centres; check the unit'),
+        _fault(table, 'f', table['f'] / u.N, 'N', (-FORCES_N[1], FORCES_N[1]), 'check the unit'),
+        _fault(table, 'sigma', table.get('sigma', u.N) / u.N, 'N', FORCES_N,
+               'leave the column out if the uncertainty is not known, and check its unit')]
+    if 'r' in table and table.units['r'] == u.m and r.min() >= LARGEST_CLOSEST_PAIR:
+        faults.append(f'the distances are {r.min() / u.m:g} to {r.max() / u.m:g} under the header {table.named("r")}; if '
+                      'they are millimetres, head the column r_mm')
     if any(faults):
         raise ValueError(f'{path}: {"; also: ".join(filter(None, faults))}')
-    if not np.sum(table['f'] / table['r']) > 0:  # the near ones count most
+    if not np.sum(table['f'] / r) > 0:  # the near ones count most
         raise ValueError(f'{path}: the forces are negative, but repulsion counts as positive: change their sign')
-    return Forces(table['r'], table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in told]),
+    return Forces(r, table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in way]),
                   np.asarray(table.get('pair', ''), str))
 
 
-def _with_distances(table, contact):
-    """The table with distances of the centres: the gap of each row plus the distance at contact."""
+def _distances(table, contact):
+    """Distances of the centres: the gap of each row plus the distance at contact; ValueError for the stroke of a machine."""
+    if 'gap' not in table:
+        raise ValueError(f'{table.path}: {table.named("stroke")} counts from any zero, but a law needs distances; call the '
+                         'column r_mm if it is the distance of the centres, gap_mm if it is zero at contact')
     if not contact:
-        raise ValueError(f'{table.path}: {table.header["gap"]} holds gaps, but a law needs distances of the centres; give the '
+        raise ValueError(f'{table.path}: {table.named("gap")} holds gaps, but a law needs distances of the centres; give the '
                          'size of a magnet along the line between them, by "magphonon fit --contact 6.35mm" or --magnet SCENE, '
                          'in Python read_forces(path, contact=6.35); or add it to the gaps and call the column r_mm')
     table.refuse('gap', table['gap'] < 0, 'not be negative')
-    renamed = {name: {'r' if key == 'gap' else key: value for key, value in getattr(table, name).items()}
-               for name in ('header', 'spelt', 'units', 'columns')}
-    renamed['columns']['r'] = renamed['columns']['r'] + contact
-    return replace(table, **renamed)
+    return table['gap'] + contact
 
 
-def _fault(table, name, unit, spelled, least, most, mend):
-    """A message that says which lines of a column are out of range; '' if none is."""
-    if name not in table:
-        return ''
-    values = table[name] / unit
-    wrong = np.flatnonzero((values < least) | (values > most))
+def _fault(table, name, values, unit, allowed, mend):
+    """A message that says which lines of a column are out of the `allowed` range; '' if none is."""
+    wrong = np.flatnonzero((values < allowed[0]) | (values > allowed[1]))
     if not len(wrong):
         return ''
-    lines = ', '.join(f'{values[k]:.6g} {spelled} in line {table.lines[k]}' for k in wrong[:MOST_NAMED])
+    lines = ', '.join(f'{values[k]:.6g} {unit} in line {table.lines[k]}' for k in wrong[:MOST_NAMED])
     more = f' and {len(wrong) - MOST_NAMED} more' if len(wrong) > MOST_NAMED else ''
-    return (f'{table.header[name]} must lie between {least:g} and {most:g} {spelled}, but is {lines}{more}: {mend}')
+    return f'{table.named(name)} must lie between {allowed[0]:g} and {allowed[1]:g} {unit}, but is {lines}{more}: {mend}'
 
 
 def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:

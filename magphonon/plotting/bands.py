@@ -12,7 +12,6 @@ import numpy as np
 from ase.dft.kpoints import BandPath
 from numpy.typing import NDArray
 
-from ..units import hertz
 from .axes import COLOURS, MARKERS, UNSTABLE, in_house_style, label_frequencies, legend_above, new_axes, point_name
 from .structures import halo
 
@@ -20,14 +19,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..bands.bands import Bands
-    from ..waves.thermal import ThermalBands
 
 NEGLIGIBLE = 3e-5
 """Frequencies below this fraction of the highest one are zero in a picture, whatever their sign.
 
 Squared frequencies by phonopy are good to 1e-9 of the highest one, and this is the root of it; growth as slow could not be seen.
 """
-PASSED = 0.01  # distance in reciprocal vectors at which a path passes a wavevector
 ALONG_NORMAL = 0.9  # share of a mode's motion along the normal of the plane above which it is called out of the plane
 MOST_NAMED = 3  # largest number of branches that are named: more leave no room
 CLEAR, BESIDE = 0.035, (0.055, 0.09, 0.13)
@@ -117,20 +114,6 @@ def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | No
     label_frequencies(ax.yaxis)
     legend_above(ax, ncols=2)
     return ax
-
-
-def plot_thermal(ax: Axes, hot: ThermalBands, path: BandPath) -> None:
-    """Draw frequencies in thermal motion with two standard errors, where the path passes their wavevectors q or -q."""
-    x, marks, at = path.get_linear_kpoint_axis()[0], [], []
-    for row, q in enumerate(hot.q):
-        away = np.min([abs(p - np.rint(p)).max(axis=1) for p in (path.kpts - q, path.kpts + q)], axis=0)
-        for k in np.flatnonzero((away < PASSED) & (away < np.roll(away, 1)) & (away <= np.roll(away, -1))):
-            at.append(x[k])
-            marks.append(row)
-    for branch in range(hot.omega.shape[1]):
-        ax.errorbar(at, hot.frequencies_Hz[marks, branch], 2 * hertz(hot.error[marks, branch]), fmt='s', color='black',
-                    fillstyle='none', capsize=3, label=None if branch else 'in thermal motion')
-    legend_above(ax)
 
 
 def label_path(ax: Axes, path: BandPath) -> None:

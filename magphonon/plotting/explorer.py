@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from ase import Atoms
@@ -25,9 +25,6 @@ from ..interactions.pair_laws import InversePower
 from ..stiffness.rest import freedom
 from ..traits import Tool, refuse
 from .zone import upwards
-
-if TYPE_CHECKING:
-    from ..stability.buckling import StabilityBoundary
 
 FORCES = 10.0
 """The slider of the spacing goes from ten times the force between nearest neighbours to a tenth, as far as the law is known."""
@@ -131,16 +128,17 @@ class Explorer:
         static = self._force(1.0) / units.N / (self.spacing / units.m)
         return _slider(0.0, here, FOUNDATIONS * max(here, static))
 
-    def page(self, title: str, scene: str, template: str, border: StabilityBoundary, beside: str = '') -> str:
+    def page(self, title: str, scene: str, template: str, border: tuple[Any, Any], beside: str = '') -> str:
         """The text of the page, HTML that refers to nothing outside itself.
 
         `scene` is the text shown at the end, and `template` the text of a scene with gaps for the values of the sliders. `border`
         is the foundation that the lattice needs, at each of the `exponents` if there are any, otherwise of the `scales`. `beside`
         says what the page omits.
         """
-        return _page(self.data(border) | {'template': template}, title, scene, border.over, f' {beside}' if beside else '')
+        data = self.data(*border)
+        return _page(data | {'template': template}, title, scene, data['border']['over'], f' {beside}' if beside else '')
 
-    def data(self, border: StabilityBoundary) -> dict[str, Any]:
+    def data(self, at: NDArray[np.float64], needed: NDArray[np.float64]) -> dict[str, Any]:
         """The data that the scripts of the page read, in SI; lengths within the cell are multiples of the spacing."""
         atoms, here = self.atoms, self.spacing
         sliders = {'spacing': (self.spacings, self.unit, UNITS[self.unit]), 'exponent': (self.exponents, '', 1.0),
@@ -158,8 +156,8 @@ class Explorer:
             'path': self._path(),
             'sliders': {name: {'values': slider.values.tolist(), 'scene': slider.scene, 'unit': unit, 'per_SI': per_SI}
                         for name, (slider, unit, per_SI) in sliders.items() if slider is not None},
-            'border': {'over': border.over, 'at': border.at.tolist(),
-                       'needed_N_per_m': (border.needed / units.N * units.m).tolist()},
+            'border': {'over': 'spacing' if self.exponents is None else 'exponent', 'at': at.tolist(),
+                       'needed_N_per_m': (needed / units.N * units.m).tolist()},
         }
 
     def _bonds(self) -> list[dict[str, Any]]:

@@ -19,13 +19,12 @@ from scipy import sparse
 from tqdm import tqdm
 
 from ..errors import finite, one_of, positive, refuse_memory
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.factors import inverse
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem, components, refuse_held
 from ..stiffness.sites import site_damping
-from ..traits import LINEAR, STIFF, takes
+from ..traits import LIKE, LINEAR, takes
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
@@ -398,7 +397,7 @@ def _series_length(w, tolerance):
     return np.log(tolerance) / np.log(largest) if largest < 1 - EPS else np.inf
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.float64], gamma: float, particles: NDArray[np.int_],
                     tolerance: float, K: Products | None = None) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
     """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).

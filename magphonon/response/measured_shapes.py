@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from .. import units as u
-from ..tables import FREQUENCY, LENGTH, PURE, SPEED, TEXT, read_table
+from ..quantities import FREQUENCY, LENGTH, PURE, SPEED, TEXT
+from ..tables import read_table
 from .normal_modes import Modes
 
 ANY = PURE | LENGTH | SPEED  # of amplitudes, whose unit does not matter
@@ -103,7 +104,7 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
     particle, spacing = away.argmin(axis=0), atoms.calc.bonds.lengths.min()  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
     for row in np.flatnonzero(away.min(axis=0) > NEAR * spacing)[:1]:
         raise ValueError(f'line {table.lines[row]} of {path}: the nearest particle is {away[:, row].min() / u.mm:.3g} mm from '
-                         f'{table.header["x"]}, {table.header["y"]}; give positions at rest, in the frame of the scene')
+                         f'{table.named("x", "y")}; give positions at rest, in the frame of the scene')
     shape = np.stack([table[name] + 1j * table.get(f'{name}_im', 0.0) for name in ('u_x', 'u_y') if name in table], axis=1)
     names = tuple(dict.fromkeys(map(str, table['mode'])))
     mac, omega, least = np.empty((len(names), len(found.omega))), np.full(len(names), np.nan), np.ones(len(names))

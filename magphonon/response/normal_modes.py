@@ -13,14 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import Unstable, finite, refuse_memory, whole
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import lossless_modes, signed_root
-from ..stiffness.mirrors import eigenpairs_of, eigenvalues_of
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
-from ..traits import LINEAR, STIFF, takes
+from ..traits import LIKE, LINEAR, takes
 
 SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
@@ -81,7 +79,7 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     if system.turning:
         omega, vectors = (part[..., :count] for part in lossless_modes(system.B().toarray(), system.K.toarray()))
         return Modes(omega, _fixed(np.arange(count), (system.shapes @ vectors).T, system))
-    squares, vectors = eigenpairs_of(system) if count == size else lowest_eigenpairs(system.K, count)
+    squares, vectors = np.linalg.eigh(system.K.toarray()) if count == size else lowest_eigenpairs(system.K, count)
     return Modes(signed_root(squares), _fixed(squares / (abs(system.K).max() or 1.0), (system.shapes @ vectors).T, system))
 
 
@@ -124,10 +122,10 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     """
     system = LinearSystem.of(atoms).moving()
     _refuse_all(system)
-    return modes(system).omega if system.turning else signed_root(eigenvalues_of(system))
+    return modes(system).omega if system.turning else signed_root(np.linalg.eigvalsh(system.K.toarray()))
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     """Number of modes below an angular frequency in rad/ms, counted by one sparse factorisation, without any mode.
 
@@ -241,7 +239,7 @@ def localisation(found: Modes, atoms: Atoms | LinearSystem) -> Localisation:
     return Localisation(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     """All modes with frequencies within a gap of the lattice: the local modes of defects, in structures of any size.
 

@@ -13,11 +13,11 @@ from tqdm import tqdm
 from ..bands.density import DensityOfStates, increasing
 from ..errors import whole
 from ..stiffness.rest import LinearSystem
-from ..traits import STIFF, takes
+from ..traits import LIKE, takes
 from .chebyshev import COLUMNS, spectrum_of
 
 
-@takes(*STIFF)
+@takes(*LIKE)
 def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = None, moments: int = 512, vectors: int = COLUMNS,
                       seed: int = 0) -> DensityOfStates:
     """Density of states of a finite or periodic structure with any disorder, from random start vectors.

@@ -127,7 +127,7 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
         return None
     bonds = calc.bonds
     layout = arrange(calc.reference, bonds, mobile)
-    if layout.offset is None or len(layout.offset) > MOST_GROUPS or np.ndim(calc.site_stiffness) == 3:
+    if layout.offset is None or len(layout.offset) > MOST_GROUPS:
         return None
     other = slice(None) if (bonds.i != bonds.j).all() else bonds.i != bonds.j  # a bond to one's own image never changes
     offsets = layout.offset
@@ -137,7 +137,7 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     for part, (x, y) in zip(K, ((0, 0), (0, 1), (1, 1)), strict=True):
         part[layout.group, margin + layout.i] = stiffness[other, x, y]
     D, weight, free = aligned_zeros((3, 1, slots)), np.zeros(slots), aligned_zeros((slots,))
-    D[::2, 0, slot] = np.broadcast_to(calc.site_stiffness, (len(system), 2)).T
+    D[::2, 0, slot] = np.broadcast_to(calc.foundation, (len(system), 2)).T
     weight[slot], free[slot] = mobile / np.sqrt(system.masses), mobile
     for g, o in enumerate(offsets):
         D[:, 0, o:] += K[:, g, :-o]

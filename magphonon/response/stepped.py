@@ -23,7 +23,7 @@ from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
-from ..traits import SPRUNG, takes
+from ..traits import LINEAR, takes
 from .frf import Dof, FrequencyResponse
 
 TRANSIENT_FRACTION = 1e-3
@@ -36,7 +36,7 @@ HEADSTART = 1e3
 """Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 
 
-@takes(*SPRUNG)
+@takes(*LINEAR)
 def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, damping: float, force: float,
                      dt: float) -> FrequencyResponse:
     """The response to a finite force from time steps: one replica of the structure for each frequency, run until the motion is

@@ -16,13 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..errors import one_of
+from ..quantities import FORCE, FREQUENCY, LENGTH, MOTIONS, PURE, TIME
 from ..readers import content
-from ..tables import FORCE, FREQUENCY, GRAVITY, LENGTH, MOST_BYTES, PURE, TIME, read_table, unit_of_label
+from ..tables import MOST_BYTES, read_table
+from ..universal import node_places, unit_of_label
 from .frf import Dof
 
-MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
-           for order, per in enumerate(('', '_per_s', '_per_s2'))} | {'g': (GRAVITY, 2)}
-"""Units of measured motions in mm and ms, and how often the displacement is differentiated."""
 PER_FORCE = {f'{name}_per_N': factor / u.N for name, (factor, _) in MOTIONS.items()}
 ORDERS = {f'{name}_per_N': order for name, (_, order) in MOTIONS.items()}
 ESTIMATORS = 'H1', 'H2'
@@ -34,7 +33,7 @@ COLUMNS = {'frequency': FREQUENCY, 'time': TIME, 'drive': {'N': u.N}, 'record': 
            'answer': {name: factor for name, (factor, _) in MOTIONS.items()},
            'direction': {'deg': u.deg}, 'x': LENGTH, 'y': LENGTH, 'drive_x': LENGTH, 'drive_y': LENGTH,
            'drive_deg': {'': u.deg}, **dict.fromkeys(('re', 'im', 'amplitude', 'sigma'), PER_FORCE | PURE)}
-ASKED = {'columns': COLUMNS, 'needed': [], 'layout': LAYOUT}
+ASKED = {'columns': COLUMNS, 'needed': [('frequency', 'time'), ('re', 'amplitude', 'answer')], 'layout': LAYOUT}
 RESPONSE_FUNCTION, FREQUENCY_AXIS = 4, 18  # of dataset 58
 QUANTITIES = {8: 0, 11: 1, 12: 2}  # ordinates of dataset 58: displacement, velocity, acceleration
 FORCES = 9, 13  # force of reaction, and of excitation
@@ -199,13 +198,13 @@ def _table(path, held, estimator):
     parts = [name for name in ('re', 'im', 'amplitude') if name in table]
     if 'frequency' not in table or parts not in (['re', 'im'], ['amplitude']) or (parts == ['amplitude']) != ('phase' in table):
         raise ValueError(f'{path} holds neither transfer functions nor records; {LAYOUT}')
-    endings = {table.spelt[name] for name in (*parts, *(['sigma'] if 'sigma' in table else []))}
+    endings = {table.told[name].unit for name in (*parts, *(['sigma'] if 'sigma' in table else []))}
     if len(endings) > 1:
-        raise ValueError(f'{path}: {", ".join(table.header[name] for name in parts)} and sigma must have the same unit')
+        raise ValueError(f'{path}: {table.named(*parts)} and sigma must have the same unit')
     (ending,) = endings
     if 'amplitude' in table:
         if (table['amplitude'] < 0).any():
-            raise ValueError(f'{path}: {table.header["amplitude"]} is negative; was it exchanged with {table.header["phase"]}?')
+            raise ValueError(f'{path}: {table.named("amplitude")} is negative; was it exchanged with {table.named("phase")}?')
         h = table['amplitude'] * np.exp(1j * table['phase'])
     else:
         h = table['re'] + 1j * table['im']
@@ -220,7 +219,7 @@ def _by_place(table, shaken=False):
     for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive_deg')):
         given = [name for name in names if name in table]
         if 0 < len(given) < 3 and not (shaken and given == ['drive_deg']):
-            raise ValueError(f'{table.path} has only {", ".join(table.header[name] for name in given)}; a measured point needs '
+            raise ValueError(f'{table.path} has only {table.named(*given)}; a measured point needs '
                              'x_m, y_m and direction_deg, a force drive_x_m, drive_y_m and drive_deg')
         places.append(np.stack([table.get(name, 0.0) for name in names], axis=1) if given else None)
     keys = np.concatenate([np.zeros((len(table), 1)), *(place for place in places if place is not None)], axis=1)
@@ -244,7 +243,7 @@ def _from_records(table, estimator, name, rows, place, source):
         raise ValueError(f'{name}: the times of each record must rise in the same equal steps; resample it')
     drive, answer = (np.array([table[what][own[:frames]] for own in split]) for what in ('drive', 'answer'))
     omega, H, coherence, sigma = estimated(drive, answer, dt, estimator)
-    order = MOTIONS[table.spelt['answer']][1]
+    order = MOTIONS[table.told['answer'].unit][1]
     good = np.isfinite(H) & (omega > 0)
     known = np.isfinite(sigma[good]).all() and (sigma[good] > 0).all()
     return TransferFunction(name, omega[good], H[good], sigma[good] if known else None, order, place, source,
@@ -252,51 +251,48 @@ def _from_records(table, estimator, name, rows, place, source):
 
 
 def _of_datasets(path, sets):
-    units = next((one for one in sets if one['type'] == 164), {})
-    metre, newton = units.get('length', 1.0), units.get('force', 1.0)  # so many units of the file are one metre, one newton
-    places = {}
-    for nodes in (one for one in sets if one['type'] in (15, 2411)):
-        places |= {int(n): (x * u.m / metre, y * u.m / metre)
-                   for n, x, y in zip(*(np.atleast_1d(nodes[name]).tolist() for name in ('node_nums', 'x', 'y')), strict=True)}
-    found, somewhere = [], set()
-    for one in sets:
-        if one['type'] != 58 or one['func_type'] != RESPONSE_FUNCTION:
-            continue
-        what, per = one['ordinate_spec_data_type'], one['orddenom_spec_data_type']
-        shaken = what == per and what in QUANTITIES
-        known = one['abscissa_spec_data_type'] in (0, FREQUENCY_AXIS) and what in QUANTITIES
-        if not known or not (shaken or per in (0, *FORCES)):
-            raise ValueError(f'{path}: the function of node {one["rsp_node"]} is not a displacement, velocity or acceleration '
-                             f'per force or per motion of the bench (types {what} and {per}); export it as one of these')
-        if not np.imag(one['data']).any():
-            raise ValueError(f'{path}: the function of node {one["rsp_node"]} has no imaginary part; export complex functions')
-        motions = {name: factor for name, (factor, order) in MOTIONS.items() if order == QUANTITIES[what]}
-        own = u.m * u.s ** -QUANTITIES[what] / metre
-        under = unit_of_label(path, one, 'orddenom', *((motions, own) if shaken else (FORCE, u.N / newton)))
-        ratios = {f'{a}_per_{b}': x / y * under for a, x in motions.items() for b, y in FORCE.items()}  # in one label
-        unit = unit_of_label(path, one, 'ordinate', motions | ratios, own) / under
-        order = 0 if shaken else QUANTITIES[what]
-        ends = [_end(path, one, end, places) for end in ('rsp', 'ref')]
-        name = f'{path}, node {one["rsp_node"]}, direction {one["rsp_dir"]}'
-        per = unit_of_label(path, one, 'abscissa', FREQUENCY | {'rad/s': 1 / u.s}, FREQUENCY['Hz'])
-        omega, data = per * np.asarray(one['x'], float), np.asarray(one['data'], complex)
-        somewhere |= {name} if ends[0] is None else set()
-        found.append(TransferFunction(name, omega, unit * data, None, order, *ends, shaken=shaken))
-    if len(somewhere) > 1:
-        raise ValueError(f'{path} does not say where its nodes are, and all of {", ".join(sorted(somewhere))} would be taken for '
-                         'the point of [frf.response]; export the geometry too (dataset 15), or one function per file')
+    (metre, places), newton = node_places(path, sets), next((one['force'] for one in sets if one['type'] == 164), 1.0)
+    functions = [one for one in sets if one['type'] == 58]
+    found = [_function(path, one, metre, newton, places) for one in functions if one['func_type'] == RESPONSE_FUNCTION]
     if not found:
-        types = sorted({one['func_type'] for one in sets if one['type'] == 58})
+        types = sorted({one['func_type'] for one in functions})
         raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; '
                          'export transfer functions, or the raw records as a table')
+    if len(found) > 1 and not places:
+        raise ValueError(f'{path} does not say where its nodes are, and all of {", ".join(one.name for one in found)} would be '
+                         'taken for the point of [frf.response]; export the geometry too (dataset 15), or one function per file')
     return found
 
 
+def _function(path, one, metre, newton, places):
+    """The transfer function of a dataset in a file whose units of length and force are 1/metre and 1/newton."""
+    name = f'{path}, node {one["rsp_node"]}, direction {one["rsp_dir"]}'
+    what, per = one['ordinate_spec_data_type'], one['orddenom_spec_data_type']
+    shaken = what == per
+    if what not in QUANTITIES or one['abscissa_spec_data_type'] not in (0, FREQUENCY_AXIS) or per not in (what, 0, *FORCES):
+        raise ValueError(f'{name}, is not a displacement, velocity or acceleration per force or per motion of the bench (types '
+                         f'{what} and {per}); export it as one of these')
+    if not np.imag(one['data']).any():
+        raise ValueError(f'{name}, has no imaginary part; export complex functions')
+    motions = {name: factor for name, (factor, order) in MOTIONS.items() if order == QUANTITIES[what]}
+    own = u.m * u.s ** -QUANTITIES[what] / metre
+    under = unit_of_label(path, one, 'orddenom', *((motions, own) if shaken else (FORCE, u.N / newton)))
+    ratios = {f'{a}_per_{b}': x / y * under for a, x in motions.items() for b, y in FORCE.items()}  # in one label
+    unit = unit_of_label(path, one, 'ordinate', motions | ratios, own) / under
+    hertz = unit_of_label(path, one, 'abscissa', FREQUENCY | {'rad/s': 1 / u.s}, FREQUENCY['Hz'])
+    answer = _end(path, one, 'rsp', places)
+    drive = None if shaken and int(one['ref_node']) not in places else _end(path, one, 'ref', places)
+    return TransferFunction(name, hertz * np.asarray(one['x'], float), unit * np.asarray(one['data'], complex), None,
+                            0 if shaken else QUANTITIES[what], answer, drive, shaken=shaken)
+
+
 def _end(path, one, end, places):
-    """Place and direction of one end of a function: x, y and the angle; None if the file does not list its node."""
+    """Place and direction of one end of a function: x, y and the angle; None if the file has no geometry."""
     node, direction = int(one[f'{end}_node']), int(one[f'{end}_dir'])
-    if node not in places:
+    if not places:
         return None
+    if node not in places:
+        raise ValueError(f'{path}: node {node} is not in its geometry (datasets 15 and 2411); export it again')
     if abs(direction) not in (1, 2):
         raise ValueError(f'{path}: node {node} is measured or driven in the direction {direction}; only x and y (1, 2) lie in '
                          'the plane')

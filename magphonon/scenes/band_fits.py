@@ -194,9 +194,6 @@ def parameters_in(scene: Scene) -> tuple[str, ...]:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; use particles of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
         raise ValueError('foundation.out_of_plane: a fit uses waves in the plane; remove this table')
-    if scene.foundation and scene.foundation.leans:
-        raise ValueError('foundation.pillar.lean: a fit assumes upright magnets, and the foundation that it finds includes the '
-                         'softening by leaning; remove lean')
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
     names = ('foundation',) if len(springs) == 1 else ('foundation_x', 'foundation_y')[: len(springs)]
     return ('force', *([shape] if shape else []), *names)

@@ -42,7 +42,7 @@ MOST_SHELLS = 300
 MOST_LEGS = 100
 """Largest number of points along a path; a picture has no room for more names."""
 
-IN_PLANE = 'frf', 'burst', 'vibrometer', 'uncertainty', 'design'
+IN_PLANE = 'frf', 'burst', 'vibrometer', 'uncertainty'
 """Tables of computations that do not support motion out of the plane."""
 
 
@@ -72,8 +72,7 @@ def check(scene: Scene) -> None:
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
                            ('bands', _bands), ('frf', _frf), ('burst', _burst), ('vibrometer', _vibrometer),
                            ('foundation', _pillar), ('foundation', _two_springs), ('foundation', _out_of_plane),
-                           ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene)),
-                           ('design', lambda scene: scene.design.check(scene))):
+                           ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene))):
         try:
             if getattr(scene, table) is not None:
                 checked(scene)
@@ -86,25 +85,6 @@ def _supports(scene: Scene) -> None:
     if scene.trap is not None and (not scene.finite or scene.foundation is not None or scene.law.kind == 'saved'):
         raise ValueError('trap: a trap needs a finite structure from a file, a law given in the scene, and no [foundation]; '
                          'remove [trap] or what contradicts it')
-    if scene.foundation is not None and scene.foundation.leans:
-        _lean(scene)
-    if scene.foundation is not None and scene.foundation.modulation is not None:
-        _modulation(scene)
-
-
-def _modulation(scene: Scene) -> None:
-    lattice, foundation = scene.lattice, scene.foundation
-    tables = 'frf', 'burst', 'vibrometer', 'uncertainty', 'design', 'defects', 'disorder'
-    beside = [f'[{name}]' for name in tables if getattr(scene, name) is not None]
-    beside += ['[foundation.out_of_plane]'] if foundation.out_of_plane is not None else []
-    beside += ['foundation.pillar.lean'] if foundation.leans else []
-    beside += ['bands.temperature_J'] if scene.bands is not None and scene.bands.temperature_J is not None else []
-    if beside:
-        raise ValueError(f'foundation.modulation: {", ".join(beside)} assume constant springs; remove them or the '
-                         'modulation ("magphonon bands", "magphonon check" and DrivenVerlet in Python support it)')
-    if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
-        raise ValueError('foundation.modulation: only chains and planar lattices support it, and law.shells must be a number, '
-                         'not "all"; remove the modulation, or change shells')
 
 
 def _title(scene: Scene) -> None:
@@ -149,28 +129,14 @@ def _vibrometer(scene: Scene) -> None:
 
 
 def _pillar(scene: Scene) -> None:
-    if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
-        raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
+    if scene.foundation.moving_mass and scene.uncertainty:
+        raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] treats pillars as massless; '
                          'remove it, and add 33/140 of the mass of a pillar to lattice.mass_kg')
-
-
-def _lean(scene: Scene) -> None:
-    tables = 'defects', 'disorder', 'laws_of_kinds', 'uncertainty', 'design'
-    beside = [f'[{name}]' for name in tables if getattr(scene, name)]
-    beside += ['[foundation.out_of_plane]'] if scene.foundation.out_of_plane is not None else []
-    if beside:
-        raise ValueError(f'foundation.pillar.lean: leaning magnets are supported only in the plane of a perfect lattice; remove '
-                         f'{", ".join(beside)} or lean')
-    if scene.single or isinstance(scene.lattice, FileLattice) or scene.lattice.cell().pbc.all():
-        raise ValueError(f'foundation.pillar.lean: kind = "{scene.lattice.kind}" is not a perfect lattice of magnets on a plane; '
-                         'remove lean')
 
 
 def _two_springs(scene: Scene) -> None:
     if scene.foundation.stiffness_y_N_per_m is None:
         return
-    if scene.design is not None:
-        raise ValueError('foundation.stiffness_y_N_per_m: [design] gives one stiffness for x and y; remove it')
     if scene.single or scene.lattice.cell().pbc.all():
         raise ValueError(f'foundation.stiffness_y_N_per_m: {scene.lattice.kind} has no plane; remove it')
 
@@ -208,9 +174,6 @@ def _file(scene: Scene) -> None:
         raise ValueError(f'law.kind = "{scene.law.kind}" {does}; it belongs to lattice.kind = "file"')
     if scene.members and lattice.cutoff_m is not None:
         raise ValueError('lattice.cutoff_m: members are listed one by one, not found by their distance; remove cutoff_m')
-    if scene.design is not None and not scene.design.targets:
-        _refuse(scene, ('design',), 'it varies the spacing and the shells of a lattice, but particles from a file have neither; '
-                'remove the table [{0}]')
     if lattice.finite:
         _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
                 'periods, and [{0}] needs a lattice; remove the table, or give the file a cell')
@@ -261,7 +224,7 @@ def _kinds(scene: Scene) -> None:
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    _refuse(scene, ('design', 'uncertainty'), 'it supports only one law for all particles; remove [{0}] or '
+    _refuse(scene, ('uncertainty',), 'it supports only one law for all particles; remove [{0}] or '
                                                   '[[laws_of_kinds]]')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
         raise ValueError('laws_of_kinds: the tags of particles are their kinds, but this patch uses tags to mark its rim; choose '
@@ -272,15 +235,8 @@ def _bands(scene: Scene) -> None:
     kind, wanted, periodic = scene.lattice.kind, scene.bands.supercell, int(scene.lattice.cell().pbc.sum())
     if wanted is not None and len(wanted) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
-    if scene.bands.beyond:
-        _refuse(scene, ('uncertainty', 'design'), 'it supports only bands without damping or temperature; remove [{0}] or '
-                + scene.bands.beyond)
-    if scene.bands.temperature_J is not None:
-        cell = scene.perfect_cell()
-        leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
-        if scene.law.shells == ALL or leaves or scene.turns:
-            raise ValueError('bands.temperature_J needs time steps, for planar lattices with a number of shells, without '
-                             'gyration or motion out of the plane; remove temperature_J, or what contradicts it')
+    if scene.bands.damping_per_s is not None:
+        _refuse(scene, ('uncertainty',), 'it supports only bands without damping; remove [{0}] or bands.damping_per_s')
     if scene.bands.path is None:
         return
     known = scene.special_points
@@ -335,7 +291,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
                       'denser than any metal; check their units, which are kg and m', stacklevel=2)
-    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.site_stiffness)
+    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.foundation)
     _frequencies(scene, calc)
     if not LEAST_SHARE * k <= repulsion:
         given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))

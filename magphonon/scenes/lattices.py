@@ -18,12 +18,9 @@ from ..errors import not_negative
 from ..interactions.bond_laws import Law
 from ..interactions.pair_laws import PairLaw
 from ..interactions.upright import UprightMagnets
-from ..stiffness.site_laws import Travelling
 from .fields import (
-    Angle,
     Count,
     Flag,
-    Frequency,
     Length,
     Mass,
     NotNegative,
@@ -131,8 +128,6 @@ class Pillar(Table):
     height_m: Length = Field(description='the height in m')
     density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = Field(
         None, description='the density in kg/m3; with it 33/140 of the mass of a pillar moves with its particle')
-    lean: Flag = Field(False, description='true if the magnets tilt with the tips of their pillars, which softens the pillars a '
-                                          'little; height_m is then the height of the magnets', examples=[True])
 
     @property
     def stiffness_N_per_m(self) -> float:
@@ -154,23 +149,6 @@ class OutOfPlane(Table):
                                               "Laplace's equation; false for forces along the line between two particles")
 
 
-class Modulation(Table):
-    """A wave that modulates the springs, k [1 + depth cos(2 pi (f t - n.R/wavelength))], as coils under the particles do."""
-
-    depth: Annotated[Positive, within(0, 1, 'shares of the stiffness')] = Field(
-        description='the amplitude of the modulation, as a fraction of the stiffness, up to 1', examples=[0.05])
-    frequency_Hz: Frequency = Field(description='the frequency of the modulation in Hz', examples=[8.0])
-    wavelength_m: Length | None = Field(None, description='the wavelength of the modulation in m; by default all springs change '
-                                        'in phase', examples=[0.03])
-    direction_deg: Angle = Field(0.0, description='the direction of the wave, in degrees from the x axis', examples=[90.0])
-
-    def of(self, springs: Any) -> Travelling:
-        """These springs, modulated by this wave."""
-        n = np.array([np.cos(self.direction_deg * u.deg), np.sin(self.direction_deg * u.deg)])
-        kap = 0.0 if self.wavelength_m is None else 2 * np.pi / (self.wavelength_m * u.m)
-        return Travelling(springs, self.depth, 2 * np.pi * self.frequency_Hz * u.Hz, kap * n)
-
-
 class Foundation(Table):
     """Springs that tie each particle to its place, by their stiffness or as pillars."""
 
@@ -181,7 +159,6 @@ class Foundation(Table):
         examples=[22.0])
     pillar: Pillar | None = None
     out_of_plane: OutOfPlane | None = None
-    modulation: Modulation | None = None
 
     @model_validator(mode='after')
     def _one(self):
@@ -199,10 +176,6 @@ class Foundation(Table):
 
     def springs(self, in_plane: Any) -> Any:
         """The foundation as an argument of the calculators; `in_plane` is its stiffness in N/mm, for all particles or each."""
-        springs = self._mean(in_plane)
-        return springs if self.modulation is None else self.modulation.of(springs)
-
-    def _mean(self, in_plane):
         if self.out_of_plane is None and self.stiffness_y_N_per_m is None:
             return in_plane
         ratio = 1.0 if self.stiffness_y_N_per_m is None else self.stiffness_y_N_per_m / (self.stiffness / (u.N / u.m))
@@ -223,16 +196,6 @@ class Foundation(Table):
     def law(self, in_plane: PairLaw) -> Law:
         """The pair law of the particles, which is `in_plane` for particles at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
-
-    @property
-    def leans(self) -> bool:
-        """Whether the magnets lean with their pillars."""
-        return self.pillar is not None and self.pillar.lean
-
-    @property
-    def height(self) -> float:
-        """Height of the pillars in mm; infinite for other springs, which do not lean."""
-        return self.pillar.height_m * u.m if self.pillar else np.inf
 
     @property
     def moving_mass(self) -> float:

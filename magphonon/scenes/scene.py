@@ -37,16 +37,14 @@ from ..response.frf import Dof
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
 from ..stiffness.bond import Model
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.leaning import leaning
 from ..stiffness.relaxation import Relaxation, relaxed
 from ..stiffness.rest import freedom
-from ..stiffness.site_laws import of_sites
 from .consistency import check
 from .fields import Table, Text, listed, reason
 from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell, Trap
 from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .members import Members, joined
-from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, VibrometerPlan
+from .plans import BandPlan, BurstPlan, FrfPlan, VibrometerPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import Defects, Disorder, FileLattice
 from .tolerances import Uncertainty
@@ -96,7 +94,6 @@ class Scene(Table):
     burst: BurstPlan | None = None
     vibrometer: VibrometerPlan | None = None
     uncertainty: Uncertainty | None = None
-    design: DesignPlan | None = None
 
     _name: str = PrivateAttr('')
 
@@ -227,21 +224,9 @@ class Scene(Table):
         AllNeighbours. `like` is the cell of a scene that differs only in numbers; if given, its pairs of neighbours are used.
         """
         atoms = self._standing(like)
-        if self.foundation and self.foundation.leans:
-            try:
-                atoms.calc = leaning(atoms.calc, self.foundation.height)
-            except ValueError as error:
-                raise ValueError(f'foundation.pillar.lean: {error}') from None
         if self.trap is not None:
             return relaxed(atoms).atoms
         return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
-
-    def with_lean(self, lean: bool) -> Scene:
-        """The same scene with pillars that lean with their magnets, or with upright ones; unchanged without pillars."""
-        if self.foundation is None or self.foundation.pillar is None:
-            return self
-        pillar = self.foundation.pillar.model_copy(update={'lean': lean})
-        return self.model_copy(update={'foundation': self.foundation.model_copy(update={'pillar': pillar})})
 
     @_units_told_by_keys()
     def _standing(self, like: Atoms | None = None) -> Atoms:
@@ -344,8 +329,6 @@ class Scene(Table):
             patch.calc.set(model=model)
             return patch
         sites = self._sites(patch)
-        if self.foundation and self.foundation.leans:
-            sites['foundation'] = of_sites(calc.foundation, slice(1))  # each site has the same
         if self.law.shells == 1 and self.lattice.cutoff is None:
             patch.calc = PairCalculator(patch, calc.laws, model=model, **sites)
             return patch

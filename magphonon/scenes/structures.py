@@ -7,7 +7,6 @@ from __future__ import annotations
 import warnings
 from copy import deepcopy
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -16,22 +15,21 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import find_mic
-from ase.io.jsonio import encode
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, computed_field, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from .. import units as u
 from ..bands.bands import band_path
 from ..errors import one_of, whole
 from ..files import MEGABYTE, refuse_endless
+from ..quantities import LENGTH, MASS, PURE, STIFFNESS
 from ..stiffness.all_neighbours import nearest_distance
 from ..stiffness.defects import LARGEST_SCATTER, Scatter, scattered, substituted, with_interstitial, with_vacancies
 from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
-from ..stiffness.restartable import Restartable
-from ..tables import LENGTH, MASS, PURE, STIFFNESS, read_table
+from ..tables import read_table
 from .fields import Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
@@ -66,8 +64,8 @@ def read_particles(path: Path) -> Atoms:
     table has these columns.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
-    if (table.header['x'] == 'x_px') != (table.header['y'] == 'y_px'):
-        raise ValueError(f'{path} has the columns {table.header["x"]} and {table.header["y"]}; give both in pixels or none')
+    if (table.told['x'].unit == 'px') != (table.told['y'].unit == 'px'):
+        raise ValueError(f'{path} has the columns {table.named("x", "y")}; give both in pixels or none')
     for name in 'xyz':
         table.refuse(name, abs(table.get(name, 0.0)) > FARTHEST, 'lie within 1e6 m')
     for name, wrong, must in (('kind', lambda x: (x != np.round(x)) | (abs(x) > MOST_KINDS), 'be a whole number'),
@@ -85,7 +83,7 @@ def read_particles(path: Path) -> Atoms:
     for name in ('strength', 'stiffness', 'relative_damping'):
         if name in table:
             atoms.set_array(name, table[name])
-    atoms.info['pixels'] = table.header['x'] == 'x_px'
+    atoms.info['pixels'] = table.told['x'].unit == 'px'
     return atoms
 
 
@@ -276,15 +274,6 @@ class FileLattice(Table):
     def spacing_m(self) -> float:
         """Distance of nearest particles in m."""
         return nearest_distance(self._atoms) / u.m
-
-    @computed_field
-    @property
-    def contents(self) -> str:
-        """SHA-256 of the contents of the file, by which results are linked to their structure."""
-        atoms, calc = self._atoms, self._atoms.calc
-        calculator = calc.todict() if isinstance(calc, Restartable) else dict(getattr(calc, 'parameters', {}))
-        parts = [atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator]
-        return sha256(encode(parts).encode()).hexdigest()
 
     def path(self, points: str | None, npoints: int) -> BandPath:
         """Path through special points, `ase.dft.kpoints.BandPath`."""

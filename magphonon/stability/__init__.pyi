@@ -1,21 +1,7 @@
-from .amplitude_shifts import (
-    Shifts as Shifts,
-    StronglyNonlinear as StronglyNonlinear,
-    Vibration as Vibration,
-    frequency_shifts as frequency_shifts,
-    vibration as vibration,
-)
-from .backbones import NonlinearModes as NonlinearModes, nonlinear_modes as nonlinear_modes
+from .amplitude_shifts import Shifts as Shifts, frequency_shifts as frequency_shifts
 from .buckling import (
     CriticalFoundation as CriticalFoundation,
-    CriticalSupport as CriticalSupport,
     SoftMode as SoftMode,
-    StabilityBoundary as StabilityBoundary,
     critical_foundation as critical_foundation,
-    critical_spacing as critical_spacing,
-    critical_support as critical_support,
-    stability_boundary as stability_boundary,
-    stability_boundary_of_exponents as stability_boundary_of_exponents,
 )
-from .pumping import ParametricGrowth as ParametricGrowth, parametric_growth as parametric_growth
 from .verdicts import Buckling as Buckling, Finding as Finding, Verdict as Verdict, verdict as verdict

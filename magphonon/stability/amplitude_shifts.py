@@ -1,8 +1,7 @@
-"""Amplitude dependence of frequencies: perturbation theory for small amplitudes, and harmonic balance beyond it."""
+"""Amplitude dependence of frequencies, by perturbation theory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -20,20 +19,12 @@ from ..results import InHertz
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import LinearSystem
-from ..stiffness.site_laws import site_blocks
-from ..traits import STIFF, takes
+from ..traits import takes
 
 ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squared frequency is zero
-HARMONICS = 8
-"""Number of harmonics of the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
-DIFFERENCE = 1e-3
-"""Displacement of a site, in shortest bonds, over which the stiffness of its law is differenced: the error is 1e-6 of the
-derivatives two orders higher, the round-off 1e-10."""
-ROUNDS = 60  # largest number of iterations; a vibration that has not converged by then is far from linear
 STEADY = 1e-6  # share of a force below which it is round-off
 DEGENERACY = 1e-6
 """Relative difference of squared frequencies below which two modes are degenerate by symmetry and do not drive each other."""
-CONVERGENCE = 1e-9  # relative change of the frequency in the last iteration at which the vibration has converged
 
 
 @dataclass(frozen=True)
@@ -74,7 +65,7 @@ class Shifts(InHertz):
         return np.divide(share, self.harmonic, out=np.full(len(self.harmonic), np.inf), where=self.harmonic > 0)
 
 
-@takes('site law', 'constraints', 'out of plane', 'conventional', 'attraction', 'unlike')
+@takes('constraints', 'out of plane', 'conventional', 'attraction', 'unlike')
 def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:
     """Frequency shifts with amplitude, of waves of any wavevector or of the softest and stiffest mode of a finite structure.
 
@@ -126,7 +117,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
         raise ValueError('a wavevector needs a periodic cell' + f' of at most {DENSE} free directions' * bool(pbc.any()) +
                          '; leave q out to get the softest and the stiffest mode')
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
-    waves = _Waves(system, law_derivatives(calc.law, calc.bonds.lengths), site_derivatives(calc), zone)
+    waves = _Waves(system, law_derivatives(calc.law, calc.bonds.lengths), zone)
     rows = []
     for k in edges if q is None else wavevectors(q):
         for group in waves.at(k):
@@ -137,13 +128,10 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
 
 @dataclass(frozen=True)
 class _Waves:
-    """The waves of a structure, with the derivatives psi2, psi3, psi4 of the law of each bond by the square of its length, and
-    the third and fourth derivatives of the energies of the sites, shape (particles, dim, dim, dim[, dim]), zero for springs.
-    """
+    """The waves of a structure, with the derivatives psi2, psi3, psi4 of the law of each bond by the square of its length."""
 
     system: LinearSystem
     psi: tuple[NDArray[np.float64], ...]
-    sites: tuple[Any, Any]
     zone: bool
 
     def stiffness(self, q):
@@ -213,25 +201,19 @@ class _Waves:
 
         d = changes(C, u)
 
-        def follows(D, C, force, on_sites):
-            """Changes of bond vectors and displacements caused by forces of bonds and on sites, with the stiffness D."""
-            g = P.T @ (C.conj().T @ force + on_sites).ravel()
+        def follows(D, C, force):
+            """Changes of bond vectors and displacements caused by forces of bonds, with the stiffness D."""
+            g = P.T @ (C.conj().T @ force).ravel()
             x = _solve(D, g)
-            resonant = np.linalg.norm(D @ x - g) > STEADY * np.linalg.norm(abs(C.T) @ abs(force) + abs(on_sites))
+            resonant = np.linalg.norm(D @ x - g) > STEADY * np.linalg.norm(abs(C.T) @ abs(force))
             moved = (P @ (-x / 4)).reshape(u.shape)
             return changes(C, moved), moved, resonant
 
         D2 = self.stiffness(twice) - 4 * w**2 * M
-        V3, V4 = self.sites
-
-        def third(x, y):
-            return np.einsum('iabc,ib,ic->ia', V3, x, y) if np.ndim(V3) else 0.0 * x
-
-        fourth = np.einsum('iabcd,ib,ic,id->ia', V4, u, u, u.conj()) if np.ndim(V4) else 0.0
-        d0, U0, _ = follows(self.stiffness((0, 0, 0)), C0, self.phi3(R, d, d.conj()).real, third(u, u.conj()).real)
-        d2, U2, resonant = follows(D2, C2, self.phi3(R, d, d), third(u, u))
+        d0, _, _ = follows(self.stiffness((0, 0, 0)), C0, self.phi3(R, d, d.conj()).real)
+        d2, U2, resonant = follows(D2, C2, self.phi3(R, d, d))
         T = self.phi3(R, d, d0) + self.phi3(R, d.conj(), d2) / 2 + self.phi4(R, d, d, d.conj()) / 8
-        N = P.T @ (C.conj().T @ T + third(u, U0) + third(u.conj(), U2) / 2 + fourth / 8).ravel()
+        N = P.T @ (C.conj().T @ T).ravel()
         scale = 2 * w**2 * (e.conj() @ (M @ e)).real
         leak = np.linalg.norm(others.conj().T @ N) / scale
         return (np.inf, np.inf, leak) if resonant else ((e.conj() @ N).real / scale, _largest(U2), leak)
@@ -280,111 +262,3 @@ def law_derivatives(law: Any, r: NDArray[np.float64]) -> tuple[NDArray[np.float6
     return ((p2 - p1 / r) / (4 * r**2),
             (p3 - 3 * p2 / r + 3 * p1 / r**2) / (8 * r**3),
             (p4 - 6 * p3 / r + 15 * p2 / r**2 - 15 * p1 / r**3) / (16 * r**4))
-
-
-def site_derivatives(calc: Any) -> tuple[Any, Any]:
-    """Third and fourth derivatives of the energy of each site at rest, by differences of its stiffness; zero for springs."""
-    if not calc.tie.known:
-        return 0.0, 0.0
-    n, dim = len(calc.reference), calc.dim
-    h = DIFFERENCE * calc.bonds.lengths.min()
-
-    def K(*steps):
-        return site_blocks(calc.site_stiffness_at(np.broadcast_to(h * np.sum(steps, axis=0), (n, dim))), n, dim)
-
-    e = np.eye(dim)
-    V3 = np.stack([K(c) - K(-c) for c in e], axis=-1) / (2 * h)
-    V4 = np.stack([np.stack([K(c, d) - K(c, -d) - K(-c, d) + K(-c, -d) for c in e], axis=-1) for d in e], axis=-1) / (4 * h**2)
-    return V3, V4
-
-
-@dataclass(frozen=True)
-class Vibration:
-    """A periodic free vibration of one mode at a finite amplitude.
-
-    Attributes
-    ----------
-    omega : float
-        Angular frequency of the vibration in rad/ms.
-    harmonics : ndarray, shape (HARMONICS + 1, modes)
-        Amplitudes c_hm in g^1/2 mm: the first row is the shift of the mean position.
-    evaluations : int
-        Number of evaluations of the forces on all particles.
-    """
-
-    omega: float
-    harmonics: np.ndarray
-    evaluations: int
-
-
-class StronglyNonlinear(PhysicsError):
-    """The iteration for a vibration of finite amplitude does not converge.
-
-    Attributes
-    ----------
-    evaluations : int
-        Number of evaluations of the forces on all particles.
-    """
-
-    def __init__(self, reach: float, share: float, evaluations: int) -> None:
-        super().__init__(f'no periodic vibration of {reach:.4g} mm, {100 * share:.3g} % of the shortest bond, was found by '
-                         'starting from the linear mode: the motion is too far from linear; use a smaller amplitude or force, '
-                         'or time steps (DrivenVerlet)')
-        self.evaluations = evaluations
-
-
-@takes(*STIFF)
-def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Callable[[float], float]) -> Vibration:
-    """The periodic vibration of one mode at a finite amplitude.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms or LinearSystem
-        At rest, with PairCalculator.
-    linear : magphonon.response.normal_modes.Modes
-        All modes of the structure.
-    mode : int
-    amplitude : function
-        Gives c_1 of the mode in g^1/2 mm as a function of the frequency W in rad/ms: a constant, or `F/(gamma W)` at the peak of
-        a response.
-
-    Raises
-    ------
-    StronglyNonlinear
-        A ValueError: the amplitude is too large for the iteration.
-    """
-    calc, w = LinearSystem.of(atoms).calc, linear.omega
-    theta = np.pi * (np.arange(2 * HARMONICS) + 0.5) / (2 * HARMONICS)  # half a period; the other half is its mirror image
-    cosines = np.cos(np.multiply.outer(np.arange(HARMONICS + 1), theta))
-    norm = np.where(np.arange(HARMONICS + 1) > 0, 2, 1)[:, None] / len(theta)
-    h2 = np.arange(HARMONICS + 1)[:, None] ** 2
-    W, c = w[mode], np.zeros((HARMONICS + 1, len(w)))
-    reach = amplitude(W) * np.linalg.norm(linear.shapes[mode], axis=1).max()
-    failed = StronglyNonlinear(reach, reach / calc.bonds.lengths.min(), ROUNDS * len(theta))
-    for rounds in range(1, ROUNDS + 1):
-        c[1, mode] = amplitude(W)
-        q = cosines.T @ c
-        N = w * abs(w) * q + np.einsum('tix,mix->tm', forces_at(calc, np.einsum('tm,mix->tix', q, linear.shapes)), linear.shapes)
-        if not np.isfinite(N).all():
-            raise failed
-        harmonics = norm * (cosines @ N)
-        square = w[mode] ** 2 - harmonics[1, mode] / c[1, mode]
-        if not square > 0:
-            raise failed
-        before, W = W, np.sqrt(square)
-        gap = w * abs(w) - h2 * square
-        gap[1, (abs(gap[1]) < DEGENERACY * square) | (np.arange(len(w)) == mode)] = np.inf
-        A, c = c[1, mode], harmonics / gap
-        c[1, mode] = A
-        if abs(W - before) <= CONVERGENCE * W:
-            return Vibration(float(W), c, rounds * len(theta))
-    raise failed
-
-
-def forces_at(calc: Any, u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Forces in N relative to rest, at many displacements `u` at once; both of the shape (times, particles, dim)."""
-    try:
-        with np.errstate(all='ignore'):  # overflow in an iteration that diverges
-            return np.array([calc.forces_beyond_rest(now) for now in u])
-    except ValueError:  # particles have passed through each other
-        return np.full(u.shape, np.nan)

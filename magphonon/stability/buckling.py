@@ -1,34 +1,30 @@
 """Buckling: the softest mode of a lattice, and the foundation or the spacing that makes it stable.
 
 Static repulsion favours the rotation of every bond.  A structure on springs k is stable if every eigenvalue of its stiffness
-matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive; masses do not matter for that.  The
-border of buckling is the foundation needed, as a function of the spacing or of the exponent of the law.
+matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive; masses do not matter for that.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise, product
-from typing import Any, Literal, NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import brentq
-from tqdm import tqdm
 
 from ..errors import whole
-from ..interactions.pair_laws import InversePower
 from ..lattices.bonds import Bonds
 from ..stiffness.bond import Model, model_stiffness
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
-from ..stiffness.site_laws import Foundation
-from ..stiffness.sites import Sites
-from ..traits import LIKE, STIFF, all_but, refuse, takes
+from ..stiffness.sites import Foundation
+from ..traits import LIKE, all_but, refuse, takes
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
@@ -38,7 +34,6 @@ SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among w
 STRETCH = 1e-4  # relative, at which forces must still balance
 STEPS = 12  # number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`
 TURNED = 24  # wavevectors along each reciprocal vector at which B must hold what stiffness alone does not
-EXACT = 1e-9  # width of the interval within which an exponent is found
 
 
 @dataclass(frozen=True)
@@ -93,7 +88,7 @@ def _over_zone(matrix, cell, pbc, particles, steps):
     return SoftMode(*softest_wave(matrix, cell, pbc, steps))
 
 
-@takes('all neighbours', *STIFF)
+@takes('all neighbours', *LIKE)
 def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> SoftMode:
     """Softest mode of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
@@ -108,8 +103,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: Model | None = None, scale: f
     calc, cell = atoms.calc, atoms.atoms
     K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model or calc.model)
     added = foundation - common_spring(atoms)
-    springs = calc.site_stiffness + (added * np.eye(calc.dim) if np.ndim(calc.site_stiffness) == 3 else added)
-    return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
+    return softest(calc.bonds, K, atoms.free, cell, calc.foundation + added, atoms.masses if weighted else None, steps)
 
 
 def on_the_verge(spring: float, needed: float) -> bool:
@@ -130,10 +124,8 @@ def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
 
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
-    """Stiffness of the softest spring of all free particles in N/mm; for other site laws their smallest curvature."""
-    springs = atoms.calc.site_stiffness
-    springs = np.linalg.eigvalsh(springs) if np.ndim(springs) == 3 else springs
-    return _softest_spring(atoms, np.broadcast_to(springs, (len(atoms), atoms.calc.dim)))
+    """Stiffness of the softest spring of all free particles in N/mm."""
+    return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim)))
 
 
 def _softest_spring(atoms, springs):
@@ -220,7 +212,7 @@ class CriticalFoundation(NamedTuple):
     q: NDArray[np.float64]
 
 
-@takes('all neighbours', *STIFF)
+@takes('all neighbours', *LIKE)
 def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None, steps: int | None = None) -> CriticalFoundation:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
@@ -258,12 +250,19 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
     return CriticalFoundation(found.needed, found.q)
 
 
-@takes(*STIFF)
-def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) -> float | None:
-    """Spacing at which the foundation of `atoms` no longer holds them, as a multiple of the present spacing.
+def _settled(atoms):
+    """The linear system of the atoms; a cell with AllNeighbours is checked to be at rest and returned unchanged."""
+    if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
+        refuse(atoms, all_but('critical_foundation with AllNeighbours', 'constraints'))
+        return LinearSystem.of(atoms).atoms
+    return LinearSystem.of(atoms).moving()
+
+
+def critical_spacing(system: LinearSystem) -> float | None:
+    """Spacing at which the foundation no longer holds a structure, by the complete model, as a multiple of the present spacing.
 
     All bonds are stretched by the same factor.  The result is the nearest change between stable and unstable, between 0.1 and 10
-    times the present spacing and within the range of the law.  `model` as for `critical_foundation`.
+    times the present spacing and within the range of the law.
 
     Returns
     -------
@@ -271,27 +270,18 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) ->
         Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow).
         None if it is stable, or unstable, at every spacing. None also if the balance depends on the foundation, on loads or on
         rest lengths of members, so that a uniform stretch is not possible.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.stability import critical_spacing
-    >>> round(critical_spacing(read_scene(ready_scene('square')).atoms()), 2)  # as a share of the present one
-    0.91
     """
-    atoms = _settled(atoms)
-    if isinstance(atoms, LinearSystem):
-        calc, pull = atoms.calc, np.linalg.norm(atoms.calc.spring_forces, axis=1)
-        if pull.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max():  # the foundation carries static forces
-            return None
-        change = np.subtract(*(calc.interaction.forces(scale * calc.bond_vectors)[1] for scale in (1 - STRETCH, 1.0)))
-        left = atoms.free.T @ (calc.bonds.incidence.T @ change).ravel()
-        if abs(left).max() > BALANCED**0.5 * abs(change).max():  # at no other size is there a rest of this shape
-            return None
-    k = common_spring(atoms)
+    calc, pull = system.calc, np.linalg.norm(system.calc.spring_forces, axis=1)
+    if pull.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max():  # the foundation carries static forces
+        return None
+    change = np.subtract(*(calc.interaction.forces(scale * calc.bond_vectors)[1] for scale in (1 - STRETCH, 1.0)))
+    left = system.free.T @ (calc.bonds.incidence.T @ change).ravel()
+    if abs(left).max() > BALANCED**0.5 * abs(change).max():  # at no other size is there a rest of this shape
+        return None
+    k = common_spring(system)
 
     def lacking(scale):
-        found = softest_of(atoms, model, scale, steps=12)  # minima that are negative are refined
+        found = softest_of(system, 'complete', scale, steps=STEPS)  # minima that are negative are refined
         return -found.lowest - k - (ROUND_OFF * found.highest if found.needed <= 0 else 0)
 
     buckles = lacking(1.0) > 0
@@ -306,53 +296,14 @@ def critical_spacing(atoms: Atoms | LinearSystem, model: Model | None = None) ->
     return None
 
 
-def _settled(atoms):
-    """The linear system of the atoms; a cell with AllNeighbours is checked to be at rest and returned unchanged."""
-    if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
-        refuse(atoms, all_but('critical_foundation with AllNeighbours', 'constraints'))
-        return LinearSystem.of(atoms).atoms
-    return LinearSystem.of(atoms).moving()
-
-
-class CriticalSupport(NamedTuple):
-    """Stiffness out of the plane that supports must provide, N/mm.
-
-    Attributes
-    ----------
-    wave : float
-        Stiffness that makes every wave out of the plane stable.
-    alone : float
-        Stiffness needed by a particle that moves alone: the sum over its bonds, for the particle with the largest sum.
-    """
-
-    wave: float
-    alone: float
-
-
-@takes('site law', 'constraints', 'conventional', 'attraction', 'unlike')
-def critical_support(atoms: Atoms | LinearSystem, magnets: bool = True) -> CriticalSupport:
-    """Stiffness out of the plane that the supports of planar particles must provide.
+def critical_support(system: LinearSystem, magnets: bool) -> tuple[float, float]:
+    """Stiffness out of the plane, N/mm, that the supports of planar particles must provide: for every wave, and for a particle
+    that moves alone, whose bonds have the largest sum.
 
     The energy of two rigid magnets obeys Laplace's equation.  For round magnets normal to the plane it reads
     `phi_zz + phi'' + phi'/r = 0`, so that each bond adds `k_zz = -(phi'' + phi'/r) = -(a - 1) f/r` to the stiffness out
     of the plane, with the local exponent `a = -dln f/dln r`; a central energy phi(r) would add only `phi'/r = -f/r`.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms or LinearSystem
-        Planar, with its PairCalculator.
-    magnets : bool
-        True for magnets normal to the plane, false for a central energy.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene, units as u
-    >>> from magphonon.stability import critical_support
-    >>> every, one = critical_support(read_scene(ready_scene('prototype')).atoms())
-    >>> bool(every > one > 0)
-    True
     """
-    system = LinearSystem.of(atoms).moving()
     calc, cell = system.calc, system.atoms
     r = calc.bonds.lengths
     per_bond = calc.law.dphi(r) / r
@@ -361,99 +312,4 @@ def critical_support(atoms: Atoms | LinearSystem, magnets: bool = True) -> Criti
     free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(system.mobile)]
     K = per_bond[:, None, None]
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
-    return CriticalSupport(softest(calc.bonds, K, free, cell).needed, float(alone[system.mobile].max(initial=0.0)))
-
-
-@dataclass(frozen=True)
-class StabilityBoundary:
-    """Smallest foundation stiffness that holds a lattice, at several values of one parameter.
-
-    Attributes
-    ----------
-    over : {'spacing', 'exponent'}
-        The parameter; the spacing is a multiple of that of the reference.
-    at, needed : ndarray, shape (values,)
-        Values of the parameter, ascending, and the stiffness needed in N/mm; zero where the lattice is stable without a
-        foundation.
-    """
-
-    over: Literal['spacing', 'exponent']
-    at: np.ndarray
-    needed: np.ndarray
-
-
-@takes(*LIKE)
-def stability_boundary(atoms: Atoms, scales: ArrayLike) -> StabilityBoundary:
-    """The foundation needed when all bonds are stretched by the same factor.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        One cell with its PairCalculator, in balance.
-    scales : array_like, shape (values,)
-        Multiples of the present spacing, ascending.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stability import stability_boundary
-    >>> cell = lattices.square(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> stability_boundary(cell, [1.0, 2.0]).needed.round(9).tolist()  # 4 f/L
-    [4.0, 0.125]
-    """
-    system, scales = LinearSystem.of(atoms).moving(), np.asarray(scales, dtype=float)
-    needed = np.array([softest_of(system, scale=scale, steps=STEPS).needed for scale in _shown(scales, 'spacings')])
-    return StabilityBoundary('spacing', scales, needed)
-
-
-@takes('constraints', 'conventional', 'out of plane')
-def stability_boundary_of_exponents(atoms: Atoms, exponents: ArrayLike) -> StabilityBoundary:
-    """The foundation needed with other exponents of an inverse power that has the same force at the shortest bond.
-
-    The exponents above which the lattice needs no foundation are found, too, and added to `at`, because `needed` has a kink
-    there.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        One cell with a PairCalculator whose law is an `InversePower`, in balance by its symmetry.
-    exponents : array_like, shape (values,)
-        Ascending.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stability import stability_boundary_of_exponents
-    >>> cell = lattices.triangular(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> border = stability_boundary_of_exponents(cell, [2.0, 4.0])
-    >>> border.at.round(6).tolist(), border.needed.round(6).tolist()  # 2 (3 - a) f/L
-    ([2.0, 3.0, 4.0], [2.0, 0.0, 0.0])
-    """
-    law, system = atoms.calc.law, LinearSystem.of(atoms).moving()
-    if not isinstance(law, InversePower):
-        raise ValueError(f'{law!r} has no exponent to change; it must be an InversePower')
-    flat = system.calc.in_plane() if system.calc.layer else system.calc
-    shortest, bare = flat.bonds.lengths.min(), Sites()  # neither springs nor loads
-    force = -law.dphi(shortest)
-
-    def needed(a):
-        calc = flat.changed(sites=bare, laws=InversePower(force * shortest**a, a))
-        return softest_of(LinearSystem.about(calc, system.atoms), steps=STEPS).needed
-
-    found: dict[float, float] = {float(a): needed(float(a)) for a in _shown(np.asarray(exponents, dtype=float), 'exponents')}
-    for low, high in pairwise(list(found)):
-        buckles = found[low] > 0
-        if buckles != (found[high] > 0):
-            while high - low > EXACT:
-                middle = (low + high) / 2
-                low, high = (middle, high) if (needed(middle) > 0) == buckles else (low, middle)
-            found[(low + high) / 2] = 0.0
-    at: NDArray[np.float64] = np.array(sorted(found))
-    return StabilityBoundary('exponent', at, np.array([found[a] for a in at.tolist()]))
-
-
-def _shown(values, what):
-    """The values, with a progress bar on a terminal after two seconds."""
-    return tqdm(values, desc=what, delay=2, disable=None, leave=False)
+    return softest(calc.bonds, K, free, cell).needed, float(alone[system.mobile].max(initial=0.0))

@@ -30,7 +30,7 @@ from ..interactions.law_cards import card_of
 from ..interactions.pair_laws import Hertz, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
-from ..stiffness.rest import LinearSystem, freedom, on_foundation
+from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import site_damping
 from ..traits import LINEAR, all_but, refuse, takes
 from .amplitude_shifts import frequency_shifts
@@ -48,7 +48,6 @@ from .buckling import (
     softest_of,
     softest_out_of_plane,
 )
-from .pumping import ParametricGrowth, parametric_growth
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
@@ -59,7 +58,6 @@ DERIVATIVE_ERROR = 1e-6  # largest relative error of the stiffness up to which a
 ROUND_OFF = 5e-17
 """Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
 proportional to the displacement."""
-GROWS = 1e-9  # rate of growth, as a fraction of the frequency of the modulation, up to which it is round-off
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
 DENSEST = 50e-3  # mass divided by the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
@@ -74,7 +72,7 @@ class Verdict:
 
     Each check is an attribute that holds its result, and runs when the attribute is first read: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
-    `supercell`, `displacements` (mm), `pumping` (Growth), `supports` (Supports), `amplitude` (mm), `gyration` (rad/ms),
+    `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `gyration` (rad/ms),
     `density` (g/mm^3).  The attribute is None if the check does not apply to the structure, or was not computed.
     """
 
@@ -135,7 +133,7 @@ class Verdict:
     __repr__ = __str__
 
 
-@takes('all neighbours', 'modulation', *LINEAR)
+@takes('all neighbours', *LINEAR)
 def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
             distance: float | None = None, damping: ArrayLike = 0.0) -> Verdict:
     """Check a structure before a run: whether it is at rest and stable, its time step, its supports and its linear range.
@@ -161,8 +159,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     distance : float, optional
         Displacement for phonopy's finite displacements in mm, if you choose it yourself.
     damping : float or array_like, shape (particles,)
-        Damping rate in 1/ms. It may stop the growth of waves on a `Travelling` foundation, and may need shorter time steps.
-        Everything else is computed with the mean springs of that foundation.
+        Damping rate in 1/ms, which may need shorter time steps.
 
     Examples
     --------
@@ -178,10 +175,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     if layer is not None:
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
-    law = atoms.calc.tie if isinstance(atoms.calc, Repulsion) else None
-    pumped = law is not None and law.modulated
-    atoms = on_foundation(atoms, law.k) if pumped else atoms
-    refuse(atoms, all_but('a verdict of motion in the plane', 'oblique', 'modulation'))  # of a law g(t) V(u)
+    refuse(atoms, all_but('a verdict of motion in the plane', 'oblique'))
     run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms)), 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
@@ -193,8 +187,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
     system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms))).moving()
-    if pumped:
-        run['pumped'] = on_foundation(system.atoms, law)
     if system.turning:
         run['gyrating'], system = system, system.without_B()
     away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())
@@ -212,7 +204,6 @@ class Case:
     closest: float = 1.0  # as `Verdict.contact`
     layer: Atoms | None = None  # the flat layer with its motion out of the plane
     gyrating: LinearSystem | None = None  # with the gyration that `system` leaves out
-    pumped: Atoms | None = None  # the structure on its Travelling foundation, where `atoms` stands on the mean of that
     damping: ArrayLike = 0.0  # as for `verdict`
     supercell: Sequence[int] | None = None  # as for `verdict`
     distance: float | None = None  # as for `verdict`
@@ -310,24 +301,15 @@ class Case:
         growth = float(np.sqrt(-moving.lowest)) if falls else 0.0
         return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
 
-    @cached_property
-    def growth(self) -> ParametricGrowth | None:
-        """The wave that grows fastest due to a modulation; None if there is no modulation, or if it was not computed."""
-        return parametric_growth(self.pumped, 'complete', self.damping) if self.pumped is not None and self.balanced else None
-
     @property
     def stable(self) -> bool:
-        return not (self.verge or self.grows[0] or self.pumps) and (self.above is None or self.above[0].stable)
+        return not (self.verge or self.grows[0]) and (self.above is None or self.above[0].stable)
 
     @property
     def unstable(self) -> bool:
         """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
-        return bool(self.grows[0] or self.pumps or (self.above is not None and self.above[0].growth))
+        return bool(self.grows[0] or (self.above is not None and self.above[0].growth))
 
-    @property
-    def pumps(self) -> bool:
-        """Whether the modulation makes a wave grow."""
-        return self.growth is not None and self.growth.rate > GROWS * self.pumped.calc.tie.W  # pyright: ignore[reportOptionalMemberAccess]  it has one
 
 
 @dataclass(frozen=True)
@@ -398,12 +380,12 @@ def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
     search = case.balanced and case.listed and not case.touching
     searched = search and case.large <= (SPACED if case.finite else 0)
-    scale = 1.0 if case.verge else critical_spacing(case.system, 'complete') if searched else None
+    scale = 1.0 if case.verge else critical_spacing(case.system) if searched else None
     unjudged = 'the spacing at which the structure buckles' if search and case.large > (SPACED if case.finite else 0) else ''
     growth, q = case.grows
     found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
-    uneven = np.ndim(case.calc.site_stiffness) > 0
+    uneven = np.ndim(case.calc.foundation) > 0
     spring, needed = _stiffness(found.spring), _stiffness(found.needed)
     own = ' at its softest spring' if uneven else ''
     if found.flat:
@@ -452,28 +434,9 @@ def out_of_plane(case: Case) -> Finding:
 
 
 @check
-def pumping(case: Case) -> Finding:
-    """Growth of waves by a modulation of the foundation, against the damping of the verdict."""
-    if case.pumped is None or not (case.held and case.balanced):
-        return Finding()
-    found, law = case.growth, case.pumped.calc.tie  # pyright: ignore[reportOptionalMemberAccess]  it has one
-    if found is None:
-        return Finding(unjudged='waves that the modulation of the foundation makes grow')
-    what = f'The modulation of the foundation, by {100 * law.eps:.4g} % at {u.hertz(law.W):.4g} Hz,'
-    if not case.pumps:
-        against = f' against a damping of {np.max(case.damping) * u.s:.4g} per s' if np.any(case.damping) else ''
-        return Finding(found, f'{what} makes no wave grow{against}.')
-    where = f' with the wavevector ({", ".join(f"{x:.4f}" for x in found.q)})' if case.pumped.pbc.any() else ''
-    needed = np.max(case.damping) + 2 * found.rate
-    return Finding(found, f'{what} makes waves grow, fastest{where} by {found.rate * u.s:.4g} per s, without bound in linear '
-                   f'theory. Take a damping of more than about {needed * u.s:.4g} per s, a shallower modulation or another '
-                   'frequency.', fault=True)
-
-
-@check
 def model(case: Case) -> Finding:
     """Model of the calculator."""
-    if case.stable or case.pumps or case.calc.model == 'complete':
+    if case.stable or case.calc.model == 'complete':
         return Finding(case.calc.model)
     return Finding(case.calc.model, f"The {case.calc.model} model does not show this, because it leaves out D*. Use "
                    "model='complete'.", fault=True)
@@ -502,9 +465,6 @@ def timestep_limit(case: Case) -> Finding:
     """
     waves, gyrates = case.atoms.pbc.any() and not case.large, case.gyrating is not None
     whole: Any = case.gyrating if gyrates else case.system
-    if case.pumped is not None:  # on its springs where they are stiffest
-        stiffest = on_foundation(case.pumped, case.pumped.calc.tie.stiffest)  # pyright: ignore[reportOptionalMemberAccess]  it has one
-        whole = LinearSystem.nearest(stiffest, None, 'gyration')
     system = whole.without_B() if gyrates else whole
     if not waves:
         highest = highest_frequency(whole)
@@ -582,8 +542,8 @@ def supports(case: Case) -> Finding:
     if case.large and not case.finite:
         return Finding(unjudged='the supports')
     magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
-    wave, alone = critical_support(case.system) if magnets else (None, None)
-    found = Supports(wave, alone, critical_support(case.system, magnets=False).wave)
+    wave, alone = critical_support(case.system, magnets=True) if magnets else (None, None)
+    found = Supports(wave, alone, critical_support(case.system, magnets=False)[0])
     need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
     if not found.central:
         return Finding(found)

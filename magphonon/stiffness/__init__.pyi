@@ -17,4 +17,3 @@ from .relaxation import Relaxation as Relaxation, relaxed as relaxed
 from .repulsion import Repulsion as Repulsion
 from .rest import LinearSystem as LinearSystem
 from .restart import restored as restored
-from .site_laws import OnSite as OnSite, Travelling as Travelling

@@ -24,8 +24,7 @@ from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .plausibility import warn_of_units
 from .repulsion import Repulsion
-from .site_laws import Foundation, range_of
-from .sites import Sites, displacement_components, from_reference, refuse_motion_out_of_the_plane
+from .sites import Foundation, Sites, displacement_components, from_reference, range_of, refuse_motion_out_of_the_plane
 
 TAIL = 12.3
 """Distance in spacings from which a law counts as an inverse power: the bands of discs, whose law approaches that of dipoles,

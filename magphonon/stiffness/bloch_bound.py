@@ -74,8 +74,6 @@ def _star(system):
     their stiffness; and by how much the scatter of this stiffness may lower an eigenvalue.
     """
     calc = system.calc
-    if np.ndim(calc.site_stiffness) == 3:
-        return None
     bonds, stiffness = calc.bonds, calc.rest_stiffness(calc.model)
     mobile, ends = np.flatnonzero(system.mobile), np.append(bonds.i, bonds.j).astype(int)
     own = system.mobile[ends]
@@ -94,7 +92,7 @@ def _star(system):
     if abs(away).max() > SAME_VECTOR * np.linalg.norm(star, axis=1).min() or not each_once or c is None:
         return None
     scatter = np.concatenate([K - K_of_star[which], K_of_star[backward] - K_of_star])
-    springs = np.broadcast_to(calc.site_stiffness, (len(system), calc.dim))[mobile].min(axis=0)
+    springs = np.broadcast_to(calc.foundation, (len(system), calc.dim))[mobile].min(axis=0)
     return np.diag(springs), c[half], K_of_star[half], 2 * len(star) * np.linalg.norm(scatter, axis=(1, 2)).max()
 
 

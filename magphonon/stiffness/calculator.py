@@ -27,11 +27,12 @@ from .bond import MODELS, Model, displaced, interaction_along, model_stiffness
 from .matrices import bloch_gradient, bloch_matrix, bloch_series, hessian
 from .plausibility import refuse_infinite, warn_of_units
 from .repulsion import Repulsion, masses_of
-from .site_laws import Foundation, range_of
 from .sites import (
+    Foundation,
     Sites,
     displacement_components,
     from_reference,
+    range_of,
     refuse_height,
     refuse_motion_out_of_the_plane,
 )
@@ -218,7 +219,7 @@ class PairCalculator(Repulsion):
     def __repr__(self) -> str:
         own = f', strengths={range_of(self.strengths)}' if (self.strengths != 1).any() else ''
         own += f', gyration={range_of(self.gyration)}' if np.any(self.gyration) else ''
-        return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.sites.foundation)}{own}, '
+        return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.foundation)}{own}, '
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
@@ -237,7 +238,8 @@ class PairCalculator(Repulsion):
             refuse_motion_out_of_the_plane(here, atoms)
         energy, gradient = here._repulsion(u)
         forces[:, : self.dim] = here._forces(u, gradient)
-        energies += sum((term.energy(u) for term in here.terms), 0.0)
+        slack, h = here.slack[:, : self.dim], here.load[:, : self.dim]
+        energies += np.einsum('ix,ix->i', here.foundation * (0.5 * u + slack), u) - (h * u).sum(axis=1)
         for end in (here.bonds.i, here.bonds.j):  # half of the energy that each bond has gained since rest belongs to either end
             energies += np.bincount(end, 0.5 * (energy - at_rest), len(u))
         found = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
@@ -273,12 +275,12 @@ class PairCalculator(Repulsion):
     @property
     def spring_forces(self) -> NDArray[np.float64]:
         """Forces of the foundation at rest, `-k (rest - anchor)` of springs, in N, shape (particles, dim)."""
-        return -self.tie.gradient(self.slack[:, : self.dim])
+        return -self.foundation * self.slack[:, : self.dim]
 
     @cached_property
     def offset(self) -> NDArray[np.float64]:
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
-        return sum((term.constant() for term in self.terms), np.zeros((len(self.reference), self.dim)))
+        return self.load[:, : self.dim] + self.spring_forces
 
     def _displaced(self, u):
         return displaced(self.bonds, self.bond_vectors, self.bonds.relative(u), self.model)
@@ -290,13 +292,7 @@ class PairCalculator(Repulsion):
         return energy, gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
 
     def _forces(self, u, gradient):
-        return sum((term.force(u) for term in self.terms), self.offset - self.bonds.net(gradient))
-
-    def pumped(self, atoms: Atoms, t: float) -> NDArray[np.float64]:
-        """Forces that are added to those of the calculator at the time `t` in ms: N, shape (particles, 3)."""
-        forces, u = np.zeros((len(atoms), 3)), self.displacements(atoms)
-        forces[:, : self.dim] = sum(term.pumped(u, t) for term in self.terms)
-        return forces
+        return self.offset - self.bonds.net(gradient) - self.foundation * u
 
     def rest_stiffness(self, model: Model | None = None) -> NDArray[np.float64]:
         """Stiffness of each bond at rest in the given model or the calculator's own, in N/mm, shape (bonds, dim, dim)."""
@@ -304,11 +300,11 @@ class PairCalculator(Repulsion):
 
     def rest_hessian(self, model: Model | None = None) -> sparse.csr_array:
         """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
-        return hessian(self.bonds, self.rest_stiffness(model), self.site_stiffness)
+        return hessian(self.bonds, self.rest_stiffness(model), self.foundation)
 
     def bloch_matrix(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         """Bloch matrix at rest, with the foundation, in N/mm; see `matrices.bloch_matrix`."""
-        return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.site_stiffness)
+        return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.foundation)
 
     def bloch_gradient(self, q: NDArray[np.float64], model: Model | None = None) -> NDArray[np.complex128]:
         return bloch_gradient(self.bonds, self.rest_stiffness(model), q, self.reference.cell.array)
@@ -349,13 +345,12 @@ class PairCalculator(Repulsion):
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
-        k = self.site_stiffness_at(u) if part in ('all', 'foundation') else 0.0
-        return hessian(self.bonds, K, k)
+        return hessian(self.bonds, K, self.foundation if part in ('all', 'foundation') else 0.0)
 
     def forces_beyond_rest(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change of the forces due to displacements `u` from rest: N, both of shape (particles, dim)."""
         gradient = self._repulsion(u)[1] - self._repulsion(0 * u)[1]
-        return sum((term.force(u) for term in self.terms), -self.bonds.net(gradient))
+        return -self.bonds.net(gradient) - self.foundation * u
 
 
 MagneticRepulsion = PairCalculator

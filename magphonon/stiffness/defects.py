@@ -19,7 +19,6 @@ from ..errors import finite, indices, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
 from .calculator import PairCalculator
 from .repulsion import repulsion_of
-from .site_laws import kept
 
 LARGEST_SCATTER = 0.2  # relative: fewer than one of 3 million sites is expected to become negative
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'
@@ -157,8 +156,8 @@ def varied_sites(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, move
         one.set_masses(atoms.get_masses() * mass)  # pyright: ignore[reportArgumentType]  ASE declares text
         for particle, kind in (kinds or {}).items():
             one.arrays.setdefault('tags', np.zeros(len(atoms), int))[particle] = kind
-    springs = kept(calc.tie.times(stiffness)) if (stiffness != 1).any() else calc.sites.foundation
-    sites = replace(calc.sites, strengths=calc.strengths * strength, anchors=calc.anchors + moved, foundation=springs)
+    sites = replace(calc.sites, strengths=calc.strengths * strength, anchors=calc.anchors + moved,
+                    foundation=stiffness[:, None] * calc.foundation)
     return _with(varied, calc.changed(reference, sites=sites))
 
 

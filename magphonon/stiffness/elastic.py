@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite
-from ..files import Saved
 from ..interactions.pair_laws import PairLaw
+from ..results import Saved
 from ..traits import takes
 from .all_neighbours import AllNeighbours
 from .calculator import PairCalculator, bond_virial, measure, same_cell
@@ -194,7 +194,7 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     return bond_virial(calc, calc.displacements(atoms)) / measure(atoms)
 
 
-@takes('all neighbours', 'site law', 'out of plane', 'attraction', 'unlike')
+@takes('all neighbours', 'out of plane', 'attraction', 'unlike')
 def elastic_moduli(atoms: Atoms) -> Moduli:
     """Stress and elastic moduli of a lattice at rest, without its foundation.
 

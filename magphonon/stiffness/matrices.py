@@ -17,7 +17,7 @@ from scipy import sparse
 from scipy.linalg import eigh
 
 from ..lattices.bonds import Bonds
-from .site_laws import Foundation, site_blocks
+from .sites import Foundation, each_spring
 
 ALONG = 1e-12
 """In the block of two particles in a Hessian, entries below this fraction of the largest are round-off and are set to zero.  They
@@ -31,7 +31,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     """Hessian `C^T K C + k` of a structure, or the Bloch matrix `C(q)^+ K C(q) + k` of one wavevector, as a sparse matrix.
 
     K, in N/mm, has the shape (bonds, dim, dim).  The springs k that tie the particles to their anchors, in N/mm, are a number
-    or have the shape (particles, dim) or (particles, dim, dim).  q is in fractions of the reciprocal vectors.  The matrix is
+    or have the shape (particles, dim).  q is in fractions of the reciprocal vectors.  The matrix is
     real if all components of q are multiples of 1/2, otherwise complex.
     """
     dim, n, i, j = K.shape[1], bonds.particles, bonds.i, bonds.j
@@ -39,7 +39,8 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     if not np.any(np.mod(2 * np.asarray(q), 1)):  # all phase factors are +1 or -1
         phase = np.real(phase)
     to_itself = (i == j)[:, None, None]  # |1 - phase|^2 K: exactly nothing where all particles move alike
-    own = own_stiffness(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + np.array(site_blocks(foundation, n, dim))
+    springs = each_spring(foundation, n, dim).reshape(n, dim, 1) * np.eye(dim)
+    own = own_stiffness(bonds, np.where(to_itself, abs(1 - phase) ** 2 / 2, 1) * K) + springs
     K = np.where(to_itself, 0.0, K)
     blocks, each = np.concatenate([own, -K * phase, -K * np.conj(phase)]), np.arange(n, dtype=i.dtype)
     ends = np.concatenate([each, i, j]), np.concatenate([each, j, i])
@@ -68,7 +69,7 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
         Stiffness of each bond in N/mm.
     q : ndarray, shape (wavevectors, 3)
         Wavevectors in fractions of the reciprocal lattice vectors.
-    foundation : float or ndarray, shape (particles, dim) or (particles, dim, dim)
+    foundation : float or ndarray, shape (particles, dim)
         Foundation stiffness k in N/mm.
 
     Returns
@@ -79,10 +80,7 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
     shifts, shift = bonds.distinct_shifts
     phase = np.exp(2j * np.pi * (shifts @ np.transpose(q)))
     own, x = own_stiffness(bonds, K), np.arange(K.shape[1])
-    if np.ndim(foundation) == 3:
-        own += foundation
-    else:
-        own[:, x, x] += foundation
+    own[:, x, x] += foundation
     return _bloch_sum(bonds, K, own[..., None], phase, shift)
 
 

@@ -38,7 +38,7 @@ EPS = np.finfo(float).eps
 def _stiffest(calc: Repulsion) -> tuple[float, float]:
     """Stiffness in N/mm of the stiffest bond, and of the stiffest spring of a site."""
     return (float(sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[1].max(initial=0.0)),
-            float(np.max(abs(np.asarray(calc.site_stiffness)))))
+            float(np.max(abs(np.asarray(calc.foundation)))))
 
 
 def frequency_scale(calc: Repulsion) -> float:

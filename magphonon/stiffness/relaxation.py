@@ -199,7 +199,7 @@ class _Descent:
         if self._at is None or not np.array_equal(y, self._at[0]):
             u = self.displacements(y)
             R = self.calc.bond_vectors + self.calc.bonds.incidence @ u
-            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.interaction), self.calc.site_stiffness_at(u))
+            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.interaction), self.calc.foundation)
             self._at = y.copy(), sparse.csr_array(self.P.T @ H @ self.P) * (self.length / self.force)
         return self._at[1]
 

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
-from .site_laws import Foundation, Springs, each_spring
-from .sites import FLAT, Sites, height
+from .sites import FLAT, Foundation, Sites, each_spring, gyration_blocks, height
 from .supercells import NEAR, fitted, refuse_another_order
-from .terms import Term, terms_of
 
 if TYPE_CHECKING:
     from ..interactions.pair_laws import PairInteraction, PairLaw
@@ -98,7 +96,7 @@ class Repulsion(Restartable):
         own = {f.name: f.metadata['checked'](parameters[f.name], self.reference, self.dim) for f in fields(Sites)
                if f.name in parameters}
         self._sites = replace(self._sites, **own)
-        for made_of_sites in ('terms', 'tie', 'offset', 'site_stiffness', '_asked'):
+        for made_of_sites in ('offset', '_asked'):
             vars(self).pop(made_of_sites, None)
         self.supercells.clear()
         changed = super().set(**parameters | own)
@@ -141,35 +139,13 @@ class Repulsion(Restartable):
 
     @property
     def foundation(self) -> Foundation:
-        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim).
-
-        Raises ValueError for ties other than constant springs; tools that accept these use `site_stiffness`.
-        """
-        return self.tie.springs()
-
-    @cached_property
-    def tie(self) -> Springs:
-        """The law that ties each particle to its place."""
-        return self._sites.tie
-
-    @cached_property
-    def terms(self) -> list[Term]:
-        """The parts of the forces, of K and of B that the sites add."""
-        return terms_of(self)
-
-    @cached_property
-    def site_stiffness(self) -> Any:
-        """Stiffness of each site at rest in N/mm: one number, or shape (particles, dim) or (particles, dim, dim)."""
-        return self.site_stiffness_at(0.0)
-
-    def site_stiffness_at(self, u: NDArray[np.float64] | float) -> Any:
-        """Stiffness of each site at displacements u: one number, or shape (particles, dim) or (particles, dim, dim), in N/mm."""
-        return sum((term.stiffness(u) for term in self.terms), 0.0)
+        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
+        return self._sites.foundation
 
     @property
     def rate(self) -> Any:
         """Matrices B of the velocity-dependent forces -m B u', in 1/ms: shape (1 or particles, dim, dim), or zero."""
-        return sum((term.rate() for term in self.terms), 0.0)
+        return gyration_blocks(self.gyration, self.dim) if np.any(self.gyration) else 0.0
 
     @property
     def turning(self) -> float:

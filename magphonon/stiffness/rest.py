@@ -361,13 +361,6 @@ class LinearSystem:
         return rows, own[:, rows]
 
 
-def on_foundation(atoms: Atoms, foundation: Any) -> Atoms:
-    """A copy of the atoms on another foundation, whether or not they are at rest there."""
-    calc, other = repulsion_of(atoms), atoms.copy()
-    other.calc = calc.about(calc.reference, foundation=foundation)
-    return other
-
-
 def static_forces(calc: PairCalculator, push: Any = 0.0) -> NDArray[np.float64]:
     """Sum of the forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero in balance.
 

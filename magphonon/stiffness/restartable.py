@@ -14,7 +14,6 @@ from ase.constraints import dict2constraint
 from ..errors import finite, positive, shown
 from ..interactions.bond_laws import Laws, laws_from_dict, laws_to_dict
 from ..lattices.bonds import Bonds, vectors_between
-from .site_laws import foundation_from_dict, foundation_to_dict
 
 UNITS = 'mm, g, ms'  # the units of all numbers of a saved calculator
 REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'  # of a reference, and its tags
@@ -80,7 +79,7 @@ class Restartable(Shared):
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
-        own = vars(self.sites) | {'foundation': foundation_to_dict(self.sites.foundation)}
+        own = vars(self.sites)
         parts = {name: own[name] if name in own else getattr(self, name) for name in (*self.saved, *self.seldom)}
         parts = {name: value for name, value in parts.items() if name in self.saved or np.any(value)}
         if 'bonds' in parts:  # their vectors follow from the reference
@@ -113,7 +112,6 @@ class Restartable(Shared):
             raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
         reference = _reference_from_dict(given['reference'])
         parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in names}
-        parts['foundation'] = foundation_from_dict(parts['foundation'])
         return cls(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
 
 

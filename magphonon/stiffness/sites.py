@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, not_negative, one_of
-from .site_laws import Foundation, Springs, kept, of_sites, tie_of
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -22,6 +21,8 @@ if TYPE_CHECKING:
     from ..lattices.bonds import Bonds
     from .repulsion import Repulsion
 
+Foundation = float | NDArray[np.float64]
+"""Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
 OUT_OF_PLANE = 0.1  # largest displacement of a finite difference, in shortest bonds; one beyond is refused out of the plane
 ROUND_OFF = 1e-12  # fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane
 FLAT = 1e-9  # largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions
@@ -36,15 +37,15 @@ def _by(checked: Callable[[Any, Atoms, int], Any], settable: bool = False, seldo
 class Sites:
     """The individual properties of the sites of a structure, each as an array whose first axis is that of the sites.
 
-    If all sites are alike a property may be one number; the foundation may be a law of the site.  A new property needs only a
-    field here and a keyword of the calculator: supercells, defects, replicas, copies and files then carry it.  The masses are
-    those of `ase.Atoms`.
+    If all sites are alike a property may be one number.  A new property needs only a field here and a keyword of the calculator:
+    supercells, defects, replicas, copies and files then carry it.  The masses are those of `ase.Atoms`.
     """
 
     strengths: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_strengths(given, len(atoms))))
     anchors: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_anchors(given, atoms)))
     load: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_load(given, len(atoms), dim)))
-    foundation: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_tie(given, atoms, dim), settable=True))
+    foundation: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_springs(given, len(atoms), dim),
+                                                      settable=True))
     gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim),
                                                     settable=True, seldom=True))
 
@@ -64,32 +65,21 @@ class Sites:
     def __len__(self) -> int:
         return len(self.anchors)
 
-    @property
-    def tie(self) -> Springs:
-        """The law of the foundation."""
-        return tie_of(self.foundation)
-
     def __getitem__(self, image: Any) -> Self:
         """The properties at the sites that `image` (indices, mask or slice) selects from these."""
-        return replace(self, **{name: _at(name, value, image) for name, value in vars(self).items()})
+        return replace(self, **{name: of_sites(value, image) for name, value in vars(self).items()})
 
     def joined(self, others: Sequence[Sites]) -> Self:
         """The properties at these sites and then at those of others."""
         every = [self, *others]
-        return replace(self, **{name: _joined(name, [getattr(sites, name) for sites in every], [len(sites) for sites in every])
+        return replace(self, **{name: _joined([getattr(sites, name) for sites in every], [len(sites) for sites in every])
                                 for name in self.names()})
 
 
-def _at(name, value, image):
-    return kept(tie_of(value).on(image)) if name == 'foundation' else of_sites(value, image)
-
-
-def _joined(name, values, sizes):
+def _joined(values, sizes):
     first = values[0]
     if np.ndim(first) == 0 and all(value is first for value in values):
-        return _at(name, first, np.tile(np.arange(sizes[0]), len(sizes)))
-    if name == 'foundation':
-        values = [tie_of(value).springs('a structure that joins several different ones') for value in values]
+        return first
     width = max((np.shape(value)[1:] for value in values), key=len)
     each = [np.reshape(value, (-1, *(np.shape(value)[1:] or (1,) * len(width)))) for value in values]
     return np.concatenate([np.broadcast_to(value, (size, *width)) for value, size in zip(each, sizes, strict=True)])
@@ -113,9 +103,37 @@ def site_load(load: ArrayLike | None, particles: int, dim: int) -> NDArray[np.fl
     return given
 
 
-def site_tie(foundation: Any, reference: Atoms, dim: int) -> Any:
-    """What ties particles to their places, checked: springs in N/mm, or another law of the site."""
-    return kept(tie_of(foundation).of(len(reference), dim))
+def site_springs(foundation: Any, particles: int, dim: int) -> Foundation:
+    """The foundation in N/mm as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only."""
+    if np.ndim(foundation) == 0:
+        return not_negative('foundation', foundation, 'N/mm')
+    given = finite('foundation', foundation)
+    for where in np.argwhere(given < 0)[:1]:
+        not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
+    shapes = (particles,), (particles, 1), (1, dim), (particles, dim)
+    if given.shape not in shapes:
+        raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
+                         f'{particles} particles in {dim} dimensions, not {given.shape}')
+    springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
+    if (springs == springs[0, 0]).all():
+        return float(springs[0, 0])
+    springs.flags.writeable = False
+    return springs
+
+
+def of_sites(values: Any, sites: NDArray[np.intp] | slice) -> Any:
+    """The `values` at some sites; they are given for each site, or as one number for all."""
+    return values[sites] if np.ndim(values) else values
+
+
+def range_of(values: Foundation) -> str:
+    """The text for `repr`: the number if there is only one, otherwise the lowest and the highest value of all sites."""
+    return repr(values) if np.ndim(values) == 0 else f'<{np.min(values):.4g} to {np.max(values):.4g}>'
+
+
+def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.float64]:
+    """Stiffness of the foundation along each component of the displacements, shape (particles * dim,), in N/mm."""
+    return np.broadcast_to(foundation, (particles, dim)).ravel()
 
 
 def displacement_components(reference: Atoms, foundation: Any, dim: int | None = None, bonds: Bonds | None = None) -> int:
@@ -163,6 +181,13 @@ def site_gyration(gyration: ArrayLike, particles: int, dim: int) -> Foundation:
     given = given.copy()
     given.flags.writeable = False
     return given
+
+
+def gyration_blocks(gyration: Any, dim: int) -> NDArray[np.float64]:
+    """Blocks of B for the force m u' x g with the gyration g of each site, shape (1 or particles, dim, dim), in 1/ms."""
+    g = np.asarray(gyration)
+    g = g if g.ndim == 2 else np.outer(g, [0.0, 0.0, 1.0])
+    return -np.cross(np.eye(3), g[:, None]).swapaxes(1, 2)[:, :dim, :dim]
 
 
 def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:

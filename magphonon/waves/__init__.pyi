@@ -14,7 +14,7 @@ from .ridge_tables import (
 from .scan_tables import read_places as read_places, read_scan as read_scan, write_scan as write_scan
 from .scans import Scan as Scan
 from .spectrum import Spectrum as Spectrum, ridge as ridge, wavenumber_frequency as wavenumber_frequency
-from .thermal import ThermalBands as ThermalBands, thermal_bands as thermal_bands, thermal_run as thermal_run
+from .thermal import ThermalBands as ThermalBands, thermal_bands as thermal_bands
 from .vibrometer import sampled as sampled
 from .wave_analysis import Branch as Branch, branch as branch, compare as compare, scan_waves as scan_waves, waves as waves
 from .wave_report import report as report

@@ -35,8 +35,7 @@ from .. import units
 from ..bands.bands import group_velocities
 from ..bands.bloch import bloch_modes, branch_names
 from ..bands.zone import first_zone
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 from .ridge_tables import FIELD, RidgePoints
 from .scans import Scan
 from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, LEAST_POWER, NORMAL, hann, without_drift

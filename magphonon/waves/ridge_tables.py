@@ -13,8 +13,9 @@ import numpy as np
 
 from .. import units
 from ..files import refuse_overflow, whole_file, write_columns
+from ..quantities import ANGLE, AREA, FREQUENCY, PURE, TEXT
 from ..results import InHertz
-from ..tables import ANGLE, AREA, FREQUENCY, PURE, TEXT, read_table
+from ..tables import read_table
 
 if TYPE_CHECKING:
     from .wave_analysis import Wave

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
@@ -11,18 +12,20 @@ import numpy as np
 from .. import units as u
 from ..dynamics.motion import Motion
 from ..errors import shown
-from ..files import MEGABYTE, refuse_endless, refuse_overflow, whole_file
+from ..files import MEGABYTE, refuse_overflow, whole_file
+from ..quantities import FORCE, LENGTH, SPEED, TEXT, TIME
 from ..readers import content
-from ..tables import LENGTH, SPEED, TEXT, TIME, Table, read_table, unit_of_label
+from ..tables import Table, read_table
+from ..universal import node_places, unit_of_label
 from .scans import Samples, Scan, assembled
 
-MOST_BYTES = 1000 * MEGABYTE  # largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB
+MOST_BYTES = 500 * MEGABYTE  # largest size of a scan; a row of 100 particles over 10 000 frames has 50 MB
 NAMES = dict.fromkeys(('particle', 'point', 'node'), TEXT)  # allowed names of the column that numbers the points
 MOTIONS = {f'{kind}{axis}': unit for kind, unit in (('u', LENGTH), ('v', SPEED)) for axis in ('', '_x', '_y', '_z')}
 LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, then u_x_m, u_y_m or u_m (or v_y_m_per_s and '
           'so on), or time_s and a column for each point with its unit, as Point 17 [mm/s]; '
           'lengths in m, mm, um or nm and times in s, ms or us, as in the header')
-ASKED = {'columns': {'time': TIME, 'x': LENGTH, 'y': LENGTH} | NAMES | MOTIONS, 'needed': ['time'], 'blank': MOTIONS,
+ASKED = {'columns': {'time': TIME, 'x': LENGTH, 'y': LENGTH, 'f': FORCE} | NAMES | MOTIONS, 'needed': ['time'], 'blank': MOTIONS,
          'layout': LAYOUT, 'points': LENGTH | SPEED}
 COLUMN = re.compile(r'(?:(?:[uv]?_?([xyz])|[uv])(?:[ _-]+|(?=\d)))?(.+?)(?:[ _-]([xyz]))?', re.IGNORECASE)
 """The name of a column of one point: its direction before or behind it, as u_y 17, Vy 17, y17, Point 17 Y."""
@@ -61,7 +64,6 @@ def read_scan(path: str | PathLike[str]) -> Scan:
     >>> scan.places.tolist(), scan.motions['y'].shape
     ([[10.0, 0.0], [20.0, 0.0]], (4, 2))
     """
-    refuse_endless(path, MOST_BYTES)
     found = content(path, MOST_BYTES)
     points, velocities = _of_records(path, found) if isinstance(found, list) else _points(path, found)
     return assembled(path, points, velocities)
@@ -130,54 +132,54 @@ def _names(table: Table) -> Any:
 def _points(path, held) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of a table, and whether they are velocities."""
     table = read_table(path, **ASKED, held=held)
-    if table.points and not any(part in table for part in MOTIONS):
-        return _of_columns(table)
-    names, placed, parts = _names(table), 'x' in table or 'y' in table, [part for part in MOTIONS if part in table]
+    parts, wide = [part for part in MOTIONS if part in table], [name for name in table.columns if name.startswith('*')]
+    if 'f' in table:
+        raise ValueError(f'{path} holds forces ({table.named("f")}) and is no scan; a table of forces is for "magphonon fit"')
+    if len(wide) > 1 and not parts:
+        return _of_columns(table, wide)
+    names, placed = _names(table), 'x' in table or 'y' in table
     for lacking, there in (('particle or x_m,y_m', placed or names is not None), ('u_x_m, u_y_m or u_m', parts)):
         if not there:
             raise ValueError(f'{path} lacks the column {lacking}; {LAYOUT}')
     if len({(part[0], len(part)) for part in parts}) > 1:
-        raise ValueError(f'{path} holds motion of several kinds ({", ".join(table.header[part] for part in parts)}); keep '
-                         'displacements or velocities, with a direction or without')
+        raise ValueError(f'{path} holds motion of several kinds ({table.named(*parts)}); keep displacements or velocities, with '
+                         'a direction or without')
     for part in parts:
         if np.isnan(table[part]).all():
-            raise ValueError(f'{path}: the column {table.header[part]} holds no number; remove it, or export it again')
+            raise ValueError(f'{path}: the column {table.named(part)} holds no number; remove it, or export it again')
     places = np.stack([table.get('x', 0.0), table.get('y', 0.0)], axis=1)
     if names is None:
         names = np.array([f'({x:g} mm, {y:g} mm)' for x, y in places])
-    own, first, of, counts = np.unique(names, return_index=True, return_inverse=True, return_counts=True)
-    rows = np.split(np.argsort(of, kind='stable'), np.cumsum(counts)[:-1])
+    own, first, of = np.unique(names, return_index=True, return_inverse=True)
     points = {}
     for k in np.argsort(first):
-        elsewhere = (places[rows[k]] != places[first[k]]).any(axis=1)
-        for row in rows[k][elsewhere][:1]:
+        rows = np.flatnonzero(of == k)
+        for row in rows[(places[rows] != places[first[k]]).any(axis=1)][:1]:
             raise ValueError(f'line {table.lines[row]} of {path}: point {own[k]} is at a different place than before; give each '
                              'point its own name')
-        points[str(own[k])] = Samples(table['time'][rows[k]], {part[2:]: table[part][rows[k]] for part in parts},
+        points[str(own[k])] = Samples(table['time'][rows], {part[2:]: table[part][rows] for part in parts},
                                       tuple(places[first[k]].tolist()) if placed else None)
     return points, parts[0][0] == 'v'
 
 
-def _of_columns(table: Table) -> tuple[dict[str, Samples], bool]:
+def _of_columns(table: Table, wide: list[str]) -> tuple[dict[str, Samples], bool]:
     """Samples of a table with one column for each point: v_y 17 [mm/s], or Point 17 [mm/s] if the direction is not stated.
 
     A point is named by its number alone, unless two points share it, such as A1 and B1.
     """
-    parts = [COLUMN.fullmatch(name or '-').groups(default='') for name in table.points]  # pyright: ignore[reportOptionalMemberAccess]
+    parts = [COLUMN.fullmatch(name[1:] or '-').groups(default='') for name in wide]  # pyright: ignore[reportOptionalMemberAccess]
     whole = [((before or behind).lower(), point) for before, point, behind in parts]
     short = [(axis, WORD.sub('', point)) for axis, point in whole]
-    named = short if len({*short}) == len(short) else whole
     found: dict[str, dict[str, Any]] = {}
-    for (axis, point), column, values in zip(named, table.points, table.points.values(), strict=True):
+    for (axis, point), column in zip(short if len({*short}) == len(short) else whole, wide, strict=True):
         if axis in found.setdefault(point, {}):
-            raise ValueError(f'{table.path}: {shown(column)} is a second column of the point {shown(point)}; rename one of them')
-        found[point][axis] = table['time'], values
-    kinds = {table.spelt[name] in SPEED for name in table.points}
+            raise ValueError(f'{table.path}: {shown(table.named(column))} is a second column of the point {shown(point)}; rename '
+                             'one of them')
+        found[point][axis] = table['time'], table[column]
+    kinds = {table.told[name].unit in SPEED for name in wide}
     if len(kinds) > 1:
         raise ValueError(f'{table.path} has columns of displacements and of velocities; keep those of one kind')
-    _refuse_unlike(table.path, found)
-    return {name: Samples(table['time'], {axis: values for axis, (_, values) in point.items()})
-            for name, point in found.items()}, kinds == {True}
+    return _alike(table.path, found, {}), kinds == {True}
 
 
 def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
@@ -185,50 +187,44 @@ def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
 
     The label of the ordinate, such as mm/s, gives the unit. Without a label the unit of length is that of dataset 164, or else m.
     """
-    metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
-    places = {}
-    for nodes in (one for one in sets if one['type'] in (15, 2411)):
-        numbers, x, y = (np.atleast_1d(nodes[name]) for name in ('node_nums', 'x', 'y'))
-        if not (len(numbers) == len(x) == len(y) and 1e-9 < metre < 1e12 and (abs(np.r_[x, y]) < 1e6 * metre).all()):
-            raise ValueError(f'{path}: places and units of the nodes (datasets {nodes["type"]} and 164) do not fit together; '
-                             'export it again')
-        places |= {str(int(n)): (a * u.m / metre, b * u.m / metre) for n, a, b in zip(
-            numbers, x.tolist(), y.tolist(), strict=True)}
+    metre, places = node_places(path, sets)
     records = [one for one in sets if one['type'] == 58]
     over_time = [one for one in records if one['func_type'] in TIME_RESPONSES and one['abscissa_spec_data_type'] in ABSCISSAS]
-    kinds = {ORDINATES.get(one['ordinate_spec_data_type']) for one in over_time}
-    if len(kinds) != 1 or None in kinds:
+    kinds = {ORDINATES.get(one['ordinate_spec_data_type'], 'neither') for one in over_time}
+    if len(kinds) != 1 or 'neither' in kinds:
         types = sorted({one['func_type'] for one in records})
-        what = (f'its functions have the types {types}, but a record over time has the type 1' if records and not over_time else
-                'its records are of several kinds, or of none of these' if over_time else 'it has no dataset 58')
-        raise ValueError(f'{path} holds no displacements or velocities over time ({what}); export time records of one of the two')
-    own = u.m / metre / (u.s if kinds == {'velocity'} else 1)
+        what = ('it has no functions, dataset 58' if not records else
+                'some of its records are of another quantity' if over_time else
+                f'its functions have the types {types}, but a record over time has the type 1')
+        raise ValueError(f'{path} holds no displacements or velocities over time: {what}; export time records of one of the two')
+    speed = kinds == {'velocity'}
     found: dict[str, dict[str, Any]] = {}
     for one in over_time:
-        axis = AXES.get(abs(int(one['rsp_dir'])))
+        node, axis = int(one['rsp_node']), AXES.get(abs(int(one['rsp_dir'])))
         if axis is None:
-            raise ValueError(f'{path}: node {one["rsp_node"]} is measured in the direction {one["rsp_dir"]}, a rotation; export '
+            raise ValueError(f'{path}: node {node} is measured in the direction {one["rsp_dir"]}, a rotation; export '
                              'translations')
-        unit = unit_of_label(path, one, 'ordinate', SPEED if kinds == {'velocity'} else LENGTH, own)
-        point = found.setdefault(str(int(one['rsp_node'])), {})
-        if axis in point:
-            raise ValueError(f'{path} holds two records of node {one["rsp_node"]} in the direction {one["rsp_dir"]}; keep one')
+        if places and node not in places:
+            raise ValueError(f'{path}: node {node} is not in its geometry (datasets 15 and 2411); export it again')
+        if axis in found.setdefault(str(node), {}):
+            raise ValueError(f'{path} holds two records of node {node} in the direction {one["rsp_dir"]}; keep one')
+        unit = unit_of_label(path, one, 'ordinate', SPEED if speed else LENGTH, u.m / metre / (u.s if speed else 1))
         times, data = np.asarray(one['x'], float) * unit_of_label(path, one, 'abscissa', TIME, u.s), np.real(one['data'])
         if times.shape != data.shape or not (abs(times) < 1e6 * u.s).all():
-            raise ValueError(f'{path}: the record of node {one["rsp_node"]} is damaged; export it again')
-        point[axis] = times, data * unit * (-1 if one['rsp_dir'] < 0 else 1)
-    _refuse_unlike(path, found)
-    return {name: Samples(next(iter(point.values()))[0], {axis: values for axis, (_, values) in point.items()}, places.get(name))
-            for name, point in found.items()}, kinds == {'velocity'}
+            raise ValueError(f'{path}: the record of node {node} is damaged; export it again')
+        found[str(node)][axis] = times, data * unit * np.sign(one['rsp_dir'] or 1)
+    return _alike(path, found, {str(node): place for node, place in places.items()}), speed
 
 
-def _refuse_unlike(path, found):
-    """Raise ValueError unless all points have the same components, each at the same times."""
+def _alike(path, found: Mapping[str, Mapping[str, Any]], places) -> dict[str, Samples]:
+    """Samples of the points; ValueError unless all have the same components, each at the same times."""
     parts = max((tuple(point) for point in found.values()), key=len)
     for name, point in found.items():
         if set(point) != set(parts):
             raise ValueError(f'{path}: node {name} was measured along {", ".join(point)} and others along {", ".join(parts)}; '
                              'export one direction, or the same for each node')
         first, *others = (times for times, _ in point.values())
-        if any(len(times) != len(first) or not np.array_equal(times, first) for times in others):
+        if any(not np.array_equal(times, first) for times in others):
             raise ValueError(f'{path}: the directions of node {name} were recorded at different times; export one direction')
+    return {name: Samples(next(iter(point.values()))[0], {axis: values for axis, (_, values) in point.items()}, places.get(name))
+            for name, point in found.items()}

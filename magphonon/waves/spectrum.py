@@ -29,8 +29,7 @@ from scipy.special import stdtrit
 
 from .. import units
 from ..errors import finite, positive
-from ..files import Saved
-from ..results import InHertz
+from ..results import InHertz, Saved
 
 FEWEST = 8  # smallest number of frames, and of points, for a map
 PAD = 4

@@ -5,13 +5,12 @@ With the window h over the particles, and the modes e and the Bloch matrix D(q) 
     u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
 
 Gyroscopic forces do no work, so <u u> does not depend on them, and these are frequencies without them. By equipartition harmonic
-forces have C = kT D^-1 at any temperature; a deviation that grows with kT shows anharmonic forces. Three effects bias the result,
-and are subtracted or reported:
+forces have C = kT D^-1 at any temperature; a deviation that grows with kT shows anharmonic forces. Two effects bias the result,
+and are subtracted:
 
 - few frames: the inverse of a mean of M frames is too large by a fraction of about n/M.  The frames, in order, are cut into
   segments longer than the memory of the motion; leaving out one segment at a time gives this bias, and the error (jackknife).
 - a window: waves of all q' within 1/width of q take part.  The bias follows from the linear stiffness, which is known.
-- the time step dt of a run: velocity Verlet samples the stiffness k (1 - (w dt)^2/4).
 """
 
 from __future__ import annotations
@@ -23,13 +22,9 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from ..bands.bloch import bloch_modes, wavevectors
-from ..dynamics.engine import highest_frequency
-from ..dynamics.recorder import Recorder
-from ..dynamics.verlet import DrivenVerlet
 from ..errors import PhysicsError, finite, positive
-from ..files import Saved
 from ..lattices.bonds import image_of
-from ..results import InHertz
+from ..results import InHertz, Saved
 from ..stiffness.factors import factorised
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
@@ -37,10 +32,6 @@ from .fields import hull_window
 
 SEGMENTS = 20  # number of segments of a record; their scatter gives the error with the relative accuracy 1/sqrt(2 SEGMENTS)
 FITS = 1e-6  # periods by which a wave may miss the supercell
-STEPS, STEP, DAMPED, EVERY = 20_000, 0.3, 0.3, 8
-"""Runs take steps of STEP/w_max with a damping of DAMPED w_max, by which slow and fast waves soon lose their memory, and record a
-frame every few steps."""
-COLD = 1e-8  # temperature, as a share, at which forces are harmonic
 SLACK = 1e-6  # share of the highest frequency below which one is zero
 FEWEST = 5  # frames of a segment
 
@@ -63,7 +54,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
     error : ndarray, shape (wavevectors, branches)
         One standard error of omega.
     bias : ndarray, shape (wavevectors, branches)
-        The bias that was subtracted, due to few frames, window and time step together.
+        The bias that was subtracted, due to few frames and window together.
     linear : ndarray, shape (wavevectors, branches)
         Frequencies of the linear lattice, for comparison.
     """
@@ -77,7 +68,7 @@ class ThermalBands(InHertz, Saved, kind='thermal bands', units={
 
 @takes(*LINEAR)
 def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, temperature_mJ: float, cell: Atoms, q: ArrayLike,
-                  dt: float = 0.0, particles: ArrayLike | None = None, still: ArrayLike | None = None) -> ThermalBands:
+                  particles: ArrayLike | None = None) -> ThermalBands:
     """Frequencies of thermal waves from a record of thermal motion, whose variance gives their stiffness.
 
     Parameters
@@ -92,30 +83,21 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
         One cell of the lattice, with its PairCalculator.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors of the cell; in a periodic supercell they must fit into it.
-    dt : float
-        Time step in ms of the velocity Verlet run that made the record; 0 for a measurement.
     particles : array_like of int, optional
         The recorded particles; all if not given. For a patch, or if some are missing, a Hann window extends from edge to edge.
-    still : array_like, shape (frames, particles, dim), optional
-        The motion with harmonic forces under the same noise. The effects of chance, window and time step are then the same in
-        both records and cancel, so that only the anharmonic part remains.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.waves import thermal_bands
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=8.0)
     >>> atoms = cell.repeat((4, 4, 1))
     >>> atoms.calc = cell.calc.on(atoms)
-    >>> dyn = DrivenVerlet(atoms, 0.1, damping=2.0, temperature_mJ=1e-6)
-    >>> dyn.run(100)  # into equilibrium
-    True
-    >>> recorder = Recorder(dyn)
-    >>> dyn.run(4000)
-    True
-    >>> found = thermal_bands(atoms, recorder.displacements, 1e-6, cell, [(0.5, 0, 0)], dt=0.1)
+    >>> kT, K = 1e-6, atoms.calc.rest_hessian().toarray()
+    >>> moved = np.random.default_rng(0).multivariate_normal(np.zeros(32), kT * np.linalg.inv(K), 400)  # in place of a camera
+    >>> found = thermal_bands(atoms, moved.reshape(400, 16, 2), kT, cell, [(0.5, 0, 0)])
     >>> bool((abs(found.omega - found.linear) < 4 * found.error).all())
     True
     """
@@ -147,15 +129,10 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
         return squares(C / n[..., None] - (mean / n)[..., None] * (mean / n).conj()[..., None, :])
 
     found = of_record(u)
-    if still is not None:
-        found = found / of_record(finite('still', still, u.shape)) * linear**2
     whole, left = found[0], found[1:]
     found = SEGMENTS * whole - (SEGMENTS - 1) * left.mean(axis=0)
     error = np.sqrt((SEGMENTS - 1) * left.var(axis=0))
-    if still is None and dt:  # x = (w dt/2)^2 is seen as x (1 - x)
-        root = np.sqrt(np.maximum(1 - found * dt**2, 0.25))
-        found, error = 2 * (1 - root) / dt**2, error / root
-    seen = 1.0 if still is not None else linear**2 / squares(kT * waves.conj() @ _compliant(system, waves))
+    seen = linear**2 / squares(kT * waves.conj() @ _compliant(system, waves))
     omega = np.sqrt(np.maximum(found * seen, 0))
     error = error * seen / (2 * np.sqrt(np.maximum(found * seen, error * seen)))
     return ThermalBands(q, omega, error, np.sqrt(whole) - omega, linear)
@@ -194,49 +171,3 @@ def _compliant(system, waves):
     P, forces = system.free, waves.reshape(-1, waves.shape[-1]).T
     moved = P @ factorised(system.stiffness, definite=True).solve(P.T @ forces)
     return moved.T.reshape(waves.shape).swapaxes(1, 2)
-
-
-@takes(*LINEAR)
-def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: ArrayLike, steps: int = STEPS,
-                seed: int = 0) -> ThermalBands:
-    """Thermal bands of a planar lattice, from a run of a supercell in a heat bath and a second run at nearly zero temperature.
-
-    Both runs have the same noise, so that most of the statistical error is common to both and cancels.
-
-    Parameters
-    ----------
-    cell : ase.Atoms
-        With its PairCalculator.
-    repeats : array_like of int, shape (3,)
-        Numbers of cells along the lattice vectors in the supercell.
-    temperature_mJ : float
-        The thermal energy kT.
-    q : array_like, shape (wavevectors, 3)
-        Waves that fit into the supercell.
-    steps : int
-        Number of steps, after a tenth as many to reach equilibrium.
-    seed : int
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.waves import thermal_run
-    >>> cell = lattices.triangular(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=4.0)
-    >>> thermal_run(cell, (2, 2, 1), 0.01, [(0.5, 0, 0)], steps=2000).omega.shape
-    (1, 2)
-    """
-    LinearSystem.of(cell)  # refuses what has no rest or changes with time, before the runs
-    atoms, records = cell.repeat(np.asarray(repeats)), []
-    atoms.calc = cell.calc.on(atoms)  # pyright: ignore[reportOptionalMemberAccess]  which `thermal_bands` refuses
-    fastest = highest_frequency(atoms)
-    dt = STEP / fastest
-    for share in (1.0, COLD):
-        moved = atoms.copy()
-        moved.calc = atoms.calc
-        dyn = DrivenVerlet(moved, dt, damping=DAMPED * fastest, temperature_mJ=share * temperature_mJ, seed=seed)
-        dyn.run(steps // 10)
-        recorder = Recorder(dyn, interval=EVERY)
-        dyn.run(steps)
-        records.append(recorder.displacements / np.sqrt(share))
-    return thermal_bands(atoms, records[0], temperature_mJ, cell, q, dt, still=records[1])

@@ -139,22 +139,6 @@ def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, caps
     assert quiet == pytest.approx(2 * measured, rel=0.15)  # the row starts half way up the beam, whose middle moves most
 
 
-def test_the_time_steps_take_as_many_threads_as_were_asked_for(scene_file, tmp_path, capsys, monkeypatch):
-    asked = []
-
-    def dynamics(*_, threads, **_others):
-        asked.append(threads)
-        raise ValueError('seen enough')
-
-    monkeypatch.setattr('magphonon.waves.wave_source.DrivenVerlet', dynamics)
-    command = ['burst', str(scene_file()), '-o', str(tmp_path / 'out')]
-    for options, said in (((), 'seen enough'), (('--threads', '3'), 'seen enough'),
-                          (('--threads', '0'), '--threads must be a whole number of at least 1, not 0')):
-        assert main([*command, *options]) == 2
-        assert said in capsys.readouterr().err
-    assert asked == [None, 3]
-
-
 @pytest.mark.slow
 def test_the_row_to_measure_and_an_animation_on_request(scene_file, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('magphonon.cli.burst.FILM', 5)  # frames are slow to draw
@@ -280,7 +264,7 @@ def struck(number, scene_file, tmp_path):
     process = subprocess.Popen([sys.executable, '-m', 'magphonon', 'burst', str(scene), '-o', str(out)],
                                stderr=subprocess.PIPE, text=True)
     try:
-        while process.poll() is None and not list(out.glob('.partial-*/*.csv')):
+        while process.poll() is None and not list(out.glob('.magphonon-*/*.csv')):
             time.sleep(0.02)
     finally:
         process.send_signal(number)
@@ -297,5 +281,5 @@ def test_terminated_burst_leaves_nothing(scene_file, tmp_path):
 
 
 def test_lammps_without_files_runs_in_a_folder_of_its_own():
-    options = argparse.Namespace(engine='lammps', ranks=None, files=None, threads=None, animation=False)
+    options = argparse.Namespace(engine='lammps', ranks=None, files=None, animation=False)
     assert burst._engine(options)('burst', 'complete')['directory'] is None

@@ -1,11 +1,14 @@
 """`magphonon explore`: a page is written whole or not at all, other files stay, and unsuitable scenes are refused in words."""
 
 import json
-import os
 
+import numpy as np
 import pytest
 from scene_files import ready_scene
 
+from magphonon import InversePower, MagneticRepulsion, Yukawa, critical_foundation, lattices
+from magphonon.bands import band_path
+from magphonon.cli.explore import border
 from magphonon.cli.main import main
 from magphonon.plotting import explorer
 
@@ -18,16 +21,15 @@ def few_values(monkeypatch):
 
 def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(['explore', '--verbose', 'vacancy', '-o', 'new/page.html']) == 0
-    told, perfect, neighbours = capsys.readouterr().out.splitlines()
+    assert main(['explore', 'vacancy', '-o', 'new/page.html']) == 0
+    told, perfect = capsys.readouterr().out.splitlines()
     assert told == 'new/page.html is written; open it in a browser'
     assert perfect == 'This lattice is perfect: [defects] and [disorder] belong to a patch.'
-    assert neighbours.startswith('Nearest neighbours only')
     first = (tmp_path / 'new/page.html').read_text(encoding='utf-8')
     assert '<h1>Honeycomb of light and heavy magnets, one of them missing</h1>' in first
     assert 'This lattice is perfect: [defects] and [disorder] belong to a patch.' in first
     assert 'vacancies_m' in first  # the scene itself
-    assert main(['explore', 'rings', '-o', 'new/page.html']) == 0
+    assert main(['explore', 'rings', '-o', 'new/page.html', '--force']) == 0
     assert '<h1>N42 rings on pillars' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')
     assert main(['explore', str(ready_scene('steel'))]) == 0
     assert sorted(file.name for file in tmp_path.iterdir()) == ['new', 'steel-explore.html']
@@ -70,23 +72,52 @@ def test_a_structure_that_is_pushed_has_a_page(by, words, scene_file, tmp_path, 
         assert len(structure['x']) == 127
 
 
-@pytest.mark.skipif(not hasattr(os, 'mkfifo'), reason='a system without pipes that have names')
-def test_other_files_are_not_replaced(few_values, tmp_path, capsys):
-    assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 0
-    with open(tmp_path / 'edited.html', 'r+', encoding='utf-8') as page:
-        page.seek(300)
-        page.write('my title')
-    before = (tmp_path / 'edited.html').read_bytes()
-    assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 2
-    assert 'is not a page of "magphonon explore", or was edited' in capsys.readouterr().err
-    assert (tmp_path / 'edited.html').read_bytes() == before
-    (tmp_path / 'edited.html').unlink()
+def test_other_files_are_replaced_with_force_alone(few_values, tmp_path, capsys):
     (tmp_path / 'mine.html').write_text('<html>my own page</html>')
-    os.mkfifo(tmp_path / 'pipe.html')
-    for name, words in (('mine.html', 'is not a page of "magphonon explore", or was edited'),
-                        ('pipe.html', 'is not a regular file'), ('mine.toml', 'must be the name of a page, ending in .html'),
-                        ('', 'must be the name of a page')):
+    for name, words in (('mine.html', 'mine.html exists; name another place with -o, or give --force'),
+                        ('mine.toml', 'must be the name of a page, ending in .html'), ('', 'must be the name of a page')):
         assert main(['explore', 'square', '-o', str(tmp_path / name)]) == 2
         assert words in capsys.readouterr().err
     assert (tmp_path / 'mine.html').read_text() == '<html>my own page</html>'
-    assert len(list(tmp_path.iterdir())) == 2
+    assert main(['explore', 'square', '-o', str(tmp_path / 'mine.html'), '--force']) == 0
+    assert 'my own page' not in (tmp_path / 'mine.html').read_text(encoding='utf-8')
+    assert [file.name for file in tmp_path.iterdir()] == ['mine.html']
+
+
+LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
+
+
+def made(kind, spacing, law, foundation=0.0):
+    cell = getattr(lattices, kind)(spacing, 1.3)
+    cell.calc = MagneticRepulsion(cell, law, shells=2, foundation=foundation)
+    return cell
+
+
+@pytest.mark.parametrize('kind', LATTICES)
+def test_the_border_over_spacings_is_what_the_lattice_of_this_spacing_needs(kind, few_values):
+    rng = np.random.default_rng(LATTICES.index(kind))
+    spacing = rng.uniform(0.5, 20)
+    law = Yukawa(rng.uniform(1, 9), rng.uniform(0.5, 2) / spacing)
+    cell = made(kind, spacing, law, foundation=rng.uniform(0, 1))
+    at, needed = border(explorer.Explorer(cell, band_path(cell, None, 5)))
+    anew = [critical_foundation(made(kind, scale * spacing, law))[0] for scale in at[::5]]
+    # two meshes find the same minimum, each to about 1e-12 of the stiffest bond
+    np.testing.assert_allclose(needed[::5], anew, rtol=1e-9, atol=1e-9 * law.d2phi(at[0] * spacing))
+
+
+@pytest.mark.parametrize('kind', LATTICES)
+def test_the_border_over_exponents_is_what_a_law_with_the_same_force_needs(kind, few_values):
+    rng = np.random.default_rng(10 + LATTICES.index(kind))
+    spacing, force = rng.uniform(0.5, 20), rng.uniform(0.1, 5)
+    cell = made(kind, spacing, InversePower(force * spacing**3.0, 3.0))
+    at, needed = border(explorer.Explorer(cell, band_path(cell, None, 5)))
+    anew = [critical_foundation(made(kind, spacing, InversePower(force * spacing**a, a)))[0] for a in at[::5]]
+    np.testing.assert_allclose(needed[::5], anew, rtol=1e-9, atol=1e-9 * 9 * force / spacing)
+
+
+def test_the_border_of_a_triangular_lattice_ends_at_the_exponent_three(few_values):
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.58))
+    at, needed = border(explorer.Explorer(cell, band_path(cell, None, 5)))
+    assert at[needed == 0].min() == pytest.approx(3.0, abs=2e-9)  # the interval of the search
+    np.testing.assert_allclose(needed, np.maximum(0, 2 * (3 - at)), rtol=1e-9, atol=1e-8)  # 2 (3 - a) f/L at M

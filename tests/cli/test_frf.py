@@ -99,7 +99,7 @@ def test_a_curve_without_peak_says_so_and_lists_none(oscillator, scene_file, tmp
 def test_files(oscillator, scene_file, tmp_path):
     found = run(scene_file(oscillator), tmp_path / 'out')
     assert {file.name for file in (tmp_path / 'out').iterdir()} == {'frf.png', 'frf.csv', 'frf_complete.npz',
-                                                                   'frf_conventional.npz', 'provenance.json', 'scene.toml'}
+                                                                   'frf_conventional.npz'}
     for model in ('complete', 'conventional'):
         saved = FrequencyResponse.load(tmp_path / 'out' / f'frf_{model}.npz')
         assert_allclose(abs(saved.response) * units.N / units.m, found[f'{model}_amplitude_m_per_N'], rtol=1e-14)

@@ -93,28 +93,6 @@ def lattice_text(tmp_path, shells, **tables):
     return str(file)
 
 
-@pytest.mark.slow
-def test_a_design_holds_for_all_neighbours_or_says_not(tmp_path, capsys):
-    """Of `labuser`: M, branch 1 wanted at 40 Hz, and the answer for nearest neighbours had 58 Hz."""
-    wanted = {'edge': {'point': 'M', 'branch': 1, 'frequency_Hz': 40.0}, 'cut_off_Hz': 10.0, 'spacings_m': [0.009, 0.015]}
-    found = {}
-    for shells in (None, 'all', 1):
-        assert main(['design', '--verbose', lattice_text(tmp_path, shells, design=wanted)]) == 0
-        text = capsys.readouterr().out
-        answer = tomllib.loads(text)
-        L, law, k = answer['lattice']['spacing_m'] * 1e3, answer['law'], answer['foundation']['stiffness_N_per_m'] / 1e3
-        assert law.get('shells') == (shells or 'auto')
-        cell = lattices.triangular(L, 0.8)
-        cell.calc = AllNeighbours(cell, InversePower(law['b_N_m_a'] * 1e3 ** law['a'], law['a']), foundation=k)
-        found[shells] = u.hertz(bloch_modes(cell, [[0.5, 0, 0]])[0][0, 0])
-        assert ('Nearest neighbours are not enough here' in text) == (shells == 1)
-        if shells == 1:
-            assert float(SHIFT.search(text)[4]) == pytest.approx(found[1], rel=1e-3)
-    assert found[None] == pytest.approx(40, rel=2.5e-3)
-    assert found['all'] == pytest.approx(40, rel=6e-4)
-    assert found[1] > 50  # the control
-
-
 def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('magphonon.cli.uncertainty.SAMPLES', 60)
     tables = {'uncertainty': {'spacing_percent': 1.0}, 'bands': {'path': 'GMKG', 'points': 20, 'supercell': [3, 3]}}
@@ -125,10 +103,7 @@ def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatc
         assert ('branch 1 at M by more than the 95 % interval.' in text) == (shells == 1)
         assert 'at G' not in text.partition('not enough here')[2].partition('\n')[0]  # where nothing moves it, and no interval is
         assert 'branch 1 at K' not in text.partition('not enough here')[2].partition('\n')[0]  # moved by less than the interval
-        origin = json.loads((tmp_path / f'out_{shells}' / 'provenance.json').read_text())['scene']
-        assert (origin['shells'] == 1) == (shells == 1)
-        if shells is None:
-            assert f'{origin["shells"]} shells of neighbours (shells = "auto")' in text
+        assert ('shells of neighbours (shells = "auto")' in text) == (shells is None)
     value, std = map(float, next(line for line in text.splitlines() if line.startswith('  M, branch 1')).split()[3:5])
     law, truths = InversePower(0.6 * 8**3.8, 3.8), []
     for kind in (AllNeighbours, MagneticRepulsion):
@@ -147,7 +122,7 @@ def test_every_command_says_it_and_check_in_full(command, name, words, tmp_path,
     where = {'check': [], 'explore': ['-o', str(tmp_path / 'x.html')]}.get(command, ['-o', str(tmp_path / 'out')])
     file = tmp_path / 'my.toml'
     file.write_text(ready_scene(name).read_text().replace('side_m = 0.3 ', 'side_m = 0.05 '))
-    main([command, '--verbose', str(file), *where])
+    main([command, *['--verbose'] * (command != 'explore'), str(file), *where])
     text = capsys.readouterr().out
     assert 'Nearest neighbours only (shells = 1): farther ones would shift ' in text or words is None
     assert words is None or words in text

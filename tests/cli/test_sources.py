@@ -61,9 +61,6 @@ def test_a_scene_through_a_pipe_finds_its_files_in_the_present_folder(desk, monk
     pipe(text, monkeypatch)
     assert main(['bands', '-']) == 0
     assert 'pictures and data are in stdin-bands' in capsys.readouterr().out
-    kept = desk / 'stdin-bands'
-    assert (kept / 'scene.toml').read_text() == text
-    assert (kept / 'law.csv').read_bytes() == (desk / 'law.csv').read_bytes()
     pipe(text, monkeypatch)
     (desk / 'law.csv').rename(desk / 'gone.csv')
     assert main(['check', '-']) == 2

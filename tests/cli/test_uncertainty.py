@@ -13,9 +13,8 @@ from magphonon.response.frf import receptance
 from magphonon.scenes.scene import read_scene
 from magphonon.scenes.tolerances import varied
 
-OWN = {'provenance.json', 'scene.toml'}
-BANDS = OWN | {'band_uncertainty.png', 'contributions.png', 'band_uncertainty.csv', 'band_uncertainty.npz'}
-FRF = OWN | {'frf_uncertainty.png', 'frf_uncertainty.csv', 'frf_uncertainty.npz'}
+BANDS = {'band_uncertainty.png', 'contributions.png', 'band_uncertainty.csv', 'band_uncertainty.npz'}
+FRF = {'frf_uncertainty.png', 'frf_uncertainty.csv', 'frf_uncertainty.npz'}
 
 
 def scene_file(folder, text):

@@ -10,7 +10,6 @@ from magphonon import Hertz, InversePower, MagneticRepulsion, Tabulated, lattice
 from magphonon.bands import band_path
 from magphonon.plotting import explorer
 from magphonon.plotting.explorer import Explorer
-from magphonon.stability import StabilityBoundary
 
 POWER = InversePower(0.2 * 10.0**4.5, 4.5)
 
@@ -46,7 +45,7 @@ class Seen(HTMLParser):
 def written(title='A lattice', scene='title = "A lattice"'):
     lattice = explored()
     at = lattice.exponents.values
-    return lattice, lattice.page(title, scene, scene, StabilityBoundary('exponent', at, np.maximum(0, 3 - at)))
+    return lattice, lattice.page(title, scene, scene, (at, np.maximum(0, 3 - at)))
 
 
 def test_the_page_refers_to_nothing_outside_itself():

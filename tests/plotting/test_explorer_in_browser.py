@@ -24,9 +24,9 @@ from magphonon import (
     units as u,
 )
 from magphonon.bands import band_path, bloch_modes
+from magphonon.cli.explore import border
 from magphonon.cli.main import main
 from magphonon.plotting import explorer
-from magphonon.stability import stability_boundary, stability_boundary_of_exponents
 
 playwright = pytest.importorskip('playwright.sync_api')
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
@@ -56,9 +56,7 @@ class Made:
     def page(self):
         cell = self.cell()
         shown = explorer.Explorer(cell, band_path(cell, None, 41))
-        border = (stability_boundary(cell, shown.scales) if shown.exponents is None
-                  else stability_boundary_of_exponents(cell, shown.exponents.values))
-        return shown.page(self.kind, 'title = "drawn"', 'title = "drawn"', border)
+        return shown.page(self.kind, 'title = "drawn"', 'title = "drawn"', border(shown))
 
 
 MADE = {

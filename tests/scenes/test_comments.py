@@ -46,13 +46,11 @@ def turn(k):
 
 QUOTED = {  # scene -> words with the number in quotes -> what it is
     'demultiplexer': {'with `1e-3` of the force': lambda: 4.5 ** -A},
-    'design': {'spacing of `10` mm': lambda: 1e3 * L},
     'gyro': {'so soft that `72` turns a minute': lambda: 7.5 / (2 * np.pi) * 60, 'of the bench, `7.5` rad/s': lambda: 15 / 2,
              'less `0.040` = m W^2': lambda: MASS * 7.5**2},
     'ideal': {'as `120` and': lambda: 19.0985931710274 * 2 * np.pi, '`400` rad/s': lambda: 63.6619772367581 * 2 * np.pi},
     'layer': {'`12 000` elementary': lambda: CHARGE,
               'above `1.11e-9`': lambda: reference()['layer']['gate'][0] ** 2 * 3.3e-20 / 8e-4**3},
-    'modulated': {'cut-off of `26.55` Hz': lambda: hertz(PILLAR / MASS)},
     'neighbours': {'from `58.2`': lambda: hertz((PILLAR + (2 * A - 6) * FORCE / L) / MASS),
                    'to `67.5` Hz': lambda: np.sqrt(1 + ROD) * shear('neighbours'),
                    '`27` % of a magnet': lambda: 100 * ROD, 'to `59.9` Hz': lambda: shear('neighbours'),
@@ -73,7 +71,6 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
     'square': {'= `94.8` N/m': lambda: 4 * FORCE / L, 'provide `157.4` N/m': lambda: 8 * PILLAR, 'cut-off, `75` Hz': lambda:
                hertz(8 * PILLAR / MASS), 'at X, `145.6` Hz': lambda: hertz((8 * PILLAR + 4 * A * FORCE / L) / MASS),
                'force of `0.24` N': lambda: FORCE},
-    'thermal': {'temperature_J = `2.369e-5`': lambda: FORCE * L / 100},
     'tolerances': {'chosen: `50` um': lambda: 1e6 * 0.5e-2 * L,
                    'to `0.6` %': lambda: 100 * np.sqrt(np.array([0.095, x := -0.0045 * A * np.log(L)])
                                                      @ [[1, -0.998], [-0.998, 1]] @ [0.095, x])},

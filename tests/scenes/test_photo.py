@@ -240,7 +240,7 @@ def test_relaxing_what_stands_at_rest_warns(tmp_path):
     ('x_px,y_px', 'points_px = [[0, 0], [9, 9]]', 'give the pixels of two known points'),
     ('x_px,y_px', 'points_px = [[1, 1], [1, 1]]\npoints_m = [[0, 0], [1, 0]]', 'give the pixels of two known points'),
     ('x_px,y_px', 'points_px = [[1, 1]]\npoints_m = [[0, 0]]', 'give the pixels of two known points'),
-    ('x_px,y_mm', '', 'has the columns x_px and y_mm; give both in pixels or none'),
+    ('x_px,y_mm', '', 'has the columns x_px, y_mm; give both in pixels or none'),
     ('x_mm,y_mm', 'points_px = [[0, 0], [9, 9]]', 'belong to a table with the columns x_px,y_px; remove them'),
     ('x_mm,y_mm', 'positions = "feet"', "lattice.positions must be one of 'anchors', 'rest'"),
     ('x_mm,y_mm', 'positions = "rest"\nrelaxed = true', 'positions = "rest" says that they are at rest; remove relaxed'),

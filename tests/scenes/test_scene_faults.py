@@ -3,7 +3,6 @@
 import copy
 import math
 import os
-import re
 import sys
 import tomllib
 from functools import partial
@@ -37,7 +36,7 @@ def refusal(file):
 
 # --- drawn faults ----------------------------------------------------------------------------------------------------
 
-SCENES = 'prototype', 'tolerances', 'vacancy', 'layer', 'design', 'oscillator'
+SCENES = 'prototype', 'tolerances', 'vacancy', 'layer', 'oscillator'
 DRAWN = 12
 """Scenes drawn from each ready one."""
 SCHEMA = Scene.model_json_schema()
@@ -266,7 +265,6 @@ def test_a_mass_in_another_unit(changes, words, scene_file):
 
 @pytest.mark.parametrize(('name', 'old', 'new', 'words'), [
     ('oscillator', 'theta0_deg = 30.0', 'theta0_deg = 90.1', 'lattice.theta0_deg must lie between 0 and 90 degrees, not 90.1'),
-    ('design', 'branch = 1', 'branch = 3', 'design.edge.branch must be at most 2'),
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_mass = 1.2e6}]',
      r'defects.substitutions[0].relative_mass must lie between 1e-06 and 1e+06'),
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_strength = 1.2e6}]',
@@ -280,13 +278,6 @@ def test_bounds_of_ready_scenes(name, old, new, words, tmp_path):
     assert old in text
     (tmp_path / 'my.toml').write_text(text.replace(old, new))
     assert words in refusal(tmp_path / 'my.toml')
-
-
-def test_the_gap_of_a_design_has_a_branch_above(tmp_path):
-    text = re.sub(r'\[design.edge\].*', '[design.gap]\nabove_branch = 2\nwidth_Hz = 1.0\n', ready_scene('design').read_text(),
-                  flags=re.DOTALL)
-    (tmp_path / 'my.toml').write_text(text)
-    assert 'design.gap.above_branch must be at most 1' in refusal(tmp_path / 'my.toml')
 
 
 def test_a_measured_force_in_place_of_the_grade(tmp_path):

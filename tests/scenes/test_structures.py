@@ -65,12 +65,8 @@ def test_commands_run_on_what_was_written(tmp_path, capsys):
     said = capsys.readouterr().out
     assert 'particles from mine.traj' in said
     assert 'squared frequencies by phonopy and of the complete model differ' in said
-    assert (tmp_path / 'out' / 'mine.traj').read_bytes() == (tmp_path / 'mine.traj').read_bytes()  # a copy that runs
-    assert main(['bands', '--verbose', str(tmp_path / 'out' / 'scene.toml'), '-o', str(tmp_path / 'again')]) == 0
-    assert ((tmp_path / 'out' / 'bands_complete.npz').read_bytes() == (tmp_path / 'again' / 'bands_complete.npz').read_bytes())
-    capsys.readouterr()
-    for command in ('burst', 'frf', 'design', 'uncertainty'):
-        assert main([command, scene, *(['-o', str(tmp_path / command)] if command != 'design' else [])]) == 2
+    for command in ('burst', 'frf', 'uncertainty'):
+        assert main([command, scene, '-o', str(tmp_path / command)]) == 2
         assert f'no table [{command}]' in capsys.readouterr().err
 
 
@@ -166,29 +162,6 @@ def test_files_of_ase_are_read_in_their_unit(name, tmp_path):
     with pytest.raises(ValueError, match='length_unit_m = 1e-10 makes the nearest particles 1e-11 m apart'):
         Scene.model_validate({'title': 'mine', 'lattice': lattice | {'length_unit_m': 1e-10}, 'law': LAW},
                              context={'folder': tmp_path})
-
-
-def test_structures_that_differ_have_other_contents(tmp_path):
-    """By these, results and journals of sweeps know what they are of: what is held counts, what a column is, and a saved law."""
-
-    def contents(lattice, law):
-        tables = {'title': 'mine', 'lattice': {'kind': 'file', **lattice}, 'law': law}
-        first, again = (Scene.model_validate(tables, context={'folder': tmp_path}).lattice.contents for _ in range(2))
-        assert first == again
-        return first
-
-    found = []
-    table = {'file': 'mine.csv', 'mass_kg': 1e-3, 'cell_m': [[0.01, 0.0], [0.0, 0.02]]}
-    for column, one, other in (('', '', ''), (',held', ',1', ',0'), (',strength', ',1', ',0.5'),
-                               (',stiffness_N_per_m', ',1000', ',500')):  # 1 and 0.5 N/mm
-        (tmp_path / 'mine.csv').write_text(f'x_m,y_m{column}\n0.0,0.0{one}\n0.0,0.01{other}\n')
-        found.append(contents(table, LAW))
-    atoms = lattices.square(10.0, 0.7)
-    for strength in (1.0, 2.0):
-        atoms.calc = MagneticRepulsion(atoms, InversePower(strength * B, 4.5824), foundation=1.0)
-        write_scene(atoms, tmp_path / 'saved.toml')
-        found.append(contents({'file': 'saved.traj'}, {'kind': 'saved'}))
-    assert len(set(found)) == len(found) == 6
 
 
 @pytest.mark.parametrize('column', ['kind', 'held', 'mass_kg', 'stiffness_N_per_m'])

@@ -5,7 +5,7 @@ import pytest
 from ase.constraints import FixedLine
 from scipy.optimize import least_squares
 
-from magphonon import InversePower, MagneticRepulsion, OnSite, Yukawa, lattices
+from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices
 from magphonon.bands import bloch_modes
 from magphonon.errors import PhysicsError
 from magphonon.interactions.pair_laws import higher_derivatives
@@ -158,40 +158,6 @@ def test_travelling_waves_of_drawn_cells():
         assert (W / w - 1) / A**2 == pytest.approx(shifts.curvature[wave], abs=tolerance)
         w, W = travelling_wave(cell, n, wave, A, 'conventional')  # the control
         assert abs((W / w - 1) / A**2 - shifts.curvature[wave]) > 10 * tolerance
-
-
-def test_the_duffing_chain_where_all_move_alike():
-    k, a, b = 3.0, 0.7, 1.3
-    law = OnSite.along((0, 1), lambda u: k * u**2 / 2 + a * u**3 / 3 + b * u**4 / 4, lambda u: k * u + a * u**2 + b * u**3,
-                       lambda u: k + 2 * a * u + 3 * b * u**2, k=[[5.0, 0.0]])
-    chain = lattices.chain(1.0, 1.0)
-    chain.calc = MagneticRepulsion(chain, LAW, foundation=law)
-    shifts = frequency_shifts(chain, (0, 0, 0))
-    assert shifts.omega == pytest.approx(np.sqrt([3.0, 5.0]))
-    assert shifts.curvature == pytest.approx([3 * b / (8 * k) - 5 * a**2 / (12 * k**2), 0.0], abs=1e-8)
-
-
-def site_law(rng, k):
-    """Cubic and quartic terms along two drawn directions on springs k."""
-    (n, m), b, c = rng.normal(size=(2, 2)), *rng.uniform(15, 25, 2)
-    nn, mm = np.outer(n, n), np.outer(m, m)
-    return OnSite(lambda d: b * (d @ n) ** 3 + c * (d @ m) ** 4,
-                  lambda d: (3 * b * (d @ n) ** 2)[:, None] * n + (4 * c * (d @ m) ** 3)[:, None] * m,
-                  lambda d: (6 * b * (d @ n))[:, None, None] * nn + (12 * c * (d @ m) ** 2)[:, None, None] * mm, k)
-
-
-def test_travelling_waves_on_a_law_of_the_site():
-    for seed in range(2):
-        rng = np.random.default_rng([seed, 47])
-        cell, n = drawn_cell(rng)
-        springs = frequency_shifts(cell, (1 / n, 0, 0))
-        cell.calc = cell.calc.about(cell, foundation=site_law(rng, cell.calc.foundation))
-        shifts, A = frequency_shifts(cell, (1 / n, 0, 0)), 0.0007
-        wave = int(rng.integers(len(shifts.omega)))
-        w, W = travelling_wave(cell, n, wave, A, 'complete')
-        tolerance = 5e-3 * abs(shifts.curvature[wave]) + 2e-3
-        assert (W / w - 1) / A**2 == pytest.approx(shifts.curvature[wave], abs=tolerance)
-        assert abs(shifts.curvature - springs.curvature)[wave] > 20 * tolerance  # the control
 
 
 def test_what_has_no_shift_is_refused_in_words():

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from magphonon import InversePower, MagneticRepulsion, lattices, verdict
-from magphonon.stability import amplitude_shifts, critical_spacing, critical_support, frequency_shifts, verdicts
+from magphonon.stability import amplitude_shifts, frequency_shifts, verdicts
+from magphonon.stability.buckling import critical_spacing, critical_support
+from magphonon.stiffness import LinearSystem
 
 
 def drawn(seed):
@@ -33,7 +35,7 @@ def test_supports_of_a_large_patch(seed):
         np.add.at(D, (i, j), -k if not magnets else k)
         np.add.at(D, (i, i), k if not magnets else -k)
         needed[magnets] = -np.linalg.eigvalsh(D[free][:, free])[0]
-        assert critical_support(patch, magnets=magnets)[0] == pytest.approx(needed[magnets], rel=1e-10)  # its digits
+        assert critical_support(LinearSystem.of(patch), magnets)[0] == pytest.approx(needed[magnets], rel=1e-10)  # its digits
     judged = verdict(patch)
     assert (judged.supports.wave, judged.supports.central) == (pytest.approx(needed[True]), pytest.approx(needed[False]))
     assert needed[True] > 1.2 * needed[False]  # the control: another law out of the plane is seen
@@ -61,7 +63,7 @@ def test_what_is_not_judged_is_said(monkeypatch):
     monkeypatch.setattr(verdicts, 'SPACED', size)
     judged = verdict(patch)
     assert not judged.unjudged
-    held = critical_spacing(patch)
+    held = critical_spacing(LinearSystem.of(patch))
     assert judged.buckling.spacing is None if held is None else judged.buckling.spacing == pytest.approx(10.0 * held)
     monkeypatch.setattr(verdicts, 'SPACED', size - 1)
     judged = verdict(patch)

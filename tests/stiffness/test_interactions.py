@@ -13,7 +13,6 @@ from magphonon import (
     lattices,
     relaxed,
 )
-from magphonon.bands import gruneisen_parameters
 from magphonon.design import SiteScatter, mode_scatter
 from magphonon.dynamics import refusal
 from magphonon.interactions import PairInteraction, UprightMagnets, Yukawa
@@ -136,18 +135,11 @@ def test_the_change_of_the_stiffness_is_its_derivative(law):
 
 @pytest.mark.parametrize('law', [UprightMagnets(UPRIGHT), TiltedDipoles(0.4)])
 def test_tools_that_were_for_central_forces_answer_for_any(law):
-    def bands_at(spacing):
-        cell = lattices.triangular(spacing, 0.7)
-        cell.calc = MagneticRepulsion(cell, law, foundation=[[1.0, 1.0, 3.0]])
-        return cell, cell.calc.bloch_matrix(np.array([[0.3, 0.1, 0.0]]))
-
-    (cell, _), (_, wide), (_, narrow) = (bands_at(L) for L in (10.0, 10.0 * np.exp(1e-4), 10.0 * np.exp(-1e-4)))
-    omega, gamma = gruneisen_parameters(cell, [[0.3, 0.1, 0.0]])
-    slopes = np.diff([np.sqrt(np.linalg.eigvalsh(D / 0.7)[0]) for D in (narrow, wide)], axis=0)[0] / 2e-4
-    assert gamma[0] == pytest.approx(-slopes / (2 * omega[0]), rel=1e-5)  # slopes exceed gamma, and cancel
+    cell = lattices.triangular(10.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, law, foundation=[[1.0, 1.0, 3.0]])
     energies = []
     for strain in (1e-4, -1e-4):
-        stretched = bands_at(10.0)[0]
+        stretched = lattices.triangular(10.0, 0.7)
         stretched.calc = MagneticRepulsion(cell, law)
         stretched.set_cell(stretched.cell * [1 + strain, 1, 1], scale_atoms=True)
         energies.append(stretched.get_potential_energy())

@@ -5,7 +5,7 @@ import pytest
 from oracles import second_derivatives
 
 from magphonon import InversePower, MagneticRepulsion, Yukawa, finite_displacements, lattices, phonopy_bands, units as u, verdict
-from magphonon.bands import band_path, bloch_modes, gruneisen_parameters, sound_speeds
+from magphonon.bands import band_path, bloch_modes, sound_speeds
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force
 from magphonon.interactions.magnets import Ring
@@ -78,17 +78,13 @@ def test_a_layer_keeps_its_supports_on_a_supercell_and_when_they_are_set():
     assert atoms.calc.in_plane().foundation == 2.0
 
 
-def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_lattice():
+def test_moduli_in_the_plane_are_those_of_the_planar_lattice():
     law = InversePower(6000.0, 4.5824)
     planar, layer = lattices.honeycomb(10.0, 0.7), lattices.honeycomb(10.0, 0.7)
     planar.calc = MagneticRepulsion(planar, law, shells=2)
     layer.calc = MagneticRepulsion(layer, law, shells=2, foundation=[[0.0, 0.0, 3.0]])
     constants = elastic_moduli(planar).constants
     assert elastic_moduli(layer).constants[:2, :2, :2, :2] == pytest.approx(constants, rel=1e-10, abs=1e-14)
-    q = [[0.3, 0.1, 0.0]]
-    (omega, gamma), (flat, expected) = gruneisen_parameters(layer, q), gruneisen_parameters(planar, q)
-    own = [abs(omega[0] - w).argmin() for w in flat[0]]
-    assert gamma[0][own] == pytest.approx(expected[0], rel=1e-9)
     layer.calc = MagneticRepulsion(layer, UprightMagnets(law), shells=2, foundation=[[0.0, 0.0, 3.0]])
     for tool in (elastic_moduli, frequency_shifts):
         with pytest.raises(ValueError, match='keep to motion in the plane'):

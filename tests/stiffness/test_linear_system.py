@@ -11,7 +11,7 @@ from magphonon.dynamics.engine import frequency_bound, highest_frequency
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
 from magphonon.stability.amplitude_shifts import frequency_shifts
-from magphonon.stability.buckling import critical_foundation, critical_support
+from magphonon.stability.buckling import critical_foundation
 from magphonon.stiffness.rest import LinearSystem
 
 OMEGA = np.linspace(0.1, 2.0, 5)
@@ -62,7 +62,7 @@ def test_stiffness_and_masses_are_those_of_the_forces(seed, model):
 
 
 @pytest.mark.parametrize('tool', [
-    modes, natural_frequencies, highest_frequency, frequency_shifts, critical_foundation, critical_support,
+    modes, natural_frequencies, highest_frequency, frequency_shifts, critical_foundation,
     lambda x: frequency_bound(x, 0.3), lambda x: harmonic_response(x, push(), OMEGA, 0.1).response,
     lambda x: frequency_response(x, push(), OMEGA, 0.1, [18]).response,
 ], ids=lambda tool: tool.__name__)

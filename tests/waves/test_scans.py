@@ -341,21 +341,6 @@ def test_a_universal_file_is_read_as_the_table_of_the_same_scan(nodes, label, le
     np.testing.assert_allclose(scan.motions['y'][:, order], table.motions['y'], atol=1e-4 * abs(table.motions['y']).max())
 
 
-def test_other_universal_files_are_refused_in_words(tmp_path):
-    pyuff = pytest.importorskip('pyuff')
-    (tmp_path / 'no.uff').write_text('picture')
-    for kind, abscissa, message in ((4, 18, r'its functions have the types \[4\], but a record over time has the type 1'),
-                                    (1, 17, 'records are of several kinds, or of none')):
-        one = {'type': 58, 'binary': 0, 'func_type': kind, 'rsp_node': 1, 'rsp_dir': 2, 'ref_node': 1, 'ref_dir': 3,
-               'data': np.arange(8.0), 'x': np.arange(8.0), 'abscissa_spec_data_type': abscissa, 'ordinate_spec_data_type': 12,
-               'orddenom_spec_data_type': 0}
-        pyuff.UFF(str(tmp_path / f'{kind}.uff')).write_sets([one], 'overwrite')
-        with pytest.raises(ValueError, match=message):
-            read_scan(tmp_path / f'{kind}.uff')
-    with pytest.raises(ValueError, match=r'holds no displacements or velocities over time|no universal file that pyuff reads'):
-        read_scan(tmp_path / 'no.uff')
-
-
 def test_places_may_stand_in_a_table_of_their_own(tmp_path, prototype):
     (tmp_path / 'points.csv').write_text('# by camera\npoint;x_mm;y_mm\n' + ''.join(f'A{k};{10 * k};3\n' for k in range(12)))
     places = read_places(tmp_path / 'points.csv')
