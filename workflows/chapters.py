@@ -95,7 +95,7 @@ CHAPTERS = (
     Chapter('vibrometer', 'paper', 'the branches of Eq. 18, the linear response and the complex wavenumber; the measured data of '
             'the paper are not published', 'Figs. 7 and 8'),
     Chapter('prototype_bands', 'paper', FORMULAS, 'Figs. S1 and S4'),
-    Chapter('magnets', 'paper', 'published forces (Robertson; Akoun and Yonnet), magpylib, and the law printed in the Supplement',
+    Chapter('magnets', 'paper', 'published forces (Robertson; Akoun and Yonnet) and the law printed in the Supplement',
             'Fig. S3'),
     Chapter('claims', 'paper', "the paper's formulas, and springs without static force in closed form", 'the text'),
     Chapter('neighbours', 'beyond', 'zeta functions and published lattice sums (Golden and Kalman; reference.toml)'),
