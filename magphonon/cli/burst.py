@@ -97,7 +97,7 @@ def _seen(row, cell, source):
 
 
 def _send(scene, k, cell, patch, engine):
-    """Patch, source and passage of burst number k; if the scene has a vibrometer, the row is measured with it."""
+    """Patch, source and passage of burst number k."""
     from ..dynamics.cages import Diverged
 
     try:
@@ -107,8 +107,6 @@ def _send(scene, k, cell, patch, engine):
         if unstable := _unstable(cell):
             raise ValueError(f'{what}: at {error.time:g} ms particles leave their sites. ' + ' '.join(unstable[1:])) from error
         raise ValueError(f'{what}: it diverged at {error.time:g} ms (particle {error.particle}); lower burst.force_N') from error
-    if scene.vibrometer is not None:
-        passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
     return patch, site, passage
 
 

@@ -60,17 +60,13 @@ def _responses(scene, plan, folder, save):
     from ..traits import LINEAR
 
     axes, lines, highest = None, [], []
-    pushed = plan.base_deg is None and plan.wall is None
+    pushed = plan.base_deg is None
     unit = units.m / units.N if pushed else 1.0
     names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
     for model, style in (('complete', '-'), ('conventional', '--')):
-        atoms, source, answer = scene.shaken(model, bench=True, wall=True)
+        atoms, source, answer = scene.shaken(model, bench=True)
         system = LinearSystem.of(atoms, *LINEAR)
-        if plan.wall is not None and model == 'complete':
-            moved = np.count_nonzero(source.any(axis=1))
-            lines.append(f'the wall: {moved} held particles on the side at {plan.wall.side_deg:g} degrees, moved along '
-                         f'{plan.wall.direction_deg:g} degrees')
-        result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
+        result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
         columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]

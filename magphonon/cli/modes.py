@@ -298,7 +298,7 @@ def other_neighbours(case: Case) -> list[str] | None:
         return _shifted(case, every, f'neighbours up to cutoff_m = {FARTHER * cutoff:.3g}')
     if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
         return None
-    enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
+    enough = scene.converged_shells(PAIRS) if system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
         return ['  the effect of farther neighbours on the modes of the patch was not computed']
     if enough.shells <= scene.law.asked:

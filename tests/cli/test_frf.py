@@ -7,11 +7,12 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import units
 from magphonon.cli.main import main
 from magphonon.response.frf import FrequencyResponse
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.scene import read_scene
 
 # Sec. III of the paper: vertical stiffness in N/m at the four angles in degrees, with D* and without; M = 1 kg
 STIFFNESS = {0.0: (2e4, 4e4), 30.0: (4.5e4, 6e4), 45.0: (7e4, 8e4), 90.0: (12e4, 12e4)}
@@ -57,7 +58,7 @@ def oscillator():
 @pytest.fixture(scope='module')
 def patch():
     """The prototype's magnets in a small patch."""
-    return ready_scene('prototype').read_text().partition('[patch]')[0] + PATCH
+    return ready_scene('bench').read_text().partition('[patch]')[0] + PATCH
 
 
 def table(folder):

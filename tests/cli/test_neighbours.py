@@ -145,6 +145,6 @@ def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
     text = capsys.readouterr().out
     assert re.search(r'branch 1 at the ridges by up to \+\d+ %', text)
     for name, warned in (('prototype', False), ('own.toml', True)):  # a ready scene says itself that it omits others
-        (tmp_path / 'own.toml').write_text(ready_scene('prototype').read_text())
+        (tmp_path / 'own.toml').write_text(ready_scene('bench').read_text())
         assert main(['fit', 'prototype_ridges', '--bands', name if name == 'prototype' else str(tmp_path / name)]) == 0
         assert ('farther ones would shift branch 1 at the ridges' in capsys.readouterr().out) == warned
