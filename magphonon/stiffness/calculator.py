@@ -287,8 +287,8 @@ class PairCalculator(Repulsion):
 
     def _displaced(self, u):
         moved = self.bonds.relative(u)
-        # As a lattice drifts, its particles reach the next cell one by one: both ends of a bond may be measured from different images
-        if np.einsum('ix,ix->', u, u) > self._shortest_period**2 / 16:  # or some of them are farther than a quarter of the period
+        # As a lattice drifts, its particles reach the next cell one by one: u of two ends may be measured from different images
+        if np.einsum('ix,ix->', u, u) > self._shortest_period**2 / 16:  # cheaper than the largest u
             moved = self._minimum_image(moved)
         return displaced(self.bonds, self.bond_vectors, moved, self.interaction, self.model)
 
