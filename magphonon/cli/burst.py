@@ -98,7 +98,7 @@ def _seen(row, cell, source):
 
 def _send(scene, k, cell, patch, engine):
     """Patch, source and passage of burst number k."""
-    from ..dynamics.cages import Diverged
+    from ..errors import Diverged
 
     try:
         site, passage = scene.burst.send(k, cell, patch, **engine)
