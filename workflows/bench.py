@@ -60,7 +60,7 @@ def judged(path, quantities, intervals, truths, control, least=LEAST, control_tr
     return [*rows, Check(f'{path}: share of {held.size} intervals of 95 %, of {len(held)} specimens, that contain the true value',
                          held.mean(), 1, 1 - least),
             Check(f'control: {path}, {without}: share of {wrong.size} intervals, of {len(wrong)} specimens', wrong.mean(), 1,
-                  1 - least, control=True)]
+                  1 - least, control=without)]
 
 
 def line_scan(lab, vectors, source, force, carrier_Hz, duration, rng, cycles=5, moved=bench.motion):
