@@ -21,12 +21,13 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
 from magphonon import errors
 from magphonon.cli import main, uncertainty
 from magphonon.response import frf
 from magphonon.scenes import band_fits
-from magphonon.scenes.scene import Scene, ready_scene, ready_scenes
+from magphonon.scenes.scene import Scene, ready_scenes
 
 resource = pytest.importorskip('resource')
 pytestmark = pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='the limit of memory needs to know what is used')
@@ -306,7 +307,7 @@ def tables(kind, folder):
         files = {f'{kind.__name__}.csv': table_text(kind(rng), rng)}
         if kind is forces:
             return verdict('fit', files, folder, pictures)
-        return verdict('fit', files | {'my.toml': ready_scene('prototype').read_bytes()}, folder, pictures, ['--bands'])
+        return verdict('fit', files | {'my.toml': ready_scene('bench').read_bytes()}, folder, pictures, ['--bands'])
     return one
 
 

@@ -24,6 +24,7 @@ from ..stability.buckling import common_spring, common_support, critical_foundat
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
+from . import neighbours
 from .neighbours import omitted, speeds
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class Case:
     @property
     def turned(self) -> bool:
         """Whether particles gyrate."""
-        return bool(np.any(self.atoms.calc.rate))
+        return self.atoms.calc.turning > 0
 
 
 REPORT = Findings()
@@ -115,8 +116,8 @@ def lattice(case: Case) -> Iterator[str]:
         force = repulsion(atoms.calc.law, given.spacing_m * units.m)
         yield (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
                f'f(L0) = {units.in_words("N", force)}')
-    if case.scene.defects or case.scene.disorder:
-        yield 'These are the bands of the perfect lattice; "magphonon modes" includes [defects] and [disorder].'
+    if case.scene.defects:
+        yield 'These are the bands of the perfect lattice; "magphonon modes" includes [defects].'
 
 
 @REPORT.remark
@@ -138,15 +139,17 @@ def tolerances(case: Case) -> Finding | None:
     """The standard deviations of the frequencies at special points; always printed, because the scene asks for them."""
     if case.spread is None:
         return None
-    lines = ['standard deviations due to [uncertainty] (Hz): in all, and by each cause alone']
-    stds = {'all': case.spread.std, **case.spread.contributions}
+    points, stds = points_on(case.path), {'all': case.spread.std, **case.spread.contributions}
+    lines, within = ['standard deviations due to [uncertainty] (Hz): in all, and by each cause alone'], {}
     lines += [f'{"":18}' + ''.join(f'{name:>{max(len(name) + 2, 12)}}' for name in stds)]
-    for name, point in points_on(case.path).items():
+    for name, point in points.items():
         at = abs(case.path.kpts - point).max(axis=1).argmin()
-        for branch in range(case.spread.values.shape[1]):
-            lines.append(f'{f"  {name}, branch {branch + 1}":18}'
-                         + ''.join(f'{units.hertz(std[at, branch]):{max(len(cause) + 2, 12)}.3g}' for cause, std in stds.items()))
-    return Finding(case.spread, '\n'.join(lines), fault=True)
+        for branch, (value, std) in enumerate(zip(case.spread.values[at], case.spread.std[at], strict=True), 1):
+            lines.append(f'{f"  {name}, branch {branch}":18}' + ''.join(
+                f'{units.hertz(each[at, branch - 1]):{max(len(cause) + 2, 12)}.3g}' for cause, each in stds.items()))
+            within |= {(name, branch): 1.96 * float(std / value)} if value > 0 else {}
+    few = neighbours.REPORT.find('not_enough', neighbours.Case(case.scene, points, within=within)).words
+    return Finding(case.spread, '\n'.join([*lines, *filter(None, [few])]), fault=True)
 
 
 @REPORT.remark

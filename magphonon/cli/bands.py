@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-import numpy as np
-
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 
@@ -21,7 +19,7 @@ HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> int:
@@ -36,7 +34,7 @@ def run(options: Namespace) -> int:
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
         spread = None if scene.uncertainty is None else _spread(scene, path, folder)
-        _draw(save, scene, bands, spread, options.fmax)
+        _draw(save, scene, bands, spread)
         case = Case(scene, atoms, bands, phonon, lossy, spread)
         told += REPORT.told(case, options.verbose)
     return int(REPORT.find('two_roads', case).fault)
@@ -48,7 +46,7 @@ def _bands(scene, atoms, path):
     from ..bands.force_constants import finite_displacements, phonopy_bands
 
     bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
-    if np.any(atoms.calc.rate):  # displacements alone do not show it
+    if atoms.calc.turning:  # displacements alone do not show it
         return bands, None
     try:
         phonon = finite_displacements(atoms, scene.supercell())
@@ -95,7 +93,7 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands, spread, highest_Hz):
+def _draw(save, scene, bands, spread):
     from ..bands.zone import PLANAR
     from ..plotting.bands import name_branches, plot_bands
     from ..plotting.response import plot_band_ribbons
@@ -110,7 +108,6 @@ def _draw(save, scene, bands, spread, highest_Hz):
     if 'phonopy' in bands:
         name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
         plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
-    ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.perfect_cell().pbc) == PLANAR:

@@ -205,7 +205,6 @@ def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
         told = (command.__doc__ or '').partition(': ')[2]  # python -OO leaves out docstrings
         subparser = commands.add_parser(name, help=command.HELP, description=told)
         command.add_arguments(subparser)
-        subparser.add_argument('--verbose', action='store_true', help='print everything that was found, not only the first line')
         flags = [flag for action in subparser._actions for flag in action.option_strings]
         subparser.set_defaults(run=command.run, command=name, flags=flags)
     return parser

@@ -23,7 +23,7 @@ from ..stiffness.bond import MODELS, Model
 from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
 from .laws import KINDS, TableLaw
-from .scene import Scene, parts_of, scene_of
+from .scene import Scene
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, exponent_at
 
@@ -121,9 +121,7 @@ class BandFits:
         off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
         tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
         if self.scene.law.shells == 1:
-            tables, particles = parts_of(self.scene)
-            tables['law']['shells'] = 'auto'
-            tried[NEIGHBOURS] = scene_of(tables, particles), []
+            tried[NEIGHBOURS] = self.scene.with_shells('auto'), []
         found = {}
         for name, (scene, without) in tried.items():
             with suppress(ValueError):  # too few points are left
@@ -192,8 +190,6 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 def parameters_in(scene: Scene) -> tuple[str, ...]:
     """The parameters of any scene, also of a finite structure or the oscillator, that a fit may vary."""
     shape = FITTED[one_of('law.kind', scene.law.kind, tuple(FITTED))].shape
-    if scene.laws_of_kinds:
-        raise ValueError('laws_of_kinds: a fit varies one law for all pairs; use particles of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
         raise ValueError('foundation.out_of_plane: a fit uses waves in the plane; remove this table')
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
@@ -342,7 +338,7 @@ def of_remanence(scene: Scene) -> Scene:
     """The scene with the remanence of its magnets in teslas instead of their grade, because a fit varies it."""
     if scene.law.kind != 'magnets' or not scene.law.grade:
         return scene
-    strength = {'grade': None, 'remanence_T': None if scene.law.calibration else grade_remanence(scene.law.grade) / u.T}
+    strength = {'grade': None, 'remanence_T': grade_remanence(scene.law.grade) / u.T}
     return scene.model_copy(update={'law': scene.law.model_copy(update=strength)})
 
 
@@ -376,7 +372,7 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     L = scene.lattice.spacing_m * u.m
     strength = FITTED[scene.law.kind].strength
     power = FITTED[scene.law.kind].parameters[strength].power
-    if getattr(scene.law, 'force_N', None) is not None or getattr(scene.law, 'calibration', None) is not None:
+    if getattr(scene.law, 'force_N', None) is not None:
         strength, power = 'force', 1
     wanted = repulsion(scene.law.potential(), L) * factors.get('force', 1.0)
     scene = varied(scene, {name: factor for name, factor in factors.items() if name in {EXPONENT, *PLACES} - {'force'}})

@@ -34,7 +34,6 @@ from .fields import (
 )
 
 if TYPE_CHECKING:
-    from ..dynamics.motion import Motion
     from ..waves.wave_source import Burst, BurstRecord, BurstSetup
 
 
@@ -80,26 +79,6 @@ class Pick(Table):
         return Dof(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
-class MovingWall(Table):
-    """A side of the held rim that moves to and fro, on a shaker, in place of a force."""
-
-    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the wall lies: it consists of the '
-                                        'held particles that lie farther in this direction than all free ones', examples=[270.0])
-    direction_deg: Angle = Field(description='the direction in degrees from the x axis in which the wall moves', examples=[0.0])
-
-    def of(self, patch: Atoms) -> NDArray[np.float64]:
-        """Displacements of the wall per unit of its amplitude, zero for all other particles; shape (particles, 3)."""
-        side, along = (np.array([np.cos(angle), np.sin(angle)]) for angle in (self.side_deg * u.deg, self.direction_deg * u.deg))
-        free, reach = freedom(patch)[0], patch.positions[:, :2] @ side
-        wall = ~free & (reach > reach[free].max() + 1e-6 * patch.calc.bonds.lengths.min())
-        if not wall.any():
-            raise ValueError(f'.side_deg = {self.side_deg!r}: no particle is held on this side of the free ones')
-        return wall[:, None] * np.append(along, 0.0)
-
-
-GYRATION_SEEN_FROM = 'bench', 'floor'
-
-
 class FrfPlan(Damped):
     """Displacement per harmonic force as a function of frequency; in a patch, the places of the force and of the response."""
 
@@ -110,12 +89,7 @@ class FrfPlan(Damped):
     base_deg: Angle | None = Field(None, description='the direction in degrees from the x axis in which the whole bench '
                                    'is shaken, in place of [frf.force]; the response is then per displacement of the bench, seen '
                                    'from the floor', examples=[90.0])
-    gyration_seen_from: Annotated[str, BeforeValidator(partial(one_of, '', choices=GYRATION_SEEN_FROM))] | None = Field(
-        None, description='with base_deg and particles that gyrate: "bench" if gyration turns the motion relative to the bench, '
-                          'as with gyroscopes on pillars, or "floor" if it turns all motion, that of the bench included, as on '
-                          'a rotating bench or for charges in a field', examples=['floor'])
     force: Pick | None = None
-    wall: MovingWall | None = None
     response: Pick | None = None
 
     @model_validator(mode='after')
@@ -139,17 +113,19 @@ class BurstPlan(Table):
     """Bursts through the patch, one after the other, each from rest."""
 
     source: Annotated[str, BeforeValidator(partial(one_of, '', choices=DRIVEN))] = Field(
-        description="'row' or 'point', for waves that enter at the lower edge of the patch; or 'bench' for a shaken bench: "
-                    'force_N is then the mass of the heaviest particle times the acceleration of the bench, and motion is '
-                    'relative to it')
+        'point', description="'row' or 'point', for waves that enter at the lower edge of the patch; or 'bench' for a shaken "
+                             'bench: force_N is then the mass of the heaviest particle times the acceleration of the bench, and '
+                             'motion is relative to it')
     carriers_Hz: Frequencies = Field(description='the carrier frequency of each burst in Hz')
-    directions_deg: Angles = Field(description='the direction of the force of each burst in degrees from the x axis')
+    directions_deg: Angles = Field((), description='the direction of the force of each burst in degrees from the x axis; by '
+                                                   'default 90, into the patch')
     cycles: Annotated[Positive, within(0.5, 1e6, 'carrier periods')] = Field(
-        description='the number of carrier periods in a burst')
+        5.0, description='the number of carrier periods in a burst')
     force_N: Force = Field(description='the largest force on a particle in N')
     damping_ratio: Annotated[NotNegative, within(0, 1, 'shares of critical damping')] = Field(
-        description='the damping, as a fraction of the critical damping at the carrier frequency')
-    duration_s: Duration = Field(description='the length of the record in s')
+        0.01, description='the damping, as a fraction of the critical damping at the carrier frequency')
+    duration_s: Duration | None = Field(None, description='the length of the record in s; by default three times the length of '
+                                                          'the longest burst')
     tolerance: Annotated[Positive, within(1e-9, 0.1, 'of the largest displacement')] | None = Field(
         None, description='the allowed error of the displacements due to time steps and arithmetic, as a fraction of the '
                           'largest displacement; by default steps are short, of order two and in double precision',
@@ -159,12 +135,15 @@ class BurstPlan(Table):
     def _belong_together(self):
         if not self.carriers_Hz:
             raise ValueError('.carriers_Hz names no burst; give at least one carrier')
+        longest = self.cycles / min(self.carriers_Hz)
+        own: Any = self.__dict__  # it is read-only for everybody else
+        own['directions_deg'] = self.directions_deg or (90.0,) * len(self.carriers_Hz)
+        own['duration_s'] = self.duration_s or 3 * longest
         if len(self.directions_deg) != len(self.carriers_Hz):
             raise ValueError(f'.directions_deg must hold a direction for each of the {len(self.carriers_Hz)} carriers, '
                              f'not {list(self.directions_deg)}')
         if len(set(self.names)) < len(self.names):
             raise ValueError(f' lists a burst twice, among {", ".join(self.names)}; keep one of them')
-        longest = self.cycles / min(self.carriers_Hz)
         if not self.duration_s > longest:
             raise ValueError(f'.duration_s must be longer than the longest burst, {longest:.6g} s, not {self.duration_s!r}')
         return self
@@ -196,16 +175,3 @@ class BurstPlan(Table):
                              f'{FEWEST}; enlarge [patch]')
         burst = self.burst(k, where)
         return where, run_burst(patch, where, burst.drive, burst.damping, burst.duration, tolerance=self.tolerance, **engine)
-
-
-class VibrometerPlan(Table):
-    """The virtual vibrometer that measures the row."""
-
-    sampling_rate_Hz: Frequency = Field(description='the sampling rate in Hz')
-    noise_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(description='the standard deviation of each sample in m')
-
-    def measure(self, row: Motion, seed: int = 0) -> Motion:
-        """The motion of a row as the vibrometer measures it; `seed` is that of its noise."""
-        from ..waves.vibrometer import sampled
-
-        return sampled(row, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)

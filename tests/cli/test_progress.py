@@ -56,7 +56,7 @@ CASES = [('bands', ['wavevectors', 'displacements']), ('frf', ['products'])]
 def test_bars(command, names, folder, monkeypatch):
     """On a terminal each kind of long work has its bar; elsewhere there is none."""
     asked = bars(monkeypatch)
-    arguments = [command, str(folder / 'prototype.toml'), '-o', str(folder / 'out')]
+    arguments = [command, str(folder / 'prototype.toml'), '-o', str(folder / 'out'), '--force']
     for stream, shown in ((Terminal(), True), (StringIO(), False)):
         monkeypatch.setattr(sys, 'stderr', stream)
         assert main(arguments) == 0

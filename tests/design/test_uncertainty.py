@@ -114,7 +114,7 @@ def test_contributions_add_up_and_correlated_ones_stay_together(scene):
 @pytest.mark.parametrize('law', [
     {'kind': 'dipoles', 'moment_A_m2': 0.0889}, {'kind': 'yukawa', 'strength_J_m': 1.5e-5, 'screening_length_m': 0.02},
     {'kind': 'table', 'distances_m': [0.008, 0.01, 0.012, 0.015], 'forces_N': [0.66, 0.2369, 0.103, 0.037]},
-    {'kind': 'magnets', 'remanence_T': 1.3, 'disc': {'diameter_m': 6e-3, 'height_m': 3e-3}}])
+    {'kind': 'magnets', 'remanence_T': 1.3, 'ring': {'outer_diameter_m': 6e-3, 'inner_diameter_m': 2e-3, 'height_m': 3e-3}}])
 def test_every_law_has_a_force_and_an_exponent(law):
     """Against differences of lattices whose spacing, force or springs are a part in 1e5 off."""
     data = tomllib.loads(ready_scene('prototype').read_text())
