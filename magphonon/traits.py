@@ -20,7 +20,6 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from ase.constraints import FixedPlane
-from numpy.typing import NDArray
 
 P = ParamSpec('P')
 R = TypeVar('R')
@@ -60,21 +59,11 @@ class Tool:
 
 TRAITS: dict[str, Trait] = {}
 TOOLS: dict[str, Tool] = {}
-MENDS: dict[tuple[str, str], str] = {}
-"""Advice for a particular tool and trait, by their names; it replaces the general advice of the trait."""
 _running: ContextVar[Tool | None] = ContextVar('the declared tool that runs', default=None)
 
 
-def takes(*names: str, **mends: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Declare that a tool accepts structures with these traits, and no others; the first argument named in HOLDERS is checked.
-
-    Parameters
-    ----------
-    *names : str
-        Names of traits in `TRAITS`.
-    **mends : str
-        Advice for users if the tool refuses a trait, in place of the trait's own advice; '_' in a name stands for a space.
-    """
+def takes(*names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Declare that a tool accepts structures with these traits, and no others; the first argument named in HOLDERS is checked."""
     taken = frozenset(names)
 
     def declared(tool: Callable[P, R]) -> Callable[P, R]:
@@ -83,7 +72,6 @@ def takes(*names: str, **mends: str) -> Callable[[Callable[P, R]], Callable[P, R
         given = next(name for name in arguments if name in HOLDERS)
         place = arguments.index(given)
         one = TOOLS[own] = Tool(own, tool.__module__, taken)
-        MENDS.update({(own, name.replace('_', ' ')): words for name, words in mends.items()})
 
         @wraps(tool)
         def run(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -134,13 +122,13 @@ def refusal(calc: Any, tool: Tool, trait: Trait) -> str:
 
     others = [other.name for other in sorted(TOOLS.values(), key=apart) if trait.name in other.takes]
     instead = f' ({", ".join(others[:NAMED])} do)' if others else ''
-    return f'{tool.name} does not support {trait.words}{instead}; {MENDS.get((tool.name, trait.name)) or trait.mend(calc)}'
+    return f'{tool.name} does not support {trait.words}{instead}; {trait.mend(calc)}'
 
 
 @cache
 def caller(*also: str) -> Tool:
     """The `Tool` for callers that declare nothing: it accepts what masses and stiffness describe, and the traits in `also`."""
-    return Tool('a tool without a declaration', __name__, frozenset((*KNOWN, *also)))
+    return Tool('a tool without a declaration', __name__, frozenset(('all neighbours', *LIKE, *also)))
 
 
 def running(*also: str) -> Tool:
@@ -157,12 +145,6 @@ def trait(name: str, words: str, mend: str | Callable[[Any], str]) -> Callable[[
     return declared
 
 
-def attracting(calc: Any) -> NDArray[np.intp]:
-    """Indices of the bonds whose force is attractive; none if forces are not along the bonds."""
-    law = calc.interaction.central(calc.dim)
-    return np.zeros(0, int) if law is None else np.flatnonzero(law.dphi(calc.bonds.lengths) > 0)
-
-
 def _held(atoms):
     """Whether constraints do more than keep planar particles in their plane."""
     return any(not isinstance(one, FixedPlane) or one.dir[:2].any() for one in atoms.constraints)
@@ -173,44 +155,19 @@ def _gyrating(calc):
             'gyration=0), or remove gyration_rad_per_s from the scene')
 
 
-def _attracted(calc):
-    b, bonds = attracting(calc)[0], calc.bonds
-    return f'particles {bonds.i[b]} and {bonds.j[b]} do; give all strengths the same sign'
-
-
-def _mixed(calc):
-    return (calc.strengths != 1).any() or hasattr(calc.laws, 'items')
-
-
-def _uneven(calc):
-    return np.ndim(calc.foundation) and np.ptp(calc.foundation, axis=0).any()
-
-
-def _differing(calc):
-    what = 'laws or strengths' * bool(_mixed(calc)), 'foundations' * bool(_uneven(calc))
-    return f'these have different {" and ".join(filter(None, what))}'
-
-
 trait('all neighbours', 'the sum over all neighbours (AllNeighbours), in which bonds are not known one by one',
       'attach atoms.calc = PairCalculator(atoms, law, ...) with a number of shells; in a scene give shells a number')(
     lambda atoms, calc: not calc.pairwise)
 trait('gyration', 'particles that gyrate', _gyrating)(lambda atoms, calc: np.any(calc.gyration))
 trait('constraints', 'particles that are held or guided', 'remove the constraints with atoms.set_constraint()')(
     lambda atoms, calc: _held(atoms))
-trait('out of plane', 'motion out of the plane', 'keep to motion in the plane with atoms.calc = atoms.calc.in_plane()')(
-    lambda atoms, calc: calc.layer)
 trait('conventional', "a calculator with model='conventional'", "set model='complete', as in atoms.calc.set(model='complete')")(
     lambda atoms, calc: calc.model != 'complete')
-trait('attraction', 'particles that attract each other', _attracted)(lambda atoms, calc: len(attracting(calc)))
 trait('oblique', 'forces that are not along the line between two particles',
       'if they are UprightMagnets, keep to motion in the plane with atoms.calc = atoms.calc.in_plane()')(
     lambda atoms, calc: calc.interaction.central(calc.dim) is None)
-trait('unlike', 'particles of different laws, strengths or springs', _differing)(
-    lambda atoms, calc: _mixed(calc) or _uneven(calc))
 
-LIKE = 'constraints', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike'
+LIKE = 'constraints', 'conventional', 'oblique'
 """Traits accepted by tools that use only masses and the stiffness K."""
 LINEAR = 'gyration', *LIKE
 """Traits accepted by tools that use M, B and K."""
-KNOWN = 'all neighbours', *LIKE
-"""Traits accepted from callers without a declaration, such as users' own tools."""

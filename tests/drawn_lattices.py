@@ -60,7 +60,7 @@ def drawn_force(kind, rng):
         return cube(side), f'[law.cuboid]\nlength_m = {side}\nwidth_m = {side}\nheight_m = {side}\n'
     outer, inner, height = n(2.6e-3, 3.1e-3), n(0.5e-3, 1.6e-3), n(2e-3, 5e-3)
     if kind == 'disc':
-        return ring(outer, 0, height), f'[law.disc]\ndiameter_m = {2 * outer}\nheight_m = {height}\n'
+        return ring(outer, 0, height), f'[law.ring]\nouter_diameter_m = {2 * outer}\nheight_m = {height}\n'
     return ring(outer, inner, height), (f'[law.ring]\nouter_diameter_m = {2 * outer}\ninner_diameter_m = {2 * inner}\n'
                                         f'height_m = {height}\n')
 

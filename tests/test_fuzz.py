@@ -21,12 +21,13 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from scene_files import ready_scene
 
 from magphonon import errors
 from magphonon.cli import main, uncertainty
 from magphonon.response import frf
 from magphonon.scenes import band_fits
-from magphonon.scenes.scene import Scene, ready_scene, ready_scenes
+from magphonon.scenes.scene import Scene, ready_scenes
 
 resource = pytest.importorskip('resource')
 pytestmark = pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='the limit of memory needs to know what is used')
@@ -43,9 +44,9 @@ NEAR = [0.5, 0.8, 0.99, 1.0001, 1.01, 1.2, 1.5, 2, 3]
 """Factors that leave most scenes what they are, and lead into the depths of a command."""
 CELLS = ['', 'x', 'nan', 'inf', '-1', '0', '1e300', '1e-300', '1e400', '0,5', '"a', '"1\n2"', '1' * 200, 'größe', '\0', '0x10',
          '1_0', ' ']
-COMMANDS = {'check': 95, 'design': 4, 'bands': 8, 'frf': 8, 'uncertainty': 4, 'burst': 4}
+COMMANDS = {'check': 99, 'bands': 8, 'frf': 8, 'uncertainty': 4, 'burst': 4}
 """How many scenes each command gets, 132 in all: most of them those that answer in a moment."""
-GENTLE = {'check': 0.1, 'design': 0.5, 'burst': 0.9}
+GENTLE = {'check': 0.1, 'burst': 0.9}
 """Probability that a mutation is a small one, 0.7 for commands that do not stand here: most of their scenes shall be answered."""
 
 
@@ -67,9 +68,6 @@ def small(scene, rng):
         for key in ('carriers_Hz', 'directions_deg'):
             scene['burst'][key] = [scene['burst'][key][one]]
         scene['burst']['duration_s'] = 1.5 * scene['burst']['cycles'] / scene['burst']['carriers_Hz'][0]
-    if 'targets' in scene.get('design', {}):
-        scene['design'] |= {'steps': 1, 'scatter': {'strength_percent': 1.0, 'draws': 1}}
-        scene['law']['shells'], scene['patch']['side_m'] = 1, 0.06
     if 'frf' in scene and 'response' in scene['frf']:
         scene['frf']['response']['at_m'] = [0.0, 3 * spacing]
     return scene
@@ -272,10 +270,9 @@ def verdict(command, files, folder, output=True, between=()):
         (desk / name).write_bytes(content)
     inputs, out = [desk / name for name in files], desk / 'out'
     arguments = [command, *map(str, inputs[:-1]), *between, str(inputs[-1])]
-    if output and command not in ('check', 'design'):
+    if output and command != 'check':
         arguments += ['-o', str(out)]
-    faults, status = judged(arguments, inputs, out, seconds=60 if command == 'design' else 20)  # every site of a patch takes 18
-    return faults, status
+    return judged(arguments, inputs, out)
 
 
 @pytest.fixture(autouse=True)
@@ -310,7 +307,7 @@ def tables(kind, folder):
         files = {f'{kind.__name__}.csv': table_text(kind(rng), rng)}
         if kind is forces:
             return verdict('fit', files, folder, pictures)
-        return verdict('fit', files | {'my.toml': ready_scene('prototype').read_bytes()}, folder, pictures, ['--bands'])
+        return verdict('fit', files | {'my.toml': ready_scene('bench').read_bytes()}, folder, pictures, ['--bands'])
     return one
 
 

@@ -522,26 +522,6 @@ def test_a_shaken_bench_takes_gyration_along_or_not():
         receptance(patch, d, answer, omega, damping, 'moon')
 
 
-def test_a_scene_says_what_gyration_turns_on_a_shaken_bench(tmp_path, capsys):
-    lattice = ready_scene('walls').read_text()
-    for long, short in (('cells_1 = 30', 'cells_1 = 6'), ('cells_2 = 20', 'cells_2 = 5'), ('points = 126', 'points = 5')):
-        lattice = lattice.replace(long, short)
-    head = lattice[: lattice.index('[frf.wall]')]
-    response = lattice[lattice.index('[frf.response]') :]
-    head = head.replace('[lattice]\n', '[lattice]\ngyration_rad_per_s = 60.0\n', 1)
-    peaks = []
-    for n, said in enumerate(('', 'gyration_seen_from = "bench"\n', 'gyration_seen_from = "floor"\n')):
-        (tmp_path / 'scene.toml').write_text(f'{head}base_deg = 0.0\n{said}\n{response}')
-        ends = main(['frf', '--verbose', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / f'{n}')])
-        if not said:
-            assert ends == 2
-            assert 'frf.gyration_seen_from: particles gyrate on a shaken bench' in capsys.readouterr().err
-        else:
-            assert ends == 0
-            peaks.append(np.genfromtxt(tmp_path / f'{n}' / 'frf.csv', delimiter=',', names=True)['complete_amplitude'])
-    assert abs(peaks[0] / peaks[1] - 1).max() > 0.02
-
-
 @pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
 def test_check_judges_a_scene_on_both_sides_of_what_gyration_holds(tmp_path, capsys, g, stable):
     write_scene(hill(g), tmp_path / 'hill.toml')
@@ -625,7 +605,7 @@ def test_bursts_reach_the_branches_above_all_stiffness(turn):
 
 @pytest.mark.slow
 def test_bursts_of_particles_that_gyrate_follow_their_branches(tmp_path, capsys):
-    text = ready_scene('prototype').read_text().replace('mass_kg = 7.07e-4 ', 'gyration_rad_per_s = 300.0\nmass_kg = 7.07e-4 ')
+    text = ready_scene('bench').read_text().replace('mass_kg = 7.07e-4 ', 'gyration_rad_per_s = 300.0\nmass_kg = 7.07e-4 ')
     for key, value in (('side_m', '0.24'), ('carriers_Hz', '[36]'), ('directions_deg', '[90]'), ('noise_m', '1e-9')):
         text = re.sub(rf'^{key} = .*', f'{key} = {value}', text, flags=re.MULTILINE)
     (tmp_path / 'scene.toml').write_text(text)

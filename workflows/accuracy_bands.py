@@ -66,8 +66,9 @@ def checks(one, many):
         Check('phonopy, order of the error, displaced to both sides', both, 2, 0.03),  # next: (d/L0)^2, 1e-4, and its coefficient
         Check('ase.phonons, order of the error', order('ase.phonons 3x3'), 2, 0.03),
         Check('phonopy, order of the error, displaced to one side', one_side, 1, 0.03),
-        Check('control: phonopy, displaced to one side, taken as second order', one_side, 2, 0.3, control=True),
-        Check('control: error of a supercell of 1 x 1', errors('phonopy n x n')[0], 0, 0.1, control=True),
+        Check('control: phonopy, displaced to one side, taken as second order', one_side, 2, 0.3,
+              control='one-sided differences'),
+        Check('control: error of a supercell of 1 x 1', errors('phonopy n x n')[0], 0, 0.1, control='a supercell of one cell'),
         *(Check(f'{method}, error of the lowest branches of a large cell', found[method], 0, 1e-12)
           for method in ('dense, all branches', 'Bloch matrix, lowest')),
     ]

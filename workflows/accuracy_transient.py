@@ -179,12 +179,12 @@ def judged(panel, table):
     """Checks of errors and counts, which are the same on all machines."""
     series = {m.setting: m for m in table if m.method == SERIES}
     checks = [Check(f'transient, {panel}: error of the series at tolerance 1e-09', series['tolerance = 1e-09'].error, 0.0, 1e-9,
-                    consistency=True)]
+                    by='two methods')]
     steps = cheapest([m for m in table if m.method == VERLET], TARGET)
     if steps:
         share = series['tolerance = 1e-06'].cost['products'] / steps.cost['force evaluations']
         checks.append(Check(f'transient, {panel}: products of the series / steps of Verlet, both at 1e-6', share, 0.0, 1e-2,
-                            consistency=True))
+                            by='two methods'))
     return checks
 
 

@@ -60,7 +60,7 @@ def judged(path, quantities, intervals, truths, control, least=LEAST, control_tr
     return [*rows, Check(f'{path}: share of {held.size} intervals of 95 %, of {len(held)} specimens, that contain the true value',
                          held.mean(), 1, 1 - least),
             Check(f'control: {path}, {without}: share of {wrong.size} intervals, of {len(wrong)} specimens', wrong.mean(), 1,
-                  1 - least, control=True)]
+                  1 - least, control=without)]
 
 
 def line_scan(lab, vectors, source, force, carrier_Hz, duration, rng, cycles=5, moved=bench.motion):
@@ -216,7 +216,7 @@ def scene_of_particles(lab, places, cutoff):
         Path(folder, 'places.csv').write_text('\n'.join(['x_m,y_m,held', *rows]), encoding='utf-8')
         (file := Path(folder, 'bench.toml')).write_text(
             'title = "bench"\n[lattice]\nkind = "file"\nfile = "places.csv"\nmass_kg = 8e-4\npositions = "anchors"\n'
-            f'cutoff_m = {cutoff}\n[law]\nkind = "magnets"\nremanence_T = 1.27\nshells = 1\n[law.disc]\ndiameter_m = 5e-3\n'
+            f'cutoff_m = {cutoff}\n[law]\nkind = "magnets"\nremanence_T = 1.27\nshells = 1\n[law.ring]\nouter_diameter_m = 5e-3\n'
             'height_m = 5e-3\n[foundation]\n'
             'stiffness_N_per_m = 22.0\nstiffness_y_N_per_m = 22.5\n[frf]\nfrom_Hz = 8.0\nto_Hz = 160.0\npoints = 140\n'
             'damping_per_s = 7.0\n[frf.force]\nat_m = [0.0, 0.0]\ndirection_deg = 40.0\n[frf.response]\n'

@@ -35,7 +35,7 @@ def main(out):
               abs(conventional.omega[:, 1] ** 2 - along).max() / top, 0.0, 1e-12),
         Check('chain transverse omega^2, complete: misfit / largest value', abs(transverse - across).max() / top, 0.0, 1e-12),
         Check('control: transverse omega^2, D0 alone: misfit / largest value',
-              abs(conventional.omega[:, 0] ** 2 - across).max() / top, 0.0, 0.1, control=True),
+              abs(conventional.omega[:, 0] ** 2 - across).max() / top, 0.0, 0.1, control='D0'),
     ]
     bare = cell.copy()
     bare.calc = MagneticRepulsion(bare, law)

@@ -92,7 +92,7 @@ def without_static_force():
     return [*pairs("springs without static force (phi' = 0), M, complete model", at_M(L0, 'complete') / free, (1, 1), 1e-12,
                    BRANCHES),
             Check('control: these springs compressed by 10 %, shear at M, complete / D0 alone',
-                  at_M(1.1 * L0, 'complete')[0] / at_M(1.1 * L0, 'conventional')[0], 1, 0.05, control=True)]
+                  at_M(1.1 * L0, 'complete')[0] / at_M(1.1 * L0, 'conventional')[0], 1, 0.05, control='D0')]
 
 
 def never_hardens():
@@ -109,7 +109,7 @@ def never_hardens():
     repulsive = [largest(InversePower(1.0, rng.uniform(0.5, 8)), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     pulling = [largest(Spring(1.0, 0.1), rng) for rng in map(np.random.default_rng, range(DRAWN))]
     return [Check(f'{what}, repulsive laws', max(0, *repulsive), 0, 1e-12),
-            Check(f'control: {what}, for springs that pull (smallest value)', min(pulling), 0, 1e-3, control=True)]
+            Check(f'control: {what}, for springs that pull (smallest value)', min(pulling), 0, 1e-3, control='springs that pull')]
 
 
 def frequency_at_M(model, amplitude):
@@ -150,7 +150,7 @@ def at_every_amplitude(paper):
         at = f'M shear in time at an amplitude of {A:g} L0'
         rows += [Check(f'{at} (rad/s)', complete, paper['M_complete'][0], 1e-6),
                  Check(f'{at}, complete / D0 alone', complete / conventional, 0.5, 1e-6),
-                 Check(f'control: {at}, D0 alone (rad/s)', conventional, paper['M_complete'][0], 0.5, control=True)]
+                 Check(f'control: {at}, D0 alone (rad/s)', conventional, paper['M_complete'][0], 0.5, control='D0')]
     return [*rows, Reported(f'M shear in time at an amplitude of {VISIBLE:g} L0 (rad/s), and of small motion',
                             frequency_at_M('complete', VISIBLE), paper['M_complete'][0])]
 
@@ -161,7 +161,7 @@ def literal_update(paper):
     what = 'M shear in time, only the magnitude updated'
     return [Check(f'{what}, against D0 alone (rad/s)', here, paper['M_conventional'][0], 1e-6),
             Check('control: M shear in time, only the magnitude updated, against D0 + D* (rad/s)',
-                  here, paper['M_complete'][0], 0.5, control=True)]
+                  here, paper['M_complete'][0], 0.5, control='only the magnitude updated')]
 
 
 def loop_work():
@@ -189,7 +189,8 @@ def loop_work():
     what = 'work around a loop of radius u / (f L0 (u/L0)^3)'
     return [Check(f'{what}, complete model', scaled('complete').max(), 0, 1e-6),
             Check('work around this loop, D0 alone with projected lengths', scaled('conventional').max(), 0, 1e-6),
-            Check('control: work around this loop, only the magnitude updated', scaled('literal').max(), 0, 1e-6, control=True),
+            Check('control: work around this loop, only the magnitude updated', scaled('literal').max(), 0, 1e-6,
+                  control='only the magnitude updated'),
             Check('power of the radius in the work, if only the magnitude of the force is updated', power, 3, 0.02)]
 
 

@@ -35,7 +35,7 @@ def main(out):
                         BRANCHES)
         bands[model] = analytic_bands(cell, path, model, vectors=True)
     at_M = analytic_bands(cell, corners, 'conventional').omega[0, 0] / (units.rad / units.s)
-    checks.append(Check('control: D0 alone at M shear (rad/s)', at_M, paper['M_complete'][0], 0.3, control=True))
+    checks.append(Check('control: D0 alone at M shear (rad/s)', at_M, paper['M_complete'][0], 0.3, control='D0'))
     checks.append(Check('ideal step limit 2/omega_max (s)', 2 / bands['complete'].omega.max() / units.s, paper['dt_limit'], 1e-9))
 
     complete, conventional = (zone_map(cell, model=model) for model in ('complete', 'conventional'))

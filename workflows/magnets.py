@@ -6,7 +6,7 @@ from importlib.resources import files
 import numpy as np
 from scipy.optimize import curve_fit
 
-from magphonon import read_scene, ready_scene, units as u
+from magphonon import InversePower, read_scene, ready_scene, units as u
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import read_forces
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_force
@@ -30,6 +30,15 @@ OBLIQUE = [(-4, (0.60, 0.60, -1.76)), (4, (-0.60, 0.60, -1.76)), (10, (-1.10, 0.
 """Force in N on a cuboid of 12 x 20 x 6 mm, 0.38 T, at (x, -4, 8) mm from one of 20 x 12 x 6 mm: read off the figure of
 Akoun and Yonnet, IEEE Trans. Magn. 20, 1962 (1984)."""
 
+MAGNETS = {'ring': {'diameter_m': 6.35e-3, 'bore_m': 1.5875e-3, 'height_m': 3.175e-3, 'remanence_T': 1.3},
+           'disc': {'diameter_m': 5e-3, 'bore_m': 0.0, 'height_m': 5e-3, 'remanence_T': 1.32},
+           'cuboid': {'sides_m': (5e-3, 4e-3, 3e-3), 'remanence_T': 1.2}}
+MAGPYLIB = 'open code or data: magpylib 6.3.0'
+BY_MAGPYLIB = {'ring': {7: 2.05538210050956, 10: 0.37700955640567, 15: 0.06380700478424},
+               'disc': {7: 1.06356952042677, 10: 0.28829449128715, 15: 0.06054512872955},
+               'cuboid': {7: 0.61182658080476, 10: 0.12286804497387, 15: 0.02156541194525}}
+"""Force in N between two of them side by side, at distances in mm, by the field of magpylib 6.3.0 on the charges of the faces."""
+
 
 def main(out):
     """Forces against published ones, the paper's fit beside the computed law, and the synthetic measurement fitted."""
@@ -38,7 +47,7 @@ def main(out):
     ring, law, L0 = scene.law.magnet(), scene.law.potential(), scene.lattice.spacing_m * u.m
     fits, fit_checks = fitted(law, L0)
     return Outcome(
-        [*published(), *spheres(), *beside_the_fit(ring, law, L0, paper), *fit_checks],
+        [*published(), *side_by_side(), *spheres(), *beside_the_fit(ring, law, L0, paper), *fit_checks],
         [draw_law(out, ring, law, L0, paper), draw_fit(out, fits)])
 
 
@@ -48,10 +57,30 @@ def published():
     for one, other, force in COAXIAL:
         first, second = (Ring(diameter, 0, height, 1.3 * u.T) for diameter, height in (one, other))
         here = abs(pair_force(first, second, (0, 0, 50 * u.mm))[2]) / u.N
-        checks.append(Check(f'coaxial cylinders {one} and {other} mm (N)', here, force, 6e-4 / force))  # printed to 1e-3
+        checks.append(Check(f'coaxial cylinders {one} and {other} mm (N)', here, force, 6e-4 / force,  # printed to 1e-3
+                            by='open code or data: tests of magcode (Robertson)'))
     lower, upper = Cuboid(20, 12, 6, 0.38 * u.T), Cuboid(12, 20, 6, 0.38 * u.T)
     off = [pair_force(lower, upper, (x, -4, 8)) - force for x, force in OBLIQUE]
-    checks.append(Check('oblique cuboids: largest distance from the published figure (N)', np.abs(off).max(), 0, 0.035))
+    checks.append(Check('oblique cuboids: largest distance from the published figure (N)', np.abs(off).max(), 0, 0.035,
+                        by='printed: Akoun and Yonnet, IEEE Trans. Magn. 20, 1962, figure'))
+    return checks
+
+
+def side_by_side():
+    """Forces of three kinds of magnets against those by magpylib; the control takes them for point dipoles."""
+    checks = []
+    for name, forces in BY_MAGPYLIB.items():
+        given = MAGNETS[name]
+        if 'sides_m' in given:
+            magnet = Cuboid(*(side * u.m for side in given['sides_m']), given['remanence_T'] * u.T)
+        else:
+            magnet = Ring(*(given[f'{what}_m'] * u.m for what in ('diameter', 'bore', 'height')), given['remanence_T'] * u.T)
+        dipoles = InversePower.dipoles(magnet.remanence / u.mu0 * magnet.volume)
+        for r, force in forces.items():
+            here = pair_force(magnet, magnet, (r * u.mm, 0, 0))[0] / u.N
+            checks.append(Check(f'two magnets {r} mm apart, {name} (N)', here, force, 1e-8, by=MAGPYLIB))
+        checks.append(Check(f'control: two magnets {r} mm apart, {name}, as point dipoles (N)',
+                            repulsion(dipoles, r * u.mm) / u.N, force, 1e-3, control='point dipoles', by=MAGPYLIB))
     return checks
 
 
@@ -77,7 +106,8 @@ def beside_the_fit(ring, law, L0, paper):
     stiffness = -pair_force(ring, ring, (L0, 0, lift))[2] / lift
     fit = paper['f_at_spacing'] * u.N
     return [
-        Check('ring: mass at 7.5 g/cm3 (g)', DENSITY * ring.volume, paper['mass'] * u.kg, 1e-3),
+        Check('ring: mass at 7.5 g/cm3 (g)', DENSITY * ring.volume, paper['mass'] * u.kg, 1e-3,
+              by='printed: arXiv:1911.10410, Supplement'),
         *(Reported(f'exponent of the ring law fitted from {near} to {far} mm, and in the paper',
                    fitted_exponent(law, near, far), paper['a']) for near, far in WINDOWS),
         Reported('force at 10 mm, computed / fitted: not explained', f / fit, 1),
@@ -85,7 +115,8 @@ def beside_the_fit(ring, law, L0, paper):
         *(Reported(f'mass at 7.5 g/cm3 {what} (kg), and in the paper', DENSITY * other.volume / u.kg, paper['mass'])
           for what, other in other_shapes(ring).items()),
         Check('out-of-plane stiffness of a bond / -(a_loc - 1) f/r', stiffness / (-(a - 1) * f / L0), 1, 1e-6),
-        Check('control: out-of-plane stiffness of a bond / -f/r of a central law', stiffness / (-f / L0), 1, 1, control=True),
+        Check('control: out-of-plane stiffness of a bond / -f/r of a central law', stiffness / (-f / L0), 1, 1,
+              control='a force along the bond'),
     ]
 
 
@@ -167,8 +198,9 @@ def fitted(law, L0):
         Check('synthetic set: ln of the force at 10 mm minus the true one (sigma)', np.log(fit.force / true) / sigma, 0, 3),
         Check('synthetic set: exponent at 10 mm minus the true one (sigma)',
               (fit.exponent - local_exponent(law, L0)) / (fit.half_widths[2] / 1.96), 0, 3),
-        Check('control: force of an inverse power (sigma)', (f - true) / np.sqrt(covariance[0, 0]), 0, 3, control=True),
-        Check('control: chi2/freedom of the inverse power', left @ left / (len(left) - 2), 1, 1, control=True),
+        Check('control: force of an inverse power (sigma)', (f - true) / np.sqrt(covariance[0, 0]), 0, 3,
+              control='an inverse power'),
+        Check('control: chi2/freedom of the inverse power', left @ left / (len(left) - 2), 1, 1, control='an inverse power'),
     ]
 
 

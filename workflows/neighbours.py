@@ -43,7 +43,7 @@ def main(out):
     patch, rest = _relaxation()
     f = repulsion(patch.calc.laws, 10 * units.mm)
     checks += [Check('control: force left on a row inside the rim, third neighbours, unrelaxed (f(L0))', rest.before / f, 0, 0.1,
-                     control=True),
+                     control='magnets that stay in place'),
                Check('force left on this row once relaxed (f(L0))', rest.after / f, 0, 1e-9)]
     return Outcome(checks, [_draw_shells(out), _draw_prototype(out), _draw_relaxation(out, patch, rest)])
 
@@ -68,7 +68,7 @@ def _closed_forms(known):
               bloch_modes(chain, [M])[0][0, 1] ** 2 / nearest[1], known['dipole_chain_edge_squared'], 1e-12),
         Check('Bloch matrix with another split of the sums, relative difference',
               abs(ours - other).max() / abs(ours).max(), 0, 1e-11,
-              consistency=True),
+              by='two methods'),
     ]
 
 
@@ -83,7 +83,8 @@ def _prototype(known):
     return [
         *pairs('prototype M, all neighbours (Hz)', at_M(everyone), known['prototype_M_Hz'], 1e-9, BRANCHES),
         Check('M shear, direct sum over 30 spacings (Hz)', shear[3], known['prototype_M_Hz'][0], 1e-4),
-        Check('control: M shear of nearest neighbours (Hz)', shear[0], known['prototype_M_Hz'][0], 0.1, control=True),
+        Check('control: M shear of nearest neighbours (Hz)', shear[0], known['prototype_M_Hz'][0], 0.1,
+              control='nearest neighbours'),
         Check('moving mass of the pillar / mass of the magnet', share, known['pillar_share'], 1e-3),
         *(Reported(f'{branch} at M, all neighbours and the pillars\' mass / the paper\'s model', heavy / paper, 1)
           for branch, heavy, paper in zip(('shear', 'longitudinal'), at_M(heavier), at_M(nearest), strict=True)),

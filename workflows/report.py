@@ -14,10 +14,10 @@ from magphonon.files import whole_file
 
 from .chapters import CHAPTERS, CLAIMS, PAPER, PARTS
 from .neighbours import AS_BUILT, EFFECTS, PLACES
-from .rows import DPI, number
+from .rows import DPI, SOURCES, number
 
-SOURCES = Path(__file__).parent
-HEAD = ('quantity', 'here', 'reference', 'difference', 'allowed', 'verdict')
+FOLDER = Path(__file__).parent
+HEAD = ('quantity', 'here', 'reference', 'reference by', 'difference', 'allowed', 'verdict')
 BUILT_HEAD = ('of the prototype (Hz)', *EFFECTS.values())
 CLAIM_HEAD = ('the paper claims', 'here', 'reference', 'without D*', 'verdict', 'source of the reference')
 SCREEN = 120
@@ -41,14 +41,17 @@ def text_table(outcomes):
     return '\n'.join('  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows)
 
 
+def counts(outcomes):
+    """Number of rows that pass, by kind, and of those that fail: {'printed': ..., 'control': ..., 'FAIL': ...}."""
+    checks = [check for outcome in outcomes.values() for check in outcome.checks]
+    return Counter(check.kind if check.passed else 'FAIL' for check in checks)
+
+
 def counted(outcomes):
     """One sentence that says how many rows of each kind pass, and how many fail."""
-    checks = [check for outcome in outcomes.values() for check in outcome.checks]
-    count = Counter(check.kind for check in checks if check.passed)
-    failed = sum(not check.passed for check in checks)
-    return (f'{count["reproduction"]} numbers agree with a reference from outside the package, {count["consistency"]} with '
-            f'another method of the package; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers '
-            f'are reported without a reference; {failed} rows fail')
+    count = counts(outcomes)
+    return (f'References: {", ".join(f"{count[source]} {source}" for source in SOURCES)}. {count["control"]} wrong models '
+            f'differ, as they must; {count["reported"]} numbers are reported without a reference; {count["FAIL"]} rows fail')
 
 
 def write_summary(path, outcomes):
@@ -72,7 +75,7 @@ def page(path, outcomes, provenance):
     """The text of `report.html`, which will be at `path`: its links lead to the files beside it."""
     from jinja2 import Environment, FileSystemLoader
 
-    engine = Environment(loader=FileSystemLoader(SOURCES), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    engine = Environment(loader=FileSystemLoader(FOLDER), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     engine.filters['typeset'] = typeset
     engine.filters['embedded'] = embedded
     figures = {}  # running numbers, over all chapters
@@ -83,13 +86,13 @@ def page(path, outcomes, provenance):
     claims = [claim.judged(outcomes[claim.workflow]) for claim in CLAIMS if claim.workflow in outcomes]
     parts = [(key, title, [chapter for chapter in CHAPTERS if chapter.part == key and chapter.name in outcomes])
              for key, title in PARTS.items()]
-    sources = path.resolve().parent if path.resolve().is_relative_to(SOURCES.parent) else None
+    sources = path.resolve().parent if path.resolve().is_relative_to(FOLDER.parent) else None
     return engine.get_template('report_page.html').render(
         version=__version__, paper=PAPER, provenance=provenance, counted=counted(outcomes), head=HEAD, claim_head=CLAIM_HEAD,
         claims=claims, built_head=BUILT_HEAD, built=as_built(outcomes.get('neighbours')),
-        scripts={name: (SOURCES / f'{name}.py').read_text(encoding='utf-8') for name in outcomes},
+        scripts={name: (FOLDER / f'{name}.py').read_text(encoding='utf-8') for name in outcomes},
         parts=parts, outcomes=outcomes, figures=figures, folder=path.parent,
-        sources=sources and Path(os.path.relpath(SOURCES, sources)).as_posix())
+        sources=sources and Path(os.path.relpath(FOLDER, sources)).as_posix())
 
 
 def as_built(outcome):

@@ -11,6 +11,14 @@ DPI = 220
 """Pixels per inch of the pictures: a column of a journal, 3.4 inches, is 750 pixels wide."""
 BRANCHES = 'shear', 'longitudinal'
 """Names of the two branches of a planar lattice, by ascending frequency."""
+SOURCES = {
+    'printed': 'printed in a publication, with its page, figure or equation',
+    'open code or data': 'from a code or data of others, which is named with its version',
+    'closed form': 'derived for the workflow by other means than those of the package',
+    'two methods': 'from another method of the package: two methods agree, which reproduces nothing',
+    'memory': 'quoted from memory',
+}
+"""By whom a reference may be."""
 ROUNDING = 1e-9
 """A quantity that should vanish and is smaller than this is zero to rounding: its digits mean nothing."""
 
@@ -68,24 +76,33 @@ class Check:
     here, reference : float
     tolerance : float
         Largest difference allowed, relative to the reference, or absolute where that is zero.
-    control : bool
-        True for a wrong model, which must differ by more than the tolerance.
-    consistency : bool
-        True where the package computed the reference too, by another method: such a row shows that two methods agree, and
-        reproduces nothing.
+    control : str
+        Name of the wrong model that gave `here`, which must differ by more than the tolerance: 'D0', or another. Empty for a
+        number that must agree.
+    by : str
+        By whom the reference is: one of SOURCES, and after a colon where it stands.
     """
 
     quantity: str
     here: float
     reference: float
     tolerance: float
-    control: bool = False
-    consistency: bool = False
+    control: str = ''
+    by: str = 'closed form'
+
+    def __post_init__(self):
+        if self.source not in SOURCES:
+            raise ValueError(f'{self.quantity}: the reference is by {self.source!r}, which is none of {", ".join(SOURCES)}')
+
+    @property
+    def source(self):
+        """By whom the reference is: one of SOURCES."""
+        return self.by.partition(':')[0]
 
     @property
     def kind(self):
-        """What the row shows: 'reproduction', 'consistency' or 'control'."""
-        return 'control' if self.control else 'consistency' if self.consistency else 'reproduction'
+        """'control', or by whom the reference is."""
+        return 'control' if self.control else self.source
 
     @property
     def difference(self):
@@ -104,8 +121,8 @@ class Check:
         relative = self.reference != 0
         bound = bound_in_words(self.tolerance, relative)
         bound = f'more than {bound}' if self.control else f'at most {bound}' if self.tolerance else 'no difference'
-        agrees = {'control': 'differs, as it must', 'consistency': 'consistent', 'reproduction': 'pass'}[self.kind]
-        return (self.quantity, number(self.here, 6 if relative else 3), number(self.reference),
+        agrees = 'differs, as it must' if self.control else 'pass'
+        return (self.quantity, number(self.here, 6 if relative else 3), number(self.reference), self.by,
                 apart_in_words(self.difference, relative), bound, agrees if self.passed else 'FAIL')
 
 
@@ -122,7 +139,7 @@ class Reported:
     @property
     def cells(self):
         """The row of the table, as texts."""
-        return self.quantity, number(self.here, 4), '' if self.beside is None else number(self.beside), '', '', 'reported'
+        return self.quantity, number(self.here, 4), '' if self.beside is None else number(self.beside), '', '', '', 'reported'
 
 
 class Picture(NamedTuple):
@@ -140,9 +157,9 @@ class Outcome:
     pictures: list[Picture] = field(default_factory=list)
 
 
-def pairs(quantity, here, reference, tolerance, of, control=False):
+def pairs(quantity, here, reference, tolerance, of, by='closed form'):
     """One check for each pair of entries of two sequences; the checks are named by `of`."""
-    return [Check(f'{quantity}, {name}', float(a), float(b), tolerance, control)
+    return [Check(f'{quantity}, {name}', float(a), float(b), tolerance, by=by)
             for name, a, b in zip(of, here, reference, strict=True)]
 
 

@@ -40,7 +40,8 @@ def main(out):
           for name, edge, one in zip(('lower', 'upper'), edges, true, strict=True)),
         Check('on a foundation of 0.4 k1: growth rate in time steps (1/s)', growth(soft) * u.s,
               np.sqrt((0.5 - TOO_SOFT) * k1 / bare.get_masses()[0]) * u.s, 1e-4),
-        Check('control: all magnets repel: foundation needed / k1', critical_foundation(only).k / k1, 0.5, 0.5, control=True),
+        Check('control: all magnets repel: foundation needed / k1', critical_foundation(only).k / k1, 0.5, 0.5,
+              control='magnets that all repel'),
     ], [picture(out)])
 
 

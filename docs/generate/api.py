@@ -16,7 +16,7 @@ TITLES = {
     'waves': 'Tone bursts, spectra, ridges',
     'stability': 'Buckling, range of linear motion',
     'plotting': 'Pictures',
-    'design': 'Sensitivities, uncertainty, wanted bands',
+    'design': 'Sensitivities, uncertainty, fits, designs',
     'scenes': 'Scene files',
 }
 """Rooms in the order of the page, from the ground up; a room that is not named here comes last."""

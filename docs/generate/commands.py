@@ -11,14 +11,12 @@ from pathlib import Path
 
 from magphonon.cli.main import COMMANDS, main
 
-WAVE = {'carriers_Hz = [30, 40, 50, 60]': 'carriers_Hz = [40]', 'directions_deg = [90, 90, 90, 90]': 'directions_deg = [90]',
-        'side_m = 0.3': 'side_m = 0.2', 'duration_s = 0.5': 'duration_s = 0.4'}
+WAVE = {'carriers_Hz = [30, 40, 50, 60]': 'carriers_Hz = [40]', 'side_m = 0.3': 'side_m = 0.2'}
 """Lines of the scene "prototype" that make it a scene of one short burst."""
 EXAMPLES = {
-    'bands': ['magphonon bands prototype', 'magphonon bands prototype --verbose'],
+    'bands': ['magphonon bands prototype', 'magphonon bands prototype --verbose --force'],
     'burst': ['magphonon burst wave.toml'],
     'check': ['magphonon check square', 'magphonon check square --verbose'],
-    'design': ['magphonon design design'],
     'explore': ['magphonon explore prototype'],
     'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out',
             'magphonon fit ridges.csv --bands prototype -o lattice'],

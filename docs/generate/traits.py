@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from magphonon.traits import KNOWN, TOOLS, TRAITS
+from magphonon.traits import TOOLS, TRAITS, caller
 
 from . import api
 
@@ -39,7 +39,7 @@ def write(folder):
 
 def page(rooms):
     """The page for tools by room."""
-    parts = [HEAD.format(refused=' and '.join(name for name in TRAITS if name not in KNOWN))]
+    parts = [HEAD.format(refused=' and '.join(name for name in TRAITS if name not in caller().takes))]
     parts += [f'| {one.name} | {one.words} |\n' for one in TRAITS.values()]
     for room, tools in rooms.items():
         parts += [f'\n## {room}\n\n| tool | {" | ".join(TRAITS)} |\n|---|{"---|" * len(TRAITS)}\n']

@@ -39,7 +39,7 @@ figure = plot_fit(forces, fit)
 # %%
 # The zero of the distances matters most by far: measure it well before anything else.
 #
-# From the shell, ``magphonon fit forces.csv --spacing 10mm --distance-sigma 0.05mm`` does the same.  It prints the tables
+# From the shell, ``magphonon fit forces.csv --spacing 10mm --sigma distance=0.05mm`` does the same.  It prints the tables
 # ``[law]`` and ``[uncertainty]`` of a scene:
 
 print(scene_entry(fit))

@@ -379,7 +379,7 @@ def cut_off(atoms: Atoms) -> float | None:
     return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
 
 
-@takes('all neighbours', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
+@takes('all neighbours', 'conventional', 'oblique')
 def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model | None = None) -> NDArray[np.float64]:
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 

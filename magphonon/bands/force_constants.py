@@ -268,7 +268,7 @@ def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)
 
 
-@takes('out of plane', 'conventional', 'attraction', 'oblique', 'unlike')
+@takes('conventional', 'oblique')
 def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     """The stiffness that the static forces add to each bond, taken from phonopy's force constants: `D* = -FC - D0`.
 

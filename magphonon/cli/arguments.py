@@ -1,4 +1,4 @@
-"""Options that several commands share: the scene, the directory of the results, the structures of the scene, and the pictures."""
+"""Options that several commands share: the scene, the directory of the results, and the pictures."""
 
 from __future__ import annotations
 
@@ -10,18 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import positive
-
 if TYPE_CHECKING:
-    from ase import Atoms
     from matplotlib.figure import FigureBase
 
     from ..scenes.scene import Scene
 
 STDIN = '-'  # argument for a scene that is read from a pipe
-MOST_DIRECTIONS = 3000
-"""Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
-LOWEST = 60  # number of the lowest modes of a larger patch
 FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is named after scene and command
 
 
@@ -76,6 +70,12 @@ def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
                         help='directory for the results, created if it does not exist (default: the name of the input and of the '
                              f'command, such as {parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
     add_force(parser)
+    add_verbose(parser)
+
+
+def add_verbose(parser: ArgumentParser) -> None:
+    """Add the option --verbose."""
+    parser.add_argument('--verbose', action='store_true', help='print everything that was found, not only the first line')
 
 
 def add_force(parser: ArgumentParser) -> None:
@@ -101,30 +101,16 @@ def default_folder(options: Namespace) -> str:
     return f'{options.scene.stem}-{options.command}'
 
 
-def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[str]]:
-    """The lattice of a scene, its patch or finite structure, and lines that say what is omitted."""
-    if scene.single:
-        raise ValueError('the oscillator is one particle and has no bands or modes; use "magphonon frf"')
-    left = left_out(scene)
-    if scene.finite:
-        return None, scene.patch_atoms(), left
-    return scene.perfect_cell(), None if scene.patch is None else scene.patch_atoms(), left
-
-
 def left_out(scene: Scene) -> list[str]:
     """A line that says that only the command `bands` uses the damping of [bands], if it is given."""
     return ['bands.damping_per_s ignored here: this command computes motion without losses; "magphonon bands" includes them'
             ] if scene.bands is not None and scene.bands.damping_per_s is not None else []
 
 
-def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
-    """Add the options of pictures, with --fmax if some have a frequency axis (`frequencies`)."""
-    group = parser.add_argument_group('pictures')
-    group.add_argument('--pdf', action='store_true', help='write each picture as PDF too')
-    group.add_argument('--title', metavar='TEXT', help="title of the pictures (default: the title of the scene); '' for none")
-    if frequencies:
-        group.add_argument('--fmax', metavar='HZ', type=float, help='upper end of the frequency axes, in Hz')
-    group.add_argument('--style', metavar='FILE', help='style sheet of matplotlib, whose settings replace those of the package')
+def add_style(parser: ArgumentParser) -> None:
+    """Add the option --style of commands that draw."""
+    parser.add_argument('--style', metavar='FILE', help='style sheet of matplotlib, whose settings replace those of the package; '
+                                                        '"savefig.format: pdf" in it gives PDF')
 
 
 @contextmanager
@@ -146,29 +132,20 @@ def answering(options: Namespace, scene: Scene,
 def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Callable[[FigureBase, str], None]]:
     """Context for drawing in the style for print; yields a function that saves a figure in the folder under a name.
 
-    Size and format follow the options of `add_pictures`.
-
-    The title stands above all pictures, unless the options set one.
+    The title stands above all pictures. Size and format follow the style sheet of the options, if they have one.
     """
-    from ..plotting.axes import end_frequencies, entitle, print_style
+    from matplotlib import rcParams
 
-    highest = getattr(options, 'fmax', None)
-    if highest is not None:
-        positive('--fmax', highest, 'Hz')
+    from ..plotting.axes import entitle, print_style
 
     def save(figure, name):
-        entitle(figure, title if options.title is None else options.title)
-        if highest is not None:
-            try:
-                end_frequencies(figure, highest)
-            except ValueError as error:
-                raise ValueError(f'--fmax {highest:g}: {error}') from None
+        entitle(figure, title)
+        form = rcParams['savefig.format']
         try:
             figure.get_layout_engine().execute(figure)
-            figure.set_layout_engine(None)  # `savefig` would lay it out for each file, in a drawing of its own
-            figure.savefig(folder / f'{name}.png', pil_kwargs={'compress_level': 3})  # twice as fast as 6, a tenth larger
-            if options.pdf:
-                figure.savefig(folder / f'{name}.pdf')
+            figure.set_layout_engine(None)  # `savefig` would lay it out again, in a drawing of its own
+            quick = {'pil_kwargs': {'compress_level': 3}} if form == 'png' else {}  # twice as fast as 6, a tenth larger
+            figure.savefig(folder / f'{name}.{form}', **quick)
         except ValueError as error:
             why = str(error).strip().splitlines()[-1]
             raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title, where a formula must be between two '

@@ -113,8 +113,8 @@ def lattice(case: Case) -> Iterator[str]:
         force = repulsion(atoms.calc.law, given.spacing_m * units.m)
         yield (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
                f'f(L0) = {units.in_words("N", force)}')
-    if case.scene.defects or case.scene.disorder:
-        yield 'These are the bands of the perfect lattice; "magphonon modes" includes [defects] and [disorder].'
+    if case.scene.defects:
+        yield 'These are the bands of the perfect lattice; "magphonon modes" includes [defects].'
 
 
 @REPORT.remark

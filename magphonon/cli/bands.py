@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 
@@ -20,7 +20,7 @@ HELP = 'the bands of a lattice with D* and without it, beside those of phonopy'
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> int:
@@ -34,7 +34,7 @@ def run(options: Namespace) -> int:
         bands, phonon = _bands(scene, atoms, path)
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
-        _draw(save, scene, bands, options.fmax)
+        _draw(save, scene, bands)
         case = Case(scene, atoms, bands, phonon, lossy)
         told += REPORT.told(case, options.verbose)
     return int(REPORT.find('two_roads', case).fault)
@@ -79,7 +79,7 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands, highest_Hz):
+def _draw(save, scene, bands):
     from ..bands.zone import PLANAR
     from ..plotting.bands import name_branches, plot_bands
     from ..plotting.zone import plot_zone
@@ -91,7 +91,6 @@ def _draw(save, scene, bands, highest_Hz):
     if 'phonopy' in bands:
         name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
         plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
-    ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.perfect_cell().pbc) == PLANAR:

@@ -14,24 +14,22 @@ import numpy as np
 from .. import units
 from ..errors import whole
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
 HELP = 'send tone bursts through a patch and see their fronts, with D* and without it'
-MOST_THREADS = 1024
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [patch] and [burst]')
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
     parser.add_argument('--engine', choices=('own', 'lammps'), default='own',
                         help='program that computes the time steps of the complete model (default: own)')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
     parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
                                                        'a burst that has already run there, on this machine or on a cluster, is '
                                                        'read and not run again')
-    parser.add_argument('--threads', metavar='N', type=int, help='threads for compiled time steps (default: by patch size)')
     parser.add_argument('--animation', action='store_true',
                         help='also a GIF of each burst crossing the patch, both models side by side')
 
@@ -81,13 +79,10 @@ def _engine(options):
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
         raise ValueError('--ranks and --files apply to LAMMPS only; add --engine lammps')
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
-    threads = None if options.threads is None else whole('--threads', options.threads)
-    if threads is not None and threads > MOST_THREADS:
-        raise ValueError(f'--threads must be at most {MOST_THREADS}, not {threads}; more threads than cores only wait')
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS has no other model
-            return {'threads': threads, 'film': options.animation}
+            return {'film': options.animation}
         return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name),
                 'film': options.animation}
 
@@ -102,8 +97,8 @@ def _seen(row, cell, source):
 
 
 def _send(scene, k, cell, patch, engine):
-    """Patch, source and passage of burst number k; if the scene has a vibrometer, the row is measured with it."""
-    from ..dynamics.cages import Diverged
+    """Patch, source and passage of burst number k."""
+    from ..errors import Diverged
 
     try:
         site, passage = scene.burst.send(k, cell, patch, **engine)
@@ -112,8 +107,6 @@ def _send(scene, k, cell, patch, engine):
         if unstable := _unstable(cell):
             raise ValueError(f'{what}: at {error.time:g} ms particles leave their sites. ' + ' '.join(unstable[1:])) from error
         raise ValueError(f'{what}: it diverged at {error.time:g} ms (particle {error.particle}); lower burst.force_N') from error
-    if scene.vibrometer is not None:
-        passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
     return patch, site, passage
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import units
 from ..findings import Finding, Findings
-from .arguments import add_scene
+from .arguments import add_scene, add_verbose
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -35,6 +35,7 @@ TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
+    add_verbose(parser)
 
 
 def run(options: Namespace) -> int:
@@ -46,7 +47,7 @@ def run(options: Namespace) -> int:
     try:
         case.relaxation  # noqa: B018  all that follows is about the structure at rest
     except ValueError as error:
-        print(f'Defects and disorder: {error}.')
+        print(f'Defects: {error}.')
         return 1
     found = REPORT.asked(case, options.verbose)
     print(*(('\n' if options.verbose else '') + one.words for name, one in found.items()
@@ -63,7 +64,7 @@ class Case:
 
     @cached_property
     def relaxation(self) -> Any:
-        """The relaxed structure with its defects or disorder; None if the scene has neither."""
+        """The relaxed structure with its defects; None if the scene has none."""
         return self.scene.relaxation()
 
     @cached_property
@@ -131,8 +132,8 @@ def guided(case: Case) -> str | None:
 
 @REPORT.check
 def defects(case: Case) -> str | None:
-    """How far a structure with defects or disorder moved to its rest."""
-    return case.relaxation and f'Defects and disorder: {case.relaxation} This equilibrium is stable.'
+    """How far a structure with defects moved to its rest."""
+    return case.relaxation and f'Defects: {case.relaxation} This equilibrium is stable.'
 
 
 @REPORT.check

@@ -55,10 +55,10 @@ def run(options: Namespace) -> None:
     atoms = scene.perfect_cell()
     points = scene.bands.path if scene.bands is not None else None
     explorer = Explorer(atoms, scene.lattice.path(points, POINTS))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
-    perfect = 'This lattice is perfect: [defects] and [disorder] belong to a patch.' if scene.defects or scene.disorder else ''
+    perfect = 'This lattice is perfect: [defects] belong to a patch.' if scene.defects else ''
     template = _template(options.scene.text, scene, atoms)
     _write(options, file, explorer.page(scene.title, options.scene.text, template, border(explorer), perfect),
-           [*filter(None, [perfect]), *left_out(scene), *omission(scene, options.verbose)])
+           [*filter(None, [perfect]), *left_out(scene), *omission(scene, False)])
 
 
 def border(explorer: Explorer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -20,7 +20,7 @@ docs/coverage.md says how often the 95 % intervals contain the true value.
 from __future__ import annotations
 
 import re
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -33,15 +33,16 @@ from .. import units as u
 from ..errors import not_negative, one_of, positive
 from ..readers import content
 from ..tables import MOST_BYTES
-from .arguments import add_force, add_pictures, drawing, force, length, ready_table, share
+from .arguments import add_force, add_style, add_verbose, drawing, force, length, ready_table, share
 
 HELP = 'the force between two particles, or the lattice, from measurements'
 KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
          'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
 """The kinds of records that a file may hold, and the function that reads each."""
 SAME = 1e-9  # relative difference of numbers that were only written in other units
-OF_FORCES = ('spacing', 'contact', 'magnet', 'pair_sigma',
-             *(f'{one}_sigma' for one in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')))
+OF_FORCES = 'spacing', 'contact'
+ERRORS = {'distance': length, 'zero': force, 'hysteresis': force, 'backlash': length, 'gain': share, 'pair': share}
+"""Errors that --sigma names, and the function that reads the value of each."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -65,29 +66,31 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'according to how far the fit misses this ridge')
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, such as 10mm (default: the middle of the '
                                                                     'measured distances)')
-    for name, reader, metavar, words in (
-            ('distance', length, 'R', 'standard uncertainty of the zero of the distances, such as 0.1mm; this error matters most '
-                                      '(default: 0.2mm)'),
-            ('zero', force, 'F', 'standard uncertainty of the zero of the force, such as 5mN (default: a tenth of the largest '
-                                 'force)'),
-            ('hysteresis', force, 'F', 'half the difference between the forces on return and on approach (default: a hundredth '
-                                       'of the largest force)'),
-            ('backlash', length, 'R', 'standard uncertainty due to the backlash of the drive (default: 0.1mm)'),
-            ('gain', share, 'X', 'standard uncertainty of the gain of the load cell, as a fraction (default: 0.01)')):
-        parser.add_argument(f'--{name}-sigma', metavar=metavar, type=reader, help=words)
-    parser.add_argument('--pair-sigma', metavar='X', type=share,
-                        help='standard deviation of the force from one pair to the next, as a fraction (default: the scatter of '
-                             'several pairs in one table, else 0)')
-    parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of your magnets: their known shape '
-                                                          'narrows the intervals; if the data contradict it, a free curve is '
-                                                          'fitted instead')
+    parser.add_argument('--sigma', metavar='NAME=VALUE', type=_sigma, action='append', default=[], dest='sigmas',
+                        help='standard uncertainty of an error that all rows of a table share, such as --sigma distance=0.05mm: '
+                             'distance, of the zero of the distances, which matters most (default: 0.2mm); zero, of the force (a '
+                             'tenth of the largest force); hysteresis, half the difference between return and approach (a '
+                             'hundredth of the largest force); backlash of the drive (0.1mm); gain of the load cell (1%%); pair, '
+                             'the standard deviation from one pair to the next (the scatter of several pairs in one table, else '
+                             '0); may be given several times')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact; a table with a smaller one is refused (default: from --magnet)')
+                        help='distance of the centres at contact; a table with a smaller one is refused (default: that of a '
+                             'scene of magnets)')
     parser.add_argument('--dry-run', action='store_true', help='only say how each file is understood')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
     add_force(parser)
-    add_pictures(parser, frequencies=False)
+    add_verbose(parser)
+    add_style(parser)
+    parser.set_defaults(magnet=None)
+
+
+def _sigma(text):
+    """Name and value of an error from words such as 'distance=0.05mm'."""
+    name, _, value = text.partition('=')
+    if name not in ERRORS:
+        raise ArgumentTypeError(f'{text!r} must be one of {", ".join(ERRORS)} with its value, such as distance=0.05mm')
+    return name, ERRORS[name](value)
 
 
 def run(options: Namespace) -> None:
@@ -179,7 +182,7 @@ def _with_scene(options):
     if [*kinds['forces']] == names and len(names) == 1:
         known = read_scene(source_of(scene))
         options.files, options.spacing = names, options.spacing or known.lattice.spacing_m * u.m
-        options.magnet = options.magnet or (scene if law.kind == 'magnets' else None)
+        options.magnet = scene if law.kind == 'magnets' else None
     elif [*kinds['ridges']] == names:
         options.scene, options.files = scene, names
     elif [*kinds['transfer functions']] == names:
@@ -211,8 +214,7 @@ def _fit_forces(options):
     from .fit_report import force_report
 
     _check_options_of_forces(options)
-    given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain', 'pair')}
-    shared = SharedErrors(**{name: value for name, value in given.items() if value is not None})
+    shared = SharedErrors(**dict(options.sigmas))
     shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
     forces = read_forces(options.file, not_negative('--contact', options.contact or contact, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
@@ -243,16 +245,15 @@ def _check_options_of_forces(options):
     if more:
         raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one table, '
                          'in any order; if these are ridges, name their scene with --bands')
-    if options.output is None and (options.pdf or options.title is not None or options.style is not None):
-        raise ValueError('--pdf, --title and --style apply to the picture; say with -o DIR where to write it')
+    if options.output is None and options.style is not None:
+        raise ValueError('--style applies to the picture; say with -o DIR where to write it')
 
 
 def _shape(name):
+    """The law of the magnets of a scene, and the distance of the centres at which they touch."""
     from ..scenes.scene import read_scene
 
     law = read_scene(name).law
-    if law.kind != 'magnets':
-        raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, such as rings')
     return law.potential(), law.magnet().contact
 
 
@@ -264,9 +265,9 @@ def _fit_bands(options):
     from ..waves.ridge_tables import read_ridges
     from .fit_report import band_report
 
-    for name in OF_FORCES:
-        if getattr(options, name) is not None:
-            raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; omit it or --bands')
+    for name in (*OF_FORCES, 'sigmas'):
+        if getattr(options, name):
+            raise ValueError(f'--{name.removesuffix("s")} belongs to a fit of forces; omit it or --bands')
     scene, points = read_scene(options.scene), read_ridges(*options.files)
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
@@ -318,19 +319,20 @@ def _fit_frf(options):
     from ..stiffness.bond import MODELS
     from .fit_report import frf_report
 
-    for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
+    for name in ('scene', 'without', *OF_FORCES):
         if getattr(options, name):
-            option = 'bands' if name == 'scene' else name.replace('_', '-')
-            raise ValueError(f'--{option} belongs to other fits; omit it or --frf')
+            raise ValueError(f'--{"bands" if name == "scene" else name} belongs to other fits; omit it or --frf')
+    sigmas = {'gain': GAIN} | dict(options.sigmas)
+    if len(sigmas) > 1:
+        raise ValueError(f'--sigma {[*sigmas][1]} belongs to a fit of forces; a fit of responses knows only gain')
     if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
         options.files, options.frf = [options.frf], options.files[0]
     options.scene = source_of(options.frf)
     scene = read_scene(options.scene)
     functions = [one for file in options.files for one in read_transfer(file)]
     fixed = _fixed(options, KEYS)
-    gain = GAIN if options.gain_sigma is None else options.gain_sigma
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
         print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
-    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
+    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), sigmas['gain'])
     _told(options, scene, partial(frf_report, found, fixed), 'frf_fit',
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

@@ -147,8 +147,8 @@ def reach(case):
     spacings = case.fit.law.r[-1] / case.fit.spacing
     known = shells_within(spacings)
     return (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours or more. The '
-            'law omits farther neighbours: measure to three spacings or more, or name the magnet (--magnet). "magphonon check" '
-            'estimates by how much farther neighbours would shift the frequencies.')
+            'law omits farther neighbours: measure to three spacings or more, or name the scene of the magnets first. "magphonon '
+            'check" estimates by how much farther neighbours would shift the frequencies.')
 
 
 @FORCES.check

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'frequency response to a force or a shaken bench, compared with measurements if you have any'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
@@ -24,10 +24,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                         'points and drives that the file names: a table (frequency_Hz, amplitude_m_per_N, phase_deg or re_..., '
                         'im_...), a '
                         'universal file .uff, or raw records (time_s, drive_N, answer_m)')
-    parser.add_argument('--estimator', choices=('H1', 'H2'), default='H1', help='with raw records: H1 if the response is noisy '
-                                                                                '(default), H2 if the drive is noisy')
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> None:
@@ -51,7 +49,7 @@ def _measured(scene, options):
     from ..response.transfer_functions import read_transfer
     from ..scenes.frf_fits import with_dofs  # which loads time steps
 
-    return with_dofs(scene, read_transfer(options.measured, options.estimator))
+    return with_dofs(scene, read_transfer(options.measured))
 
 
 def _responses(scene, plan, folder, save):
@@ -62,17 +60,13 @@ def _responses(scene, plan, folder, save):
     from ..traits import LINEAR
 
     axes, lines, highest = None, [], []
-    pushed = plan.base_deg is None and plan.wall is None
+    pushed = plan.base_deg is None
     unit = units.m / units.N if pushed else 1.0
     names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
     for model, style in (('complete', '-'), ('conventional', '--')):
-        atoms, source, answer = scene.shaken(model, bench=True, wall=True)
+        atoms, source, answer = scene.shaken(model, bench=True)
         system = LinearSystem.of(atoms, *LINEAR)
-        if plan.wall is not None and model == 'complete':
-            moved = np.count_nonzero(source.any(axis=1))
-            lines.append(f'the wall: {moved} held particles on the side at {plan.wall.side_deg:g} degrees, moved along '
-                         f'{plan.wall.direction_deg:g} degrees')
-        result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), plan.gyration_seen_from or 'bench')
+        result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
         columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]

@@ -27,8 +27,7 @@ from .. import __version__
 from ..errors import did_you_mean
 from .arguments import find_inputs
 
-SHARED = ('arguments', 'band_report', 'fit_report', 'fitted', 'main', 'neighbours', 'results',
-          'site_design')
+SHARED = 'arguments', 'band_report', 'fit_report', 'fitted', 'main', 'neighbours', 'results'
 COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
 """The commands: each is a module beside this one, with its HELP, `add_arguments(parser)` and `run(options)`."""
 SYNONYMS = {'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
@@ -206,7 +205,6 @@ def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
         told = (command.__doc__ or '').partition(': ')[2]  # python -OO leaves out docstrings
         subparser = commands.add_parser(name, help=command.HELP, description=told)
         command.add_arguments(subparser)
-        subparser.add_argument('--verbose', action='store_true', help='print everything that was found, not only the first line')
         flags = [flag for action in subparser._actions for flag in action.option_strings]
         subparser.set_defaults(run=command.run, command=name, flags=flags)
     return parser

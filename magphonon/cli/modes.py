@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .. import units
 from ..files import write_columns
 from ..findings import Finding, Findings
-from .arguments import LOWEST, MOST_DIRECTIONS, add_output, add_pictures, add_scene, answering, lattice_and_patch
+from .arguments import add_output, add_scene, add_style, answering, left_out
 
 if TYPE_CHECKING:
     from ..bands.bands import Bands
@@ -36,11 +36,14 @@ points of the mesh."""
 DRAWN, MOST_DRAWN = 40, 600
 """Number of patches drawn at random with the scatter of [uncertainty], and largest number of free directions of one."""
 
+MOST_DIRECTIONS = 3000
+"""Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
+LOWEST = 60  # number of the lowest modes of a larger patch
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
     parser.add_argument('--animate', metavar='MODE', type=int,
                         help='write a film of this mode of the patch, by its number in modes.csv')
     parser.add_argument('--compare', metavar='TABLE',
@@ -52,7 +55,7 @@ def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
 
     scene = read_scene(options.scene)
-    lattice, patch, left = lattice_and_patch(scene)
+    lattice, patch, left = _lattice_and_patch(scene)
     for option in ('animate', 'compare'):
         if patch is None and (given := getattr(options, option)) is not None:
             raise ValueError(f'--{option} {given}: the scene has no patch whose modes could be computed; add a table [patch]')
@@ -65,6 +68,16 @@ def run(options: Namespace) -> None:
         if patch is not None:
             _write(folder, save, case)
         told += REPORT.told(case, options.verbose)
+
+
+def _lattice_and_patch(scene):
+    """The lattice of a scene, its patch or finite structure, and lines that say what is omitted."""
+    if scene.single:
+        raise ValueError('the oscillator is one particle and has no bands or modes; use "magphonon frf"')
+    left = left_out(scene)
+    if scene.finite:
+        return None, scene.patch_atoms(), left
+    return scene.perfect_cell(), None if scene.patch is None else scene.patch_atoms(), left
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +298,7 @@ def other_neighbours(case: Case) -> list[str] | None:
         return _shifted(case, every, f'neighbours up to cutoff_m = {FARTHER * cutoff:.3g}')
     if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
         return None
-    enough = scene.converged_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
+    enough = scene.converged_shells(PAIRS) if system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:
         return ['  the effect of farther neighbours on the modes of the patch was not computed']
     if enough.shells <= scene.law.asked:

@@ -18,7 +18,7 @@ from .. import units as u
 from ..bands.bands import points_on, sound_speeds
 from ..bands.neighbours import NeighbourShifts, neighbour_shifts, with_all
 from ..findings import Finding, Findings
-from ..scenes.laws import KINDS, TOLERANCE, SavedLaw
+from ..scenes.laws import TOLERANCE, SavedLaw
 from ..scenes.scene import MOST_IN_A_CELL, Scene
 from ..scenes.sources import ready_scenes
 from ..scenes.structures import FileLattice
@@ -149,7 +149,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *,
     bands. `within` has half widths of 95 % intervals, as fractions of the frequencies, by point and branch (counted from 1).
     Shifts that exceed them are named.
     """
-    if scene.single or isinstance(scene.law, SavedLaw) or KINDS[scene.law.kind].shells == 1:
+    if scene.single or isinstance(scene.law, SavedLaw):
         return []
     case = Case(scene, points, within=within)
     if not brief:

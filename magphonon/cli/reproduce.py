@@ -18,8 +18,6 @@ HELP = 'recompute the paper, number by number, with a report'
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME',
                         help='workflows, such as prototype_bands; default: all, in one to three minutes')
-    parser.add_argument('--quick', action='store_true',
-                        help='run short versions of the longest workflows; without NAME this is the default')
     parser.add_argument('-o', '--output', metavar='DIR', default='out', help='directory for the report (default: out)')
     add_force(parser)
 
@@ -30,4 +28,4 @@ def run(options: Namespace) -> int:
     if folder.is_dir():
         refuse_existing(options, sorted(folder.iterdir()))
     workflows = import_module('magphonon.workflows.__main__')  # in the sources the workflows are beside the package
-    return workflows.main([*options.names, *(['--quick'] if options.quick else []), '-o', options.output])
+    return workflows.main([*options.names, '-o', options.output])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .. import units
 from ..findings import Finding, Findings
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 if TYPE_CHECKING:
     from ..scenes.scene import Scene
@@ -42,7 +42,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='for points that cover the plane: draw the motion at this frequency too, over the wavevectors '
                              '(with contours of the bands) and at the points')
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import units
 from ..files import write_columns
-from .arguments import add_output, add_pictures, add_scene, answering
+from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'how uncertain bands and responses are, given the tolerances of the parts'
 SAMPLES = 1000
@@ -28,7 +28,7 @@ LINEAR_RANGE = 0.3  # relative standard deviation of an amplitude above which th
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [uncertainty]', 'tolerances')
     add_output(parser)
-    add_pictures(parser)
+    add_style(parser)
 
 
 def run(options: Namespace) -> None:

@@ -1,8 +1,8 @@
 """How the parameters of a lattice determine its frequencies, and which parameters give wanted or measured frequencies.
 
 `sensitivities` has first derivatives of frequencies and responses. `uncertainty` applies them to tolerances that all particles
-share, and `scatter` to the individual deviations of each particle. `inverse` finds the lattice for a wanted band,
-`dispersion_fits` the lattice for measured branches.
+share, and `scatter` to the individual deviations of each particle. `site_designs` makes an objective as large as possible,
+`dispersion_fits` finds the lattice for measured branches.
 """
 
 import lazy_loader

@@ -1,10 +1,4 @@
 from .dispersion_fits import DispersionFit as DispersionFit, fit_dispersion as fit_dispersion
-from .inverse import (
-    Design as Design,
-    NoDesign as NoDesign,
-    foundation_for as foundation_for,
-    spacings_for as spacings_for,
-)
 from .objectives import (
     BandEdge as BandEdge,
     BurstEnergy as BurstEnergy,
@@ -50,4 +44,3 @@ from .uncertainty import (
     frequency_spread as frequency_spread,
     response_spread as response_spread,
 )
-from .verification import Verification as Verification, by_time_steps as by_time_steps, verify as verify

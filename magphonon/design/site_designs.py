@@ -109,7 +109,7 @@ class Variables:
     their bounds are in mm at the given spacing; if the spacing varies, they scale with it.
     """
 
-    @takes('constraints', 'attraction', 'oblique', 'out of plane', 'unlike')
+    @takes('constraints', 'oblique')
     def __init__(self, atoms: Atoms, over: Mapping[str, tuple[float, float]], sites: ArrayLike | None = None,
                  groups: ArrayLike | None = None) -> None:
         self.atoms, self.calc = atoms, repulsion_of(atoms).about(atoms, model='complete')

@@ -110,7 +110,7 @@ FRAME = 'ITEM: TIMESTEP\n'
 HEADER = 8  # number of header lines between FRAME and the particles of a frame
 
 
-@takes('constraints', 'out of plane', 'attraction', 'unlike')
+@takes('constraints')
 def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
                        drives: Sequence[ToneBurst] = (), damping: float = 0.0, interval: int | None = None,
                        interpolation: str = 'spline', points: int = 20_000,

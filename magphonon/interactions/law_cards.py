@@ -69,15 +69,13 @@ class Parameter:
 class Kind:
     """A `law.kind` of scenes: its parameters by their names in fits and tolerances, and `made`, which makes a law of them.
 
-    Kinds without `made` have a table of their own in `magphonon.scenes.laws`.  `shells` is the default number of shells of
-    neighbours in a scene: as many as matter, or 1 for members, which join nearest neighbours.
+    Kinds without `made` have a table of their own in `magphonon.scenes.laws`.
     """
 
     name: str
     words: str = ''
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     made: Callable[..., Any] | None = None
-    shells: int | str = 'auto'
 
     @property
     def strength(self) -> str:

@@ -132,7 +132,7 @@ class MagnetLaw:
     series: np.ndarray = field(repr=False)
 
     card: ClassVar[Card] = Card(magnets=True, kinds=(Kind('magnets', parameters={
-        'remanence': Parameter('remanence_T', power=2), 'force': Parameter('force_N', power=1)}),))
+        'remanence': Parameter('remanence_T', power=2)}),))
 
     @cached_property
     def _factors(self):

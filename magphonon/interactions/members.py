@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from .. import units
 from ..errors import not_negative, positive
-from .law_cards import Card, Kind, Parameter
 from .pair_laws import Composed
-
-_KEYS = {'spring': Parameter('stiffness_N_per_m', units.N / units.m, 'the stiffness of a member in N/m', power=1,
-                             examples=(20.0,)),
-         'rest_length': Parameter('rest_length_m', units.m, 'the length of a member without load in m', quantity='length',
-                                  examples=(0.009,))}
 
 
 @dataclass(frozen=True)
@@ -38,9 +31,6 @@ class Spring:
 
     k: float
     L0: float
-
-    card: ClassVar[Card] = Card(kinds=(Kind('spring', 'Springs or bars between neighbours, all equally long without load.', _KEYS,
-                                            lambda spring, rest_length: Spring(spring, rest_length), shells=1),))
 
     def __post_init__(self) -> None:
         positive('k', self.k, 'N/mm')
@@ -68,9 +58,6 @@ class Cable(Composed, Spring):
     >>> float(cable.dphi(10.5)), float(cable.d2phi(10.5)), float(cable.d2phi(9.5))
     (1.0, 2.0, 0.0)
     """
-
-    card: ClassVar[Card] = Card(kinds=(Kind('cable', 'Cables between neighbours, which pull and do not push.', _KEYS,
-                                            lambda spring, rest_length: Cable(spring, rest_length), shells=1),))
 
     def _part(self, name, r):
         return (np.real(r) > self.L0) * getattr(Spring, name)(self, r)

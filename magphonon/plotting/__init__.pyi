@@ -13,12 +13,6 @@ from .bands import (
     plot_edge_bands as plot_edge_bands,
 )
 from .density import plot_density as plot_density
-from .designs import (
-    plot_convergence as plot_convergence,
-    plot_design as plot_design,
-    plot_levels as plot_levels,
-    plot_sites as plot_sites,
-)
 from .fits import plot_band_fits as plot_band_fits, plot_fit as plot_fit
 from .modes import (
     plot_comparison as plot_comparison,

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
 COLUMN_in, PAGE_in = 3.4, 7.0  # width of a column and of a page of Physical Review B in inches
-FREQUENCIES = 'frequencies'  # mark of an axis whose data are frequencies in Hz
 COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8CD6F2')
 """The colours of the print style, which colour-blind readers can distinguish, and which differ in grey too."""
 UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
@@ -135,7 +134,6 @@ def label_frequencies(axis: Axis) -> None:
     """Label an axis of data in Hz; it is printed in kHz or MHz if numbers in Hz would be unreadable."""
     largest = max(map(abs, axis.get_view_interval()))
     label(axis, 'frequency', 'Hz', 0 if 0.1 <= largest < 2e4 else prefix_power(largest))
-    axis.set_gid(FREQUENCIES)
 
 
 def label_places(ax: Axes, spacing_m: float) -> None:
@@ -150,18 +148,6 @@ def label_wavevectors(ax: Axes, spacing_m: float) -> None:
     for axis, name in ((ax.xaxis, '$k_x$'), (ax.yaxis, '$k_y$')):
         label(axis, name, 'm', -power)
         axis.set_label_text(f'{name} (rad/{PREFIXES[power]}m)')
-
-
-def end_frequencies(figure: Figure, highest_Hz: float) -> None:
-    """Let all axes of frequencies in a figure end at `highest_Hz`."""
-    for ax in figure.axes:
-        for axis, set_ends in ((ax.xaxis, ax.set_xlim), (ax.yaxis, ax.set_ylim)):
-            if axis.get_gid() == FREQUENCIES:
-                lowest = axis.get_view_interval()[0]
-                if highest_Hz <= lowest:
-                    raise ValueError(f'the frequencies in a picture begin at {lowest:.6g} Hz; choose an end above it')
-                set_ends(lowest, highest_Hz)
-                label_frequencies(axis)
 
 
 @in_house_style

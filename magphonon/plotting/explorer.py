@@ -37,7 +37,7 @@ POINTS = 201  # wavevectors along the path
 ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
 FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'zone.js', 'ridges.js', 'burst.js', 'burst_view.js',
          'share.js', 'page.js')
-TAKEN = Tool('the page of a structure', __name__, frozenset({'constraints', 'unlike'}))
+TAKEN = Tool('the page of a structure', __name__, frozenset({'constraints'}))
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
 
@@ -202,10 +202,12 @@ def structure_page(atoms: Atoms, drive: dict[str, Any], title: str, scene: str) 
     """The page of a finite planar structure on anchored springs, which shows a tone that runs through it in both models.
 
     If magnets are taken out, the others move to a new rest; for this the page needs a single law, an inverse power.
-    `drive` holds, in SI, the place of the force, its tone, the damping, and the ports that are compared.
+    `drive` holds, in SI, the place of the force, its tone and the damping.
     """
     refuse(atoms, TAKEN)
     calc = atoms.calc
+    if calc.dim != 2 or (calc.law.dphi(calc.bonds.lengths) > 0).any():
+        raise ValueError('the page takes particles that repel each other in a plane; "magphonon frf" takes every structure')
     law, here = calc.laws, float(calc.bonds.lengths.min())
     if not isinstance(law, InversePower):
         raise ValueError(f'the page takes one inverse-power law, not {law!r}; "magphonon frf" takes every law')

@@ -190,8 +190,6 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 def parameters_in(scene: Scene) -> tuple[str, ...]:
     """The parameters of any scene, also of a finite structure or the oscillator, that a fit may vary."""
     shape = FITTED[one_of('law.kind', scene.law.kind, tuple(FITTED))].shape
-    if scene.laws_of_kinds:
-        raise ValueError('laws_of_kinds: a fit varies one law for all pairs; use particles of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
         raise ValueError('foundation.out_of_plane: a fit uses waves in the plane; remove this table')
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
@@ -340,7 +338,7 @@ def of_remanence(scene: Scene) -> Scene:
     """The scene with the remanence of its magnets in teslas instead of their grade, because a fit varies it."""
     if scene.law.kind != 'magnets' or not scene.law.grade:
         return scene
-    strength = {'grade': None, 'remanence_T': None if scene.law.calibration else grade_remanence(scene.law.grade) / u.T}
+    strength = {'grade': None, 'remanence_T': grade_remanence(scene.law.grade) / u.T}
     return scene.model_copy(update={'law': scene.law.model_copy(update=strength)})
 
 
@@ -374,7 +372,7 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     L = scene.lattice.spacing_m * u.m
     strength = FITTED[scene.law.kind].strength
     power = FITTED[scene.law.kind].parameters[strength].power
-    if getattr(scene.law, 'force_N', None) is not None or getattr(scene.law, 'calibration', None) is not None:
+    if getattr(scene.law, 'force_N', None) is not None:
         strength, power = 'force', 1
     wanted = repulsion(scene.law.potential(), L) * factors.get('force', 1.0)
     scene = varied(scene, {name: factor for name, factor in factors.items() if name in {EXPONENT, *PLACES} - {'force'}})

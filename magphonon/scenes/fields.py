@@ -38,6 +38,21 @@ def _text(value):
     return value
 
 
+def _drawn(title):
+    """A title that can be drawn: a formula between $ must be one that matplotlib understands."""
+    if title.count('$') < 2:
+        return title
+    from matplotlib.mathtext import MathTextParser  # late: it takes half a second
+
+    try:
+        MathTextParser('path').parse(title)
+    except ValueError as error:
+        fault = str(error).splitlines()[-1].partition(': ')[2]  # behind the name of matplotlib's exception
+        raise ValueError(f' holds a formula that cannot be drawn: {fault}; correct the text between the $, or write \\$ for a '
+                         'dollar sign') from None
+    return title
+
+
 def _list(value):
     if not isinstance(value, list):
         raise ValueError(f' must be a list in brackets, not {shown(value)}')
@@ -80,6 +95,7 @@ Points = Annotated[tuple[Point, ...], listed]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2)), within(2, 1e6, 'points')]
 Text = Annotated[str, BeforeValidator(_text)]
+Title = Annotated[Text, AfterValidator(_drawn)]
 Counts = Annotated[tuple[Count, ...], listed]
 # Beyond these ranges a unit or an exponent is wrong, and squares and powers soon leave the range of numbers.
 Spacing = Annotated[Positive, within(1e-6, 1e6, 'metres')]  # phonopy takes particles closer than 1e-5 mm for one

@@ -25,7 +25,6 @@ from .fields import (
     Mass,
     NotNegative,
     Number,
-    Point,
     Positive,
     Pressure,
     Spacing,
@@ -201,27 +200,6 @@ class Foundation(Table):
     def moving_mass(self) -> float:
         """Mass of the pillar that moves with each particle, in g."""
         return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0
-
-
-class Trap(Table):
-    """One trap for all particles of a finite structure, such as ions, in place of [foundation]; they move to rest in it."""
-
-    stiffness_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] = Field(
-        description='the stiffness in N/m of the springs that draw each particle to the centre', examples=[2.6e-12])
-    stiffness_y_N_per_m: Annotated[Positive, within(0, 1e15, 'N/m')] | None = Field(
-        None, description='the stiffness in N/m along y; stiffness_N_per_m is then that along x', examples=[2e-11])
-    centre_m: Point = Field((0.0, 0.0), description='the centre [x, y] of the trap in m', examples=[[0.0, 0.0]])
-    gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
-        0.0, description='the cyclotron frequency q B/m of the charges in rad/s, as in a Penning trap', examples=[1e6])
-
-    def sites(self, atoms: Atoms) -> dict[str, Any]:
-        """Foundation, anchors and gyration of the trapped particles, as arguments of the calculator."""
-        if np.ptp(atoms.positions[:, 2]):
-            raise ValueError('trap: it acts in a plane, but the particles of the file stand at different heights; give all the '
-                             'same z_m, or use PairCalculator(..., foundation=[[kx, ky, kz]], anchors=...) in Python')
-        k = np.array([[self.stiffness_N_per_m, self.stiffness_y_N_per_m or self.stiffness_N_per_m]]) * u.N / u.m
-        return {'foundation': k, 'anchors': np.tile([*np.array(self.centre_m) * u.m, 0.0], (len(atoms), 1)),
-                'gyration': self.gyration_rad_per_s / u.s}
 
 
 class PatchTable(Table):

@@ -18,7 +18,6 @@ from ..interactions.members import Cable, Spring
 from ..stiffness.nets import net, self_stress
 from ..stiffness.repulsion import repulsion_of
 from .fields import Flag, Length, Number, Positive, Table, listed, within
-from .laws import Law, SavedLaw
 
 UNBALANCED = 1e-6  # of the largest tension: larger forces that are left at nodes are no round-off of the positions in a file
 
@@ -37,13 +36,13 @@ Joined = Annotated[tuple[int, int, tuple[int, int, int]], BeforeValidator(_joine
 
 
 class Members(Table):
-    """Members of one kind: springs, which push and pull, cables, or any other law."""
+    """Members of one kind: springs, which push and pull, or cables."""
 
     between: Annotated[tuple[Joined, ...], listed] = Field(
         description='the two nodes of each member, counted from 0 in the order of the file; in a periodic net also the cell of '
         'the second node, as [0, 1, 1, 0]', examples=[[[0, 1], [1, 2], [2, 0]]])
-    stiffness_N_per_m: Annotated[Positive, within(1e-15, 1e15, 'N/m')] | None = Field(
-        None, description='the stiffness of a member in N/m', examples=[1000.0])
+    stiffness_N_per_m: Annotated[Positive, within(1e-15, 1e15, 'N/m')] = Field(
+        description='the stiffness of a member in N/m', examples=[1000.0])
     rest_length_m: Length | None = Field(
         None, description='the length of a member without load in m; if tension_N is omitted too, the member gets the tension '
                           'that balances the others',
@@ -52,26 +51,16 @@ class Members(Table):
         None, description='the tension in N at the positions of the file, negative under compression; in place of rest_length_m',
         examples=[5.0])
     slack: Flag = Field(False, description='whether a member is a cable, which goes slack instead of pushing', examples=[True])
-    law: Law | None = Field(None, description='any law between two particles, as a table like [law]; replaces the keys above')
 
     @model_validator(mode='after')
-    def _one_law(self):
-        own = [key for key in ('stiffness_N_per_m', 'rest_length_m', 'tension_N') if getattr(self, key) is not None]
-        if self.law is not None and (own or self.slack):
-            raise ValueError(f' has both a law and {" and ".join(own) or "slack"}; keep one of them')
-        if self.law is None and self.stiffness_N_per_m is None:
-            raise ValueError(' lacks stiffness_N_per_m; give it, or a law')
-        if len(own) == 3:
+    def _one_length(self):
+        if self.rest_length_m is not None and self.tension_N is not None:
             raise ValueError(' has both rest_length_m and tension_N; keep one of them')
-        if isinstance(self.law, SavedLaw) or 'shells' in getattr(self.law, 'model_fields_set', ()):
-            raise ValueError('.law is the law of one member: it cannot have kind = "saved" or shells; remove them')
         return self
 
     def law_at(self, r: float, tension: float) -> Any:
-        """The law of a member of length `r` in mm; if neither a law nor a rest length is given, its tension in N is `tension`."""
-        if self.law is not None:
-            return self.law.potential()
-        k = self.stiffness_N_per_m * u.N / u.m  # pyright: ignore[reportOptionalOperand]  as `_one_law` makes sure
+        """The law of a member of length `r` in mm; if no rest length is given, its tension in N is `tension`."""
+        k = self.stiffness_N_per_m * u.N / u.m
         L0 = r - tension / k if self.rest_length_m is None else self.rest_length_m * u.m
         if L0 < 0:
             raise ValueError(f'members: a tension of {tension:.3g} N stretches a member of stiffness_N_per_m = '
@@ -82,7 +71,7 @@ class Members(Table):
         """The tension in N of a member of length `r` in mm; None if the tension follows from the balance with the others."""
         if self.tension_N is not None:
             return self.tension_N * u.N
-        return None if self.law is None and self.rest_length_m is None else float(self.law_at(r, 0.0).dphi(r))
+        return None if self.rest_length_m is None else float(self.law_at(r, 0.0).dphi(r))
 
 
 def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:

@@ -40,13 +40,13 @@ from ..stiffness.calculator import PairCalculator
 from ..stiffness.relaxation import Relaxation, relaxed
 from ..stiffness.rest import freedom
 from .consistency import check
-from .fields import Table, Text, listed, reason
-from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell, Trap
-from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
+from .fields import Table, Title, listed, reason
+from .lattices import AnyLattice, Foundation, Oscillator, Patch, Supercell
+from .laws import ALL, AUTO, TOLERANCE, InversePowerLaw, Law, SavedLaw
 from .members import Members, joined
-from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, VibrometerPlan
+from .plans import BandPlan, BurstPlan, FrfPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
-from .structures import Defects, Disorder, FileLattice
+from .structures import Defects, FileLattice
 from .tolerances import Uncertainty
 from .written_atoms import checked_atoms, tables_of
 
@@ -79,69 +79,57 @@ class Scene(Table):
     ('GMKG', 'complete')
     """
 
-    title: Text = Field(description='a line that says what the scene is')
+    title: Title = Field(description='a line that says what the scene is')
     lattice: AnyLattice = Field(description='a table [lattice]')
     law: Law = Field(description='a table [law]')
-    laws_of_kinds: Annotated[tuple[LawOfKinds, ...], listed] = ()
     members: Annotated[tuple[Members, ...], listed] = ()
     foundation: Foundation | None = None
-    trap: Trap | None = None
     patch: Patch | None = None
     bands: BandPlan | None = None
     frf: FrfPlan | None = None
     defects: Defects | None = None
-    disorder: Disorder | None = None
     burst: BurstPlan | None = None
-    vibrometer: VibrometerPlan | None = None
     uncertainty: Uncertainty | None = None
-    design: DesignPlan | None = None
 
     _name: str = PrivateAttr('')
 
     @model_validator(mode='after')
     def _consistent(self):
-        table: Any
-        for table in (self, *self.laws_of_kinds, *self.members):
-            if isinstance(table.law, InversePowerLaw) and table.law.force_N is not None:
-                try:
-                    table.__dict__['law'] = table.law.placed(self.lattice.spacing_m)  # it is read-only for everybody else
-                except ValueError as error:
-                    raise ValueError(f'law{error}') from None
-        for name, chosen in self._chosen().items():
-            self.__dict__[name] = chosen  # pyright: ignore[reportIndexIssue]  it is read-only for everybody else
+        law: Any = self.law
+        if isinstance(law, InversePowerLaw) and law.force_N is not None:
+            try:
+                law = law.placed(self.lattice.spacing_m)
+            except ValueError as error:
+                raise ValueError(f'law{error}') from None
+        self.__dict__['law'] = law  # it is read-only for everybody else
+        self.__dict__['law'] = self._with_shells(law)
         check(self)
         return self
 
-    def _chosen(self) -> dict[str, Any]:
-        """The laws with the number of shells that the perfect lattice needs, if the scene does not choose one itself."""
-        law, lattice, others = self.law, self.lattice, self.laws_of_kinds
-        if isinstance(law, SavedLaw):
-            return {}
-        shells, reach = law.shells, None
-        if self.single and shells == AUTO:
-            shells = 1
-        elif isinstance(lattice, FileLattice) and shells in (AUTO, ALL) and (lattice.finite or shells == AUTO):
-            shells = self._choose_cutoff()
-        elif shells == AUTO:
-            enough = self.converged_shells(TOLERANCE)
-            shells, reach = enough.shells, enough.cutoff / (lattice.spacing_m * u.m)
-            if enough.error > TOLERANCE and not others and self._sums():
-                shells, reach = ALL, None
-        kinds = tuple(other.model_copy(update={'law': other.law.with_shells(shells)}) if other.law.shells == AUTO else other
-                      for other in others if not isinstance(other.law, SavedLaw))
-        return {'law': law.with_shells(shells, reach), 'laws_of_kinds': kinds if len(kinds) == len(others) else others}
+    def _with_shells(self, law: Any) -> Any:
+        """The law with the number of shells that the perfect lattice needs, if the scene does not choose one itself."""
+        lattice = self.lattice
+        if isinstance(law, SavedLaw) or law.shells not in (AUTO, ALL):
+            return law
+        if isinstance(lattice, FileLattice) and (lattice.finite or law.shells == AUTO):
+            self._choose_cutoff(lattice)
+            return law.with_shells(1)
+        if self.single or law.shells == ALL:
+            return law.with_shells(1) if law.shells == AUTO else law
+        enough = self.converged_shells(TOLERANCE)
+        if enough.error > TOLERANCE and self._sums():
+            return law.with_shells(ALL)
+        return law.with_shells(enough.shells, enough.cutoff / (lattice.spacing_m * u.m))
 
-    def _choose_cutoff(self) -> int:
+    def _choose_cutoff(self, lattice: FileLattice) -> None:
         """Set the cutoff that the structure in a file needs, unless it has one; the number of shells then has no effect."""
-        lattice, cell = self.lattice, self.cell()
-        if lattice.cutoff is None:
-            if not lattice.finite and len(cell) <= MOST_IN_A_CELL:
-                enough = self.converged_shells(TOLERANCE)
-                reach = enough.cutoff
-            else:
-                reach = whole_reach(cell, self._law(cell))
-            lattice._cutoff = reach  # pyright: ignore[reportAttributeAccessIssue]  one from a file
-        return 1
+        cell = self.cell()
+        if lattice.cutoff is not None:
+            return
+        if not lattice.finite and len(cell) <= MOST_IN_A_CELL:
+            lattice._cutoff = self.converged_shells(TOLERANCE).cutoff
+        else:
+            lattice._cutoff = whole_reach(cell, self._law(cell))
 
     def _sums(self) -> bool:
         """Whether the sum over all neighbours can be computed for this law and lattice."""
@@ -214,19 +202,17 @@ class Scene(Table):
     def atoms(self) -> Atoms:
         """The structure of the scene with its calculator, `ase.Atoms` in mm, g and ms.
 
-        With [defects] or [disorder] it is the patch or the finite structure that contains them, relaxed to rest; otherwise it
-        is the `perfect_cell`.
+        With [defects] it is the patch or the finite structure that contains them, relaxed to rest; otherwise it is the
+        `perfect_cell`.
         """
         relaxation = self.relaxation()
         return self.perfect_cell() if relaxation is None else relaxation.atoms
 
     def perfect_cell(self, like: Atoms | None = None) -> Atoms:
-        """One unit cell, the oscillator or the finite structure, without [defects] and [disorder], with its PairCalculator or
-        AllNeighbours. `like` is the cell of a scene that differs only in numbers; if given, its pairs of neighbours are used.
+        """One unit cell, the oscillator or the finite structure, without [defects], with its PairCalculator or AllNeighbours.
+        `like` is the cell of a scene that differs only in numbers; if given, its pairs of neighbours are used.
         """
         atoms = self._standing(like)
-        if self.trap is not None:
-            return relaxed(atoms).atoms
         return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
 
     @_units_told_by_keys()
@@ -264,19 +250,15 @@ class Scene(Table):
         return atoms
 
     def _law(self, atoms: Atoms) -> Any:
-        laws: Any = laws_of_kinds(self.law.potential(), self.laws_of_kinds, atoms.get_tags())
-        if not self.foundation:
-            return laws
-        upright = self.foundation.law
-        return {pair: upright(law) for pair, law in laws.items()} if isinstance(laws, dict) else upright(laws)
+        law: Any = self.law.potential()
+        return self.foundation.law(law) if self.foundation else law
 
     def _sites(self, atoms: Atoms) -> dict[str, Any]:
         """Foundation, strengths and gyration, for each site or for all, as arguments of the calculators."""
         foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
         if self.foundation:
             foundation = self.foundation.springs(foundation)
-        sites = {'foundation': foundation} if self.trap is None else self.trap.sites(atoms)
-        sites |= {'strengths': atoms.arrays['strength']} if atoms.has('strength') else {}
+        sites = {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
         gyration = getattr(self.lattice, 'gyration_rad_per_s', 0.0) / u.s
         spatial = atoms.pbc.all() or (self.foundation is not None and self.foundation.out_of_plane is not None)
         return sites | ({'gyration': gyration} if gyration else {}) | ({} if spatial else {'dim': 2})
@@ -292,19 +274,14 @@ class Scene(Table):
         return self._perfect(model) if relaxation is None else relaxation.atoms
 
     def relaxation(self, model: Model = 'complete') -> Relaxation | None:
-        """Relaxation of the patch or finite structure with [defects] and [disorder]; None if the scene has neither."""
-        tables = [table for table in (self.defects, self.disorder) if table is not None]
-        if not tables:
+        """Relaxation of the patch or finite structure with [defects]; None if the scene has none."""
+        if self.defects is None:
             return None
-        atoms = self._perfect(model)
         called = self._name or repr(self.title)
         try:
-            for table in tables:
-                atoms = table.applied(atoms)
-            return relaxed(atoms)
+            return relaxed(self.defects.applied(self._perfect(model)))
         except PhysicsError as error:
-            names = ' and '.join(f'[{name}]' for name in ('defects', 'disorder') if getattr(self, name) is not None)
-            raise type(error)(f'{called} with {names}: {error}') from None
+            raise type(error)(f'{called} with [defects]: {error}') from None
         except ValueError as error:
             raise ValueError(f'{called}: {error}') from None
 
@@ -339,37 +316,27 @@ class Scene(Table):
                                        **sites)
         return patch
 
-    def shaken(self, model: Model = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Dof]:
+    def shaken(self, model: Model = 'complete', bench: bool = False) -> tuple[Atoms, Any, Dof]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
         These are the arguments of `magphonon.response.frf.receptance`. If the caller allows a `bench` and `frf.base_deg` is
-        given, the direction of the bench replaces the force. If it allows a `wall` and [frf.wall] is given, the displacements
-        of the wall replace the force.
+        given, the direction of the bench replaces the force.
         """
         plan = self.wanted('frf')
         if plan.base_deg is not None and not bench:
             raise ValueError('frf.base_deg: a shaken bench is for "magphonon frf" and "magphonon fit --frf"; give [frf.force] '
                              'here')
-        if plan.wall is not None and not wall:
-            raise ValueError('frf.wall: a wall that moves is for "magphonon frf"; give [frf.force] here')
         if self.single:
             atoms, free = self.perfect_cell(), Dof(Oscillator.free, np.array([0.0, 1.0, 0.0]))
             atoms.calc.set(model=model)
-            picked: dict[str, Any] = {'force': free, 'response': free}
-        else:
-            atoms, picked = self.patch_atoms(model), {}
-            for name in ('force', 'wall', 'response'):
-                try:
-                    picked[name] = pick.of(atoms) if (pick := getattr(plan, name)) is not None else None
-                except ValueError as error:
-                    raise ValueError(f'frf.{name}{error}') from None
-        if plan.wall is not None:
-            picked['force'] = picked['wall']
+            return atoms, free, free
+        atoms, picked = self.patch_atoms(model), {}
+        for name in ('force', 'response'):
+            try:
+                picked[name] = pick.of(atoms) if (pick := getattr(plan, name)) is not None else None
+            except ValueError as error:
+                raise ValueError(f'frf.{name}{error}') from None
         if plan.base_deg is not None:
-            if plan.gyration_seen_from is None and atoms.calc.turning:
-                raise ValueError('frf.gyration_seen_from: particles gyrate on a shaken bench; say "bench" if gyration '
-                                 'turns their motion relative to the bench, as with gyroscopes on pillars, or "floor" if it '
-                                 'turns all motion, as on a rotating bench or for charges in a field')
             picked['force'] = np.array([np.cos(plan.base_deg * u.deg), np.sin(plan.base_deg * u.deg), 0.0])
         return atoms, picked['force'], picked['response']
 
@@ -378,14 +345,14 @@ class Scene(Table):
         table = getattr(self, name)
         if name == 'bands' and table is None and not (self.single or self.finite):
             return BandPlan.model_validate({})
-        if (self.finite or self.single) and name in ('bands', 'burst', 'vibrometer', 'patch'):
+        if (self.finite or self.single) and name in ('bands', 'burst', 'patch'):
             what, shown = ('one particle', '"magphonon frf" shows its response') if self.single else (
                 'a finite structure', '"magphonon modes" shows its modes')
             raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is {what}; {shown}')
         if table is None:
             have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
-            example = 'prototype' if 'prototype' in have else have[0]
-            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one, as in "magphonon scene {example}"')
+            example = ', as in "magphonon scene ' + have[0] + '"' if have else ''
+            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one{example}')
         return table
 
     def band_path(self) -> BandPath:
@@ -523,8 +490,7 @@ def toml(tables: dict[str, Any], name: str = '') -> str:
 def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:
     """The tables of a scene in plain Python, and the particles of its file, if any; `scene_of` restores the scene from these."""
     tables = scene.model_dump(mode='json', exclude_none=True)
-    tables['lattice'].pop('contents', None)  # the checksum of that file
-    return _without_files_of_columns(tables), getattr(scene.lattice, '_atoms', None)
+    return tables, getattr(scene.lattice, '_atoms', None)
 
 
 def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
@@ -533,13 +499,6 @@ def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
         return Scene.model_validate(tables, context=None if particles is None else {'structure': particles})
     except ValidationError as error:
         raise ValueError('\n'.join(_faults(error, tables))) from None
-
-
-def _without_files_of_columns(table):
-    """The table without keys that name files of forces, because their columns are part of the scene once they are read."""
-    read = 'distances_m' in table
-    return {key: _without_files_of_columns(value) if isinstance(value, dict) else value
-            for key, value in table.items() if not (read and key == 'file')}
 
 
 def _faults(error, data):

@@ -1,5 +1,5 @@
 """Structures other than perfect lattices. The table [lattice] of the kind "file" reads your own particles from a file beside the
-scene. The tables [defects] and [disorder] put vacancies, guests and random scatter into a patch or such a structure.
+scene. The table [defects] puts vacancies and other particles into a patch or such a structure.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_
 
 from .. import units as u
 from ..bands.bands import band_path
-from ..errors import one_of, whole
+from ..errors import one_of
 from ..files import MEGABYTE, refuse_endless
 from ..quantities import LENGTH, MASS, PURE, STIFFNESS
 from ..stiffness.all_neighbours import nearest_distance
-from ..stiffness.defects import LARGEST_SCATTER, Scatter, scattered, substituted, with_interstitial, with_vacancies
+from ..stiffness.defects import LARGEST_SCATTER, substituted, with_vacancies
 from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
@@ -33,34 +33,30 @@ from ..tables import read_table
 from .fields import Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
-COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
+COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'held': PURE, 'mass': MASS, 'strength': PURE,
            'stiffness': STIFFNESS, 'relative_damping': PURE}
 LAYOUT = ('a table of particles has the columns x_m,y_m (or x_mm,y_mm, or of a photo x_px,y_px) and, where wanted, '
-          'z_m,kind,held,mass_kg,strength,stiffness_N_per_m,relative_damping')
+          'z_m,held,mass_kg,strength,stiffness_N_per_m,relative_damping')
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
-MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m  # largest number of a kind, and largest coordinate; what is farther is in another unit
+FARTHEST = 1e6 * u.m  # largest coordinate; what is farther is in another unit
 NEAREST_m = 1e-6, 1e6
 """Range of the distance of nearest particles, as of `lattice.spacing_m`; beyond it a unit is wrong."""
-OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
+OF_ASE = {'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
           'stiffness_N_per_m': 'stiffness, in N/mm'}
 """Columns of tables, and what a file that ASE reads has in their place."""
-MOVED = 1e-3
-"""Distance from the feet of the pillars to rest, as a fraction of the spacing, above which it matters whether positions in a
-file are those of the feet or those at rest: a bond that is longer by so much is softer by half a percent."""
 PACKAGE_UNIT_m = 1e-3
 """The unit of length of this package's own Atoms, mm."""
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]
 SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of the value of its neighbours')]
 NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of the value of its neighbours')]
-Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0))]
 Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
 
 def read_particles(path: Path) -> Atoms:
     """The particles of a table of text, without a cell.
 
-    Kinds become tags, and held particles get FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
+    Held particles get FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
     table has these columns.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
@@ -68,16 +64,13 @@ def read_particles(path: Path) -> Atoms:
         raise ValueError(f'{path} has the columns {table.named("x", "y")}; give both in pixels or none')
     for name in 'xyz':
         table.refuse(name, abs(table.get(name, 0.0)) > FARTHEST, 'lie within 1e6 m')
-    for name, wrong, must in (('kind', lambda x: (x != np.round(x)) | (abs(x) > MOST_KINDS), 'be a whole number'),
-                              ('held', lambda x: (x != 0) & (x != 1), 'be 0 or 1'), ('mass', lambda x: x <= 0, 'be positive'),
+    for name, wrong, must in (('held', lambda x: (x != 0) & (x != 1), 'be 0 or 1'), ('mass', lambda x: x <= 0, 'be positive'),
                               ('stiffness', lambda x: x < 0, 'not be negative'),
                               ('relative_damping', lambda x: x < 0, 'not be negative')):
         table.refuse(name, wrong(table.get(name, 1.0)), must)
     atoms = Atoms(['Nd'] * len(table), positions=np.stack([table['x'], table['y'], table.get('z', 0.0)], axis=1))
     if 'mass' in table:
         atoms.set_masses(table['mass'])  # pyright: ignore[reportArgumentType]  ASE declares text
-    if 'kind' in table:
-        atoms.set_tags(table['kind'].astype(int))
     if table.get('held', 0).any():
         atoms.set_constraint(FixAtoms(mask=table['held'] == 1))
     for name in ('strength', 'stiffness', 'relative_damping'):
@@ -95,7 +88,7 @@ class FileLattice(Table):
 
     kind: Literal['file']
     file: Text = Field(description='the file with the particles, beside the scene: a table .csv with the columns x_m,y_m and, '
-                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m,relative_damping (or x_mm, mass_g and so on; '
+                       'where wanted, held,mass_kg,strength,stiffness_N_per_m,relative_damping (or x_mm, mass_g and so on; '
                        'x_px,y_px of a photo), or any file that ASE reads',
                        examples=['particles.csv'])
     length_unit_m: Annotated[Positive, within(1e-12, 1e6, 'metres')] = Field(
@@ -116,9 +109,6 @@ class FileLattice(Table):
                                      'in pixels from its upper left corner', examples=[[[212, 1810], [2840, 1790]]])
     points_m: Points | None = Field(None, description='the positions [x, y] in m of the two points in points_px, which give the '
                                                       'scale and the rotation of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
-    relaxed: Flag = Field(False, description='true if the particles first move to where their forces balance, as with '
-                          'positions = "anchors"', examples=[True])
-
     _atoms: Any = PrivateAttr(None)
     _cutoff: float | None = PrivateAttr(None)  # in mm, chosen where neither cutoff_m nor the law says it
 
@@ -241,14 +231,7 @@ class FileLattice(Table):
         if self.positions == 'rest':
             atoms.calc = atoms.calc.balanced(np.flatnonzero(freedom(atoms)[0]))
             return atoms
-        if not (self.relaxed or self.positions == 'anchors'):
-            return atoms
-        found = relaxed(atoms)
-        if self.positions is None and np.any(atoms.calc.foundation) and found.shift > MOVED * self.spacing_m * u.m:
-            warnings.warn(f'lattice.relaxed treats the positions in {self.file} as the feet of the pillars and moves the '
-                          f'particles by up to {found.shift:.3g} mm to rest. Instead write positions = "anchors" if they are the '
-                          'feet, or positions = "rest" if they show the particles at rest, as in a photo', stacklevel=2)
-        return found.atoms
+        return relaxed(atoms).atoms if self.positions == 'anchors' else atoms
 
     @property
     def cutoff(self) -> float | None:
@@ -259,11 +242,6 @@ class FileLattice(Table):
     def spacing_given(self) -> str:
         """The key that sets the spacing, and its value, for a message."""
         return f'lattice.file = {self.file!r}, whose nearest particles are {self.spacing_m:.6g} m apart'
-
-    @property
-    def least_mass_kg(self) -> float:
-        """Mass of the lightest particle in kg."""
-        return float(self.cell().get_masses().min()) / u.kg
 
     @property
     def finite(self) -> bool:
@@ -293,8 +271,8 @@ def _read_by_ase(path):
     return found
 
 
-class Guest(Table):
-    """Another particle, by its mass, strength and stiffness relative to the particle with which it is compared."""
+class Substitution(Table):
+    """A particle that replaces the one nearest to the place, by its mass, strength and stiffness relative to that one."""
 
     at_m: Point = Field(description='the position [x, y] of the particle in m', examples=[[0.0, 0.0]])
     relative_mass: Factor = Field(1.0, description='factor of the mass', examples=[0.5])
@@ -303,21 +281,10 @@ class Guest(Table):
                                                  examples=[0.5])
     relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of the foundation', examples=[0.0])
 
-    kind: Kind | None = Field(None, description='the kind of particle, which selects its law in [[laws_of_kinds]]', examples=[1])
-
     @property
     def properties(self) -> dict[str, Any]:
         """The arguments of `magphonon.stiffness.substituted`."""
-        return {'mass': self.relative_mass, 'strength': self.relative_strength, 'stiffness': self.relative_stiffness,
-                'kind': self.kind}
-
-
-class Substitution(Guest):
-    """A particle that replaces the one nearest to the place."""
-
-
-class Interstitial(Guest):
-    """An additional particle, relative to the nearest one; it repels all particles within the cutoff of the bonds."""
+        return {'mass': self.relative_mass, 'strength': self.relative_strength, 'stiffness': self.relative_stiffness}
 
 
 class Defects(Table):
@@ -326,18 +293,11 @@ class Defects(Table):
     vacancies_m: Points = Field((), description='positions [x, y] in m; the particle nearest to each is removed',
                                 examples=[[[0.0, 0.0]]])
     substitutions: Annotated[tuple[Substitution, ...], listed] = ()
-    interstitials: Annotated[tuple[Interstitial, ...], listed] = ()
-
-    @property
-    def guests(self) -> tuple[Guest, ...]:
-        """All substitutions and interstitials."""
-        return self.substitutions + self.interstitials
 
     @model_validator(mode='after')
     def _something(self):
-        if not (self.vacancies_m or self.substitutions or self.interstitials):
-            raise ValueError(' names no defect; give vacancies_m, [[defects.substitutions]] or [[defects.interstitials]], or '
-                             'remove the table')
+        if not (self.vacancies_m or self.substitutions):
+            raise ValueError(' names no defect; give vacancies_m or [[defects.substitutions]], or remove the table')
         return self
 
     def applied(self, atoms: Atoms) -> Atoms:
@@ -350,18 +310,12 @@ class Defects(Table):
             raise ValueError(f'defects names the particle at [{x:.6g}, {y:.6g}] twice; keep one of them')
         for guest, site in zip(self.substitutions, others, strict=True):
             atoms = substituted(atoms, site, **guest.properties)
-        for k, guest in enumerate(self.interstitials):
-            try:
-                atoms = with_interstitial(atoms, np.array(guest.at_m) * u.m, **guest.properties)
-            except ValueError as error:
-                raise ValueError(f'defects.interstitials[{k}].at_m = {list(guest.at_m)}: {error}') from None
         return with_vacancies(atoms, missing) if missing else atoms
 
     def places(self, atoms: Atoms) -> NDArray[np.float64]:
         """Positions of the defects in the perfect structure `atoms` in mm, shape (defects, 2)."""
         hosts = [*self.vacancies_m, *(guest.at_m for guest in self.substitutions)]
-        sites = [atoms.positions[_site('', atoms, place), :2] for place in hosts]
-        return np.array([*sites, *(np.array(guest.at_m) * u.m for guest in self.interstitials)]).reshape(-1, 2)
+        return np.array([atoms.positions[_site('', atoms, place), :2] for place in hosts])
 
 
 def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
@@ -376,33 +330,3 @@ def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
         raise ValueError(f'defects.{key} = {list(place)} is nearest to the held particle at [{x:.6g}, {y:.6g}]; '
                          'choose a place further inside')
     return nearest
-
-
-class Disorder(Table):
-    """Normally distributed scatter of the sites of the patch or of the finite structure, which then relaxes."""
-
-    seed: Annotated[int, BeforeValidator(partial(whole, '', least=0))] = Field(
-        description='the seed of the random numbers; the same seed gives the same structure on every machine', examples=[1])
-    position_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(
-        0.0, description='the standard deviation of each coordinate of a particle and of its support in m', examples=[1e-5])
-    strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths (for example magnetic moments) '
-                                      'in percent', examples=[1.0])
-    mass_percent: Percent = Field(0.0, description='the standard deviation of the masses in percent', examples=[1.0])
-    stiffness_percent: Percent = Field(0.0, description='the standard deviation of the stiffness of the foundation in percent',
-                                       examples=[5.0])
-
-    @model_validator(mode='after')
-    def _something(self):
-        if not (self.position_m or self.strength_percent or self.mass_percent or self.stiffness_percent):
-            raise ValueError(' names nothing that scatters; give position_m, strength_percent, mass_percent or stiffness_percent')
-        return self
-
-    def applied(self, atoms: Atoms) -> Atoms:
-        """The structure with its sites scattered, not yet at rest."""
-        shortest = atoms.calc.bonds.lengths.min()
-        if self.position_m * u.m > shortest / 10:
-            raise ValueError(f'disorder.position_m = {self.position_m!r} is more than a tenth of the distance between nearest '
-                             f'particles, {shortest / u.m:.4g} m, beyond which neighbours change places; check its '
-                             'unit, which is m')
-        percent = (self.strength_percent, self.mass_percent, self.stiffness_percent)
-        return scattered(atoms, Scatter(self.position_m * u.m, *(value / 100 for value in percent)), self.seed)

@@ -86,9 +86,9 @@ class Verdict:
         return self._found[name]
 
     def __getattr__(self, name: str) -> Any:
-        if name in CHECKS:
-            return self.finding(name).value
-        raise AttributeError(f'a verdict has no {name!r}; its checks are {", ".join(CHECKS)}')
+        if name not in CHECKS:
+            return object.__getattribute__(self, name)  # raises again what a property has raised
+        return self.finding(name).value
 
     @property
     def stable(self) -> bool:
@@ -309,7 +309,6 @@ class Case:
     def unstable(self) -> bool:
         """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
         return bool(self.grows[0] or (self.above is not None and self.above[0].growth))
-
 
 
 @dataclass(frozen=True)

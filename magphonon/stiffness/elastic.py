@@ -194,7 +194,7 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     return bond_virial(calc, calc.displacements(atoms)) / measure(atoms)
 
 
-@takes('all neighbours', 'out of plane', 'attraction', 'unlike')
+@takes('all neighbours')
 def elastic_moduli(atoms: Atoms) -> Moduli:
     """Stress and elastic moduli of a lattice at rest, without its foundation.
 

@@ -56,9 +56,7 @@ class _Rescaled(Calculator):
         self.results = {name: self.scale * value for name, value in found.items()}
 
 
-@takes('all neighbours', 'out of plane', 'conventional', 'attraction', 'oblique', 'unlike',
-       constraints='the supercells of other tools do not keep constraints; use analytic_bands, finite_displacements or modes, or '
-                   'remove the constraints with atoms.set_constraint()')
+@takes('all neighbours', 'conventional', 'oblique')
 def for_ase_tools(atoms: Atoms) -> Atoms:
     """The same atoms for tools that expect eV, Angstrom and amu: the numbers that they call Angstrom are in mm, and THz are Hz.
 

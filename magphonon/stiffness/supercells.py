@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..lattices.bonds import lengths_of
-from ..traits import KNOWN, Tool, refuse_of
+from ..traits import LIKE, Tool, refuse_of
 
 if TYPE_CHECKING:
     from .repulsion import Repulsion
@@ -87,7 +87,7 @@ def own_cell(calc: Repulsion, atoms: Atoms) -> Atoms:
     return here
 
 
-OTHERS = Tool('a tool that displaces particles of its own supercells', __name__, frozenset(KNOWN))
+OTHERS = Tool('a tool that displaces particles of its own supercells', __name__, frozenset(('all neighbours', *LIKE)))
 
 
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:

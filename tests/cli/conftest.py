@@ -14,7 +14,7 @@ def few_pixels(monkeypatch):
 @pytest.fixture
 def scene_file(tmp_path):
     """A function that writes a ready scene with texts replaced by others."""
-    def write(changes, name='prototype'):
+    def write(changes, name='bench'):
         text = ready_scene(name).read_text()
         for old, new in changes.items():
             assert old in text, old

@@ -97,7 +97,7 @@ def test_lattices_of_all_neighbours_are_judged_too(capsys):
 
 def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
     file = tmp_path / 'my.toml'
-    file.write_text(ready_scene('prototype').read_text().replace('side_m = 0.3 ', 'side_m = 1.3 '))
+    file.write_text(ready_scene('bench').read_text().replace('side_m = 0.3 ', 'side_m = 1.3 '))
     assert main(['check', '--verbose', str(file)]) == FINE
     said = capsys.readouterr().out
     assert 'Lattice: OK\n' in said
@@ -158,7 +158,7 @@ def test_commands_that_do_not_take_a_structure_are_named(name, refused):
 
 @pytest.mark.parametrize(('name', 'tells'), [('prototype', False), ('prototype.toml', True)])
 def test_ready_scenes_do_not_warn_of_themselves_and_copies_of_them_do(name, tells, tmp_path):
-    (tmp_path / 'prototype.toml').write_text(ready_scene('prototype').read_text())
+    (tmp_path / 'prototype.toml').write_text(ready_scene('bench').read_text())
     scene = read_scene(name if not tells else tmp_path / name)
     assert len(omission(scene, False)) == tells
     assert len(omission(scene, True)) == 1

@@ -21,14 +21,13 @@ def few_values(monkeypatch):
 
 def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(['explore', '--verbose', 'vacancy', '-o', 'new/page.html']) == 0
-    told, perfect, neighbours = capsys.readouterr().out.splitlines()
+    assert main(['explore', 'vacancy', '-o', 'new/page.html']) == 0
+    told, perfect = capsys.readouterr().out.splitlines()
     assert told == 'new/page.html is written; open it in a browser'
-    assert perfect == 'This lattice is perfect: [defects] and [disorder] belong to a patch.'
-    assert neighbours.startswith('Nearest neighbours only')
+    assert perfect == 'This lattice is perfect: [defects] belong to a patch.'
     first = (tmp_path / 'new/page.html').read_text(encoding='utf-8')
     assert '<h1>Honeycomb of light and heavy magnets, one of them missing</h1>' in first
-    assert 'This lattice is perfect: [defects] and [disorder] belong to a patch.' in first
+    assert 'This lattice is perfect: [defects] belong to a patch.' in first
     assert 'vacancies_m' in first  # the scene itself
     assert main(['explore', 'rings', '-o', 'new/page.html', '--force']) == 0
     assert '<h1>N42 rings on pillars' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')

@@ -7,11 +7,12 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scene_files import ready_scene
 
 from magphonon import units
 from magphonon.cli.main import main
 from magphonon.response.frf import FrequencyResponse
-from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.scene import read_scene
 
 # Sec. III of the paper: vertical stiffness in N/m at the four angles in degrees, with D* and without; M = 1 kg
 STIFFNESS = {0.0: (2e4, 4e4), 30.0: (4.5e4, 6e4), 45.0: (7e4, 8e4), 90.0: (12e4, 12e4)}
@@ -57,7 +58,7 @@ def oscillator():
 @pytest.fixture(scope='module')
 def patch():
     """The prototype's magnets in a small patch."""
-    return ready_scene('prototype').read_text().partition('[patch]')[0] + PATCH
+    return ready_scene('bench').read_text().partition('[patch]')[0] + PATCH
 
 
 def table(folder):
@@ -155,7 +156,8 @@ MISTAKES = {
     'force on the oscillator': ('oscillator', ('[frf]', '[frf.force]\nat_m = [0, 0]\ndirection_deg = 0\n[frf]'),
                                 'frf.force: the oscillator is driven and measured along its guide; remove [frf.force]'),
     'no patch': ('patch', (PATCH.partition('[frf]')[0], ''), 'frf: there is no patch to drive; add a table [patch]'),
-    'no force': ('patch', (PATCH[PATCH.index('[frf.force]'):PATCH.index('[frf.resp')], ''), "frf lacks the table 'force'"),
+    'no force': ('patch', (PATCH[PATCH.index('[frf.force]'):PATCH.index('[frf.resp')], ''),
+                 "frf needs [frf.response], and either [frf.force] or base_deg"),
     'on the rim': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [0.02, 0.0]'), 'frf.force.at_m = [0.02, 0.0] is on the held rim'),
     'outside': ('patch', ('at_m = [0.012, 0.001]', 'at_m = [12, 1]'), 'frf.response.at_m = [12.0, 1.0] is outside'),
 }

@@ -127,7 +127,7 @@ if not os.path.exists('/proc'):
 @pytest.fixture
 def desk(tmp_path):
     """A directory with good and bad scenes."""
-    good = ready_scene('prototype').read_text()
+    good = ready_scene('bench').read_text()
     (tmp_path / 'good.toml').write_text(good)
     (tmp_path / 'bad.toml').write_text(good.replace('spacing_m = 0.01', 'spacing_m = -0.01'))
     (tmp_path / 'narrow.toml').write_text(good.replace('[3, 3]', '[2, 2]'))

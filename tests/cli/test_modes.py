@@ -17,7 +17,7 @@ from magphonon.scenes.scene import read_scene
 @pytest.fixture
 def prototype(tmp_path):
     """The prototype's scene with a smaller patch."""
-    text = ready_scene('prototype').read_text()
+    text = ready_scene('bench').read_text()
     assert 'side_m = 0.3 ' in text
     file = tmp_path / 'my.toml'
     file.write_text(text.replace('side_m = 0.3 ', 'side_m = 0.08 '))

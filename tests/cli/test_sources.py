@@ -55,16 +55,16 @@ def test_a_name_that_is_no_scene_is_told_the_near_one(given, meant, desk, capsys
 
 
 def test_a_scene_through_a_pipe_finds_its_files_in_the_present_folder(desk, monkeypatch, capsys):
-    (desk / 'law.csv').write_text('r_m,f_N\n' + '\n'.join(f'{r},{1e4 * r**-4}' for r in (0.5, 0.8, 1.0, 1.3, 2.0)))
-    before, law, after = CHAIN.partition('[law]')[0], '[law]\nkind = "table"\nfile = "law.csv"\nshells = 1\n', '\n[foundation]'
-    text = before + law + after + CHAIN.partition('[foundation]')[2]
+    (desk / 'row.csv').write_text('x_m,y_m\n0,0\n')
+    text = CHAIN.replace('kind = "chain"', 'kind = "file"\nfile = "row.csv"\ncell_m = [[1.0, 0.0]]')
+    text = text.replace('spacing_m = 1.0', '')
     pipe(text, monkeypatch)
-    assert main(['bands', '-']) == 0
-    assert 'pictures and data are in stdin-bands' in capsys.readouterr().out
+    assert main(['check', '-']) == 0
+    assert capsys.readouterr().out.startswith('Stable in the plane')
     pipe(text, monkeypatch)
-    (desk / 'law.csv').rename(desk / 'gone.csv')
+    (desk / 'row.csv').rename(desk / 'gone.csv')
     assert main(['check', '-']) == 2
-    assert 'stdin: law.file: law.csv' in capsys.readouterr().err
+    assert 'stdin: lattice.file: row.csv' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('content', 'words'), [
@@ -84,6 +84,6 @@ def test_parents_of_the_results_are_made_and_go_with_them_if_they_fail(desk, cap
     assert main(['bands', 'mine.toml', '-o', 'a/b/c/d']) == 0
     assert (desk / 'a' / 'b' / 'c' / 'd' / 'bands.csv').exists()
     before = names(desk)
-    (desk / 'narrow.toml').write_text(ready_scene('prototype').read_text().replace('[3, 3]', '[2, 2]'))
+    (desk / 'narrow.toml').write_text(ready_scene('bench').read_text().replace('[3, 3]', '[2, 2]'))
     assert main(['bands', 'narrow.toml', '-o', 'a/e/f/g']) == 2
     assert names(desk) == sorted([*before, 'narrow.toml'])

@@ -114,7 +114,7 @@ def test_in_a_patch_only_peaks_are_called_too_narrow(tmp_path, capsys):
     """37 free magnets, 100 drawn at random: on the peak that is told the mean is lower; in the dip where the second order is
     largest it is higher, though the second order of one resonance would have it lower by a third.
     """
-    text = ready_scene('prototype').read_text().partition('[patch]')[0].partition('[bands]')[0]
+    text = ready_scene('bench').read_text().partition('[patch]')[0].partition('[bands]')[0]
     text += """[patch]\nkind = "hexagon"\nside_m = 0.04\n[frf]\nfrom_Hz = 20.0\nto_Hz = 180.0\npoints = 97\ndamping_per_s = 40.0
 force = {at_m = [0.0, 0.0], direction_deg = 90.0}\nresponse = {at_m = [0.0, 0.02], direction_deg = 90.0}
 [uncertainty]\nmass_percent = 1.0\nyoungs_modulus_percent = 3.0\nb_percent = 2.9\n"""

@@ -77,7 +77,7 @@ def test_what_d0_alone_would_have_promised():
 
 
 def test_one_number_of_the_whole_lattice_is_the_simplest_case():
-    """The spacing for a wanted band edge, as `spacings_for` has it in closed form: omega^2 = 2 (a - 3) L^-(a + 1)."""
+    """The spacing for a wanted band edge, in closed form: omega^2 = 2 (a - 3) L^-(a + 1)."""
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
     edge = BandEdge([0.5, 0, 0], below=1, sharp=np.inf)

@@ -22,8 +22,7 @@ from magphonon import (
     units as u,
 )
 from magphonon.dynamics import write_lammps_input
-from magphonon.response.frf import Transmissibility, receptance
-from magphonon.scenes.scene import Scene
+from magphonon.response.frf import Transmissibility
 from magphonon.stiffness.rest import LinearSystem
 
 
@@ -220,35 +219,6 @@ def test_behind_a_wall_the_prototype_moves_as_its_complex_wave(model, amplitude)
     np.testing.assert_allclose(found[:12], np.exp(-1j * xi.conj() * np.arange(12)), atol=2e-5)  # what the far side sends back
 
 
-SHAKEN = {'title': 'shaken', 'lattice': {'kind': 'triangular', 'spacing_m': 0.01, 'mass_kg': 7e-4},
-          'law': {'kind': 'inverse_power', 'b_N_m_a': 1.6209e-10, 'a': 4.5824, 'shells': 1},
-          'foundation': {'stiffness_N_per_m': 20.0}, 'patch': {'kind': 'parallelogram', 'cells_1': 6, 'cells_2': 5},
-          'frf': {'from_Hz': 20.0, 'to_Hz': 60.0, 'points': 3, 'damping_per_s': 10.0,
-                  'wall': {'side_deg': 270.0, 'direction_deg': 0.0}, 'response': {'at_m': [0.0, 0.0], 'direction_deg': 0.0}}}
-
-
-def test_a_scene_moves_the_side_that_it_names():
-    scene = Scene.model_validate(SHAKEN)
-    atoms, walls, answer = scene.shaken(wall=True)
-    found = receptance(atoms, walls, answer, scene.frf.omega, scene.frf.damping)
-    every = frequency_response(atoms, None, scene.frf.omega, scene.frf.damping, walls=walls).response
-    assert isinstance(found, Transmissibility)
-    assert found.response == pytest.approx(every[:, answer.particle, 0])
-    lowest = atoms.positions[:, 1] < atoms.positions[:, 1].min() + 1
-    assert walls.any(axis=1).tolist() == lowest.tolist()
-    assert walls.sum(axis=0) == pytest.approx([6, 0, 0])
-
-
-@pytest.mark.parametrize(('change', 'said'), [
-    ({'base_deg': 0.0}, r'both base_deg and \[frf.wall\]'),
-    ({'force': {'at_m': [0.0, 0.0], 'direction_deg': 0.0}}, r'both \[frf.wall\] and \[frf.force\]'),
-    ({'wall': {'side_deg': 'left', 'direction_deg': 0.0}}, 'side_deg'),
-])
-def test_walls_that_a_scene_cannot_have_are_refused(change, said):
-    with pytest.raises(ValueError, match=said):
-        Scene.model_validate(SHAKEN | {'frf': SHAKEN['frf'] | change})
-
-
 def test_walls_are_refused_where_they_mean_nothing(tmp_path):
     row, push = chain(8), Harmonic([0], (1, 0), 1e-3, 1.0)
     for run in (lambda wall: DrivenVerlet(row, 0.01, [wall]), lambda wall: propagate(row, [1.0], [wall])):
@@ -258,9 +228,6 @@ def test_walls_are_refused_where_they_mean_nothing(tmp_path):
         PrescribedMotion(np.sin)
     with pytest.raises(ValueError, match='only forces are accepted'):
         write_lammps_input(tmp_path, row, timestep=0.01, steps=1, drives=[PrescribedMotion(push)])
-    scene = Scene.model_validate(SHAKEN)
-    with pytest.raises(ValueError, match=r'frf\.wall: a wall that moves is for "magphonon frf"'):
-        scene.shaken()
     free = np.zeros((8, 3))
     free[3, 0] = 1
     with pytest.raises(ValueError, match='particle 3 is free'):

@@ -52,7 +52,7 @@ def scene_with(entry, folder):
 
 @pytest.mark.slow
 def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
-    assert main(['fit', str(SYNTHETIC), '--spacing', '10mm', '--distance-sigma', '0.05mm', '-o', str(tmp_path / 'out')]) == 0
+    assert main(['fit', str(SYNTHETIC), '--spacing', '10mm', '--sigma', 'distance=0.05mm', '-o', str(tmp_path / 'out')]) == 0
     printed = capsys.readouterr().out
     assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['fit.png', 'law.toml']
     entry = (tmp_path / 'out' / 'law.toml').read_text()
@@ -81,12 +81,12 @@ def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
     assert 'Assumed beforehand: the zero of the distances is known to 0.2 mm' in said
     assert 'Causes of the uncertainty of the slope, as shares of its variance: zero of distance' in said
     assert '8 to 15 mm do not determine the kind of law' in said
-    assert main(['fit', '--verbose', str(SYNTHETIC), '--magnet', 'rings']) == 0
-    assert 'The shape of rings, rather than a free curve, has the probability' in capsys.readouterr().out
+    assert main(['fit', '--verbose', str(ready_scene('rings')), str(SYNTHETIC)]) == 0
+    assert 'rings.toml, rather than a free curve, has the probability' in capsys.readouterr().out
     rows = table_of(R, repulsion(LAW, R), 'r_mm,f_N')
     slack = rows.replace('\n', ',approach\n').replace('f_N,approach', 'f_N,direction') + ''.join(
         f'{r!r},{f + 0.016!r},return\n' for r, f in zip(R.tolist(), repulsion(LAW, R).tolist(), strict=True))
-    assert main(['fit', write(tmp_path, slack), '--hysteresis-sigma', '1mN']) == 0
+    assert main(['fit', write(tmp_path, slack), '--sigma', 'hysteresis=1mN']) == 0
     assert 'The hysteresis comes out as 0.00' in capsys.readouterr().out
 
 
@@ -124,12 +124,12 @@ def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
 @pytest.mark.parametrize(('options', 'message'), [
     (['--spacing', '-1'], '--spacing must be a positive number in mm, not -1000'),
     (['--spacing', '10 parsec'], 'not a number with one of the units m, mm'),
-    (['--pair-sigma', '3'], "--pair-sigma: must be at least 0 and below 1, not '3'; write 3 percent as 0.03 or 3%"),
-    (['--distance-sigma=-0.1mm'], 'distance must be a zero or positive number in mm, not -0.1'),
-    (['--magnet', 'prototype'], 'the law of prototype is inverse_power; name a scene whose law is that of magnets'),
+    (['--sigma', 'pair=3'], "--sigma: must be at least 0 and below 1, not '3'; write 3 percent as 0.03 or 3%"),
+    (['--sigma', 'distance=-0.1mm'], 'distance must be a zero or positive number in mm, not -0.1'),
+    (['--sigma', 'width=1mm'], "'width=1mm' must be one of distance, zero, hysteresis, backlash, gain, pair"),
     (['--spacing', '0.03'], 'the spacing 0.03 m is a factor 2 beyond the data, 0.008 to 0.015 m'),
     (['--spacing', '12'], 'did you mean 0.012 m?'),
-    (['--bands', 'prototype', '--zero-sigma', '1mN'], '--zero-sigma belongs to a fit of forces'),
+    (['--bands', 'prototype', '--sigma', 'zero=1mN'], '--sigma belongs to a fit of forces'),
 ])
 def test_wrong_options_are_refused(tmp_path, capsys, options, message):
     try:
@@ -164,5 +164,5 @@ def test_gaps_between_faces_are_refused_where_the_magnet_is_named(tmp_path, caps
     for add, code in ((0.0, 2), (6.35, 0)):
         rows = [f'{gap + add},{(6.35 / (gap + 6.35)) ** 3}' for gap in (0.65, 1, 2, 3, 4, 5, 7, 9)]
         (tmp_path / 'gaps.csv').write_text('\n'.join(['r_mm,f_N', *rows]))
-        assert main(['fit', str(tmp_path / 'gaps.csv'), '--spacing', '10mm', '--magnet', 'rings']) == code
+        assert main(['fit', str(ready_scene('rings')), str(tmp_path / 'gaps.csv'), '--spacing', '10mm']) == code
         assert ('give distances of the centres, not gaps' in capsys.readouterr().err) == (code == 2)

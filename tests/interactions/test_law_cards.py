@@ -126,8 +126,7 @@ def test_cards_say_what_scenes_fits_and_tolerances_know():
     assert {name: (kind.strength, kind.shape) for name, kind in kinds.items()} == {
         'inverse_power': ('b', 'a'), 'dipoles': ('moment', ''), 'coulomb': ('charge', ''),
         'yukawa': ('strength', 'screening_length'),
-        'hertz': ('', ''), 'spring': ('spring', ''), 'cable': ('spring', ''), 'table': ('forces', ''),
-        'magnets': ('remanence', '')}
+        'hertz': ('', ''), 'table': ('forces', ''), 'magnets': ('remanence', '')}
     table = Tabulated([8.0, 9.0, 10.0, 12.0], [0.66, 0.38, 0.24, 0.10])
     assert [card_of(law).magnets for law in (table, Attraction(table), Attraction(Exponential(1, 1)), Exponential(1, 1))] == [
         True, True, False, False]
@@ -138,7 +137,7 @@ def test_powers_of_strengths_are_those_of_the_forces():
         if not kind.made:
             continue
         values = {name: 1e-3 * one.unit if name != 'poisson_ratio' else 0.3 for name, one in kind.parameters.items()}
-        r = (1.1 if kind.name == 'cable' else 0.9) * u.mm  # in contact, and taut
+        r = 0.9 * u.mm  # in contact
         for name, one in kind.parameters.items():
             more = kind.made(**values | {name: 1.01 * values[name]}).dphi(r) / kind.made(**values).dphi(r)
             assert not one.power or more == pytest.approx(1.01**one.power, rel=1e-9)

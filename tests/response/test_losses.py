@@ -270,10 +270,8 @@ def test_losses_of_a_scene_reach_every_command_or_are_refused(tmp_path, capsys):
     saved = Bands.load(tmp_path / 'out/bands_damped.npz')
     assert np.allclose(saved.decay, 0.05)
     assert saved.frequencies_Hz[-1, 0] == pytest.approx(shear, rel=1e-9)
-    for table, said in (({'uncertainty': {'stiffness_percent': 1.0}}, 'one damping'),
-                        ({'design': {'cut_off_Hz': 30.0}}, 'varies the spacing')):
-        with pytest.raises(ValueError, match=said):
-            Scene.model_validate(OF_A_FILE | table, context={'folder': tmp_path})
+    with pytest.raises(ValueError, match='one damping'):
+        Scene.model_validate(OF_A_FILE | {'uncertainty': {'stiffness_percent': 1.0}}, context={'folder': tmp_path})
 
 
 def test_numbers_that_are_no_losses_are_refused():

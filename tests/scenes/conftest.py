@@ -5,10 +5,9 @@ import json
 import tomllib
 
 import pytest
+from scene_files import ready_scene
 
-from magphonon.scenes.scene import ready_scene
-
-SCENE = tomllib.loads(ready_scene('prototype').read_text())
+SCENE = tomllib.loads(ready_scene('bench').read_text())
 
 
 def toml(value):

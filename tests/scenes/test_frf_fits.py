@@ -278,8 +278,8 @@ def test_commands(tmp_path, exact, capsys):
     shares = [line.split() for line in told.splitlines() if 'f.csv, (' in line]
     assert all(float(words[1].strip(',')) < 0.03 < 0.1 < float(words[3]) for words in shares)
     assert (tmp_path / 'frf' / 'frf_measured.png').exists()
-    assert main(['fit', table, '--frf', scene, '--magnet', 'rings']) != 0
-    assert '--magnet belongs to other fits' in capsys.readouterr().err
+    assert main(['fit', table, '--frf', scene, '--sigma', 'pair=0.1']) != 0
+    assert '--sigma pair belongs to a fit of forces' in capsys.readouterr().err
 
 
 @pytest.mark.long

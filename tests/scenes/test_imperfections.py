@@ -1,4 +1,4 @@
-"""Defects and disorder in scenes: the tables against structures built in Python, what the reports say, and what is refused."""
+"""Defects in scenes: the tables against structures built in Python, what the reports say, and what is refused."""
 
 import json
 import re
@@ -13,7 +13,7 @@ from magphonon import MagneticRepulsion, relaxed, units as u
 from magphonon.cli.main import main
 from magphonon.response import natural_frequencies
 from magphonon.scenes.scene import Scene
-from magphonon.stiffness.defects import Scatter, scattered, substituted, with_interstitial, with_vacancies
+from magphonon.stiffness.defects import substituted, with_vacancies
 
 HZ = 1e3 / (2 * np.pi)
 
@@ -70,36 +70,31 @@ def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
     assert 'buckles or slides' in said
 
 
-FIRST, LIGHT, BETWEEN = [0.01, 0.015], {'at_m': [0.03, 0.02], 'relative_mass': 0.2, 'relative_strength': 0.7,
-                                        'relative_stiffness': 0.5}, {'at_m': [0.052, 0.044], 'relative_strength': 0.3}
+FIRST = [0.01, 0.015]
+LIGHT = {'at_m': [0.03, 0.02], 'relative_mass': 0.2, 'relative_strength': 0.7, 'relative_stiffness': 0.5}
 PATCH = {'kind': 'supercell', 'cells_1': 5, 'cells_2': 6}
 
 
 @pytest.mark.parametrize('model', ['complete', 'conventional'])
 def test_the_tables_build_what_python_builds(model):
-    defects = {'vacancies_m': [FIRST], 'substitutions': [LIGHT], 'interstitials': [BETWEEN]}
-    disorder = {'seed': 5, 'position_m': 2e-5, 'strength_percent': 1.0, 'mass_percent': 3.0, 'stiffness_percent': 2.0}
-    found = scene(patch=PATCH, defects=defects, disorder=disorder, frf=None)
+    defects = {'vacancies_m': [FIRST], 'substitutions': [LIGHT]}
+    found = scene(patch=PATCH, defects=defects, frf=None)
     ours = scene(patch=PATCH, defects=None, frf=None).patch_atoms(model)
     nearest = [np.linalg.norm(ours.positions[:, :2] - np.array(place) * u.m, axis=1).argmin() for place in (FIRST, LIGHT['at_m'])]
     ours = substituted(ours, nearest[1], mass=0.2, strength=0.7, stiffness=0.5)
-    ours = with_interstitial(ours, np.array(BETWEEN['at_m']) * u.m, strength=0.3)
-    ours = scattered(with_vacancies(ours, [nearest[0]]), Scatter(0.02, 0.01, 0.03, 0.02), 5)
-    ours = relaxed(ours).atoms
+    ours = relaxed(with_vacancies(ours, [nearest[0]])).atoms
     theirs = found.patch_atoms(model)
-    assert len(theirs) == 60
+    assert len(theirs) == 59
     assert np.array_equal(theirs.positions, ours.positions)
     assert np.array_equal(theirs.calc.rest_hessian(model).toarray(), ours.calc.rest_hessian(model).toarray())
     assert theirs.calc.model == model
-    other = scene(patch=PATCH, defects=defects, disorder=disorder | {'seed': 6}, frf=None)
-    assert not np.array_equal(other.patch_atoms(model).positions, theirs.positions)
 
 
 def test_a_patch_with_a_rim_keeps_it():
     """Hexagon of the prototype: one magnet in its middle is missing; the rim stays held where it was."""
-    whole = scene(name='prototype', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
+    whole = scene(name='bench', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None,
                   foundation={'stiffness_N_per_m': 60.0})
-    holed = scene(name='prototype', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
+    holed = scene(name='bench', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None,
                   foundation={'stiffness_N_per_m': 60.0}, defects={'vacancies_m': [[0.0, 0.0]]})
     perfect, atoms = whole.patch_atoms(), holed.patch_atoms()
     assert len(atoms) == len(perfect) - 1
@@ -114,28 +109,14 @@ def test_a_patch_with_a_rim_keeps_it():
     assert_allclose(atoms.positions, relaxed(again).atoms.positions, atol=1e-9)
 
 
-def test_a_row_repeats_along_its_period_alone():
-    row = {'disorder': {'seed': 1, 'mass_percent': 1.0}}
-    seven = scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7}, **row)
-    assert len(seven.atoms()) == 7 * len(seven.perfect_cell())
-    with pytest.raises(ValueError, match=r'not periodic along its second vector; remove patch\.cells_2'):
-        scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7, 'cells_2': 2}, **row).atoms()
-
-
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'defects': {}}, 'defects names no defect; give vacancies_m'),
     ({'defects': {'vacancies_m': [[5.0, 0.0]]}, 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}, 'frf': None},
      r's\.toml: defects\.vacancies_m\[0\] = \[5\.0, 0\.0\] is outside the structure'),
     ({'defects': {'vacancies_m': [[0.0, 0.0], [0.0, 1e-4]]}}, r'names the particle at \[0, 0\] twice'),
     ({'defects': {'vacancies_m': [[0.0]]}}, r'vacancies_m\[0\] must be a place \[x, y\]'),
-    ({'defects': {'interstitials': [{'at_m': [0.0, 0.0]}]}},
-     r's\.toml: defects\.interstitials\[0\]\.at_m = \[0\.0, 0\.0\].*coincide'),
-    ({'disorder': {'seed': 1}}, 'disorder names nothing that scatters'),
-    ({'disorder': {'seed': 1, 'mass_percent': 50.0}}, 'mass_percent must lie between 0 and 20'),
-    ({'disorder': {'seed': 1, 'position_m': 0.02}}, r'disorder\.position_m = 0\.02 is more than a tenth'),
     ({'patch': None, 'frf': None}, r'defects: there is no structure to put them in; add a table \[patch\]'),
-    ({'uncertainty': {'mass_percent': 1.0}},
-     'defects and uncertainty: tolerances that all particles share are for the perfect'),
+    ({'uncertainty': {'mass_percent': 1.0}}, r'defects: \[uncertainty\] is for the perfect lattice'),
 ])
 def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
     def written(value):
@@ -149,17 +130,3 @@ def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
     said = capsys.readouterr()
     assert status in (1, 2)
     assert re.search(message, said.err + said.out)
-
-
-def test_atoms_are_those_of_the_scene_with_defects_and_disorder():
-    """Scatter of strength over seeds moves frequencies; the perfect cell stays."""
-    lowest = []
-    for seed in range(3):
-        patch = {'kind': 'supercell', 'cells_1': 4, 'cells_2': 4}
-        there = scene(patch=patch, disorder={'seed': seed, 'strength_percent': 2.0})
-        atoms = there.atoms()
-        assert len(atoms) == 31  # 2 x 16, one of them missing
-        assert len(there.perfect_cell()) == 2
-        lowest.append(natural_frequencies(atoms)[0])
-    assert np.std(lowest) > 1e-4 * np.mean(lowest)
-    assert len(Scene.model_validate(tables('prototype')).atoms()) == 1

@@ -21,7 +21,7 @@ SHAPES = {  # as the scene says it, and as the library cuts it
 @pytest.fixture
 def scene_with(tmp_path):
     """A function from the text of a table [patch] to a ready scene with it instead of its own."""
-    def scene(table, name='prototype', old='', new=''):
+    def scene(table, name='bench', old='', new=''):
         text = re.sub(r'\[patch\].*?\n\n', '', ready_scene(name).read_text(), flags=re.DOTALL).replace(old, new)
         file = tmp_path / 'my.toml'
         file.write_text(f'{text}\n[patch]\n{table}\n' if table else text)

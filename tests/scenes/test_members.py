@@ -24,7 +24,6 @@ tension_N = 5
 """
 
 
-LAW = 'law = {kind = "inverse_power", force_N = 2.0, a = 3.0}'
 
 
 def grid(folder, old='', new=''):
@@ -70,7 +69,7 @@ def test_bands_of_a_periodic_net_are_those_of_strings_and_springs(tmp_path):
 def test_rest_lengths_move_nodes_to_where_they_balance(tmp_path):
     (tmp_path / 'three.csv').write_text('x_m,y_m,held\n0,0,1\n0.11,0.0,0\n0.2,0,1\n')
     scene = prism(tmp_path, 'slack = true', 'slack = false')
-    text = scene.read_text().replace('prism.csv"', 'three.csv"\nrelaxed = true').partition('[[members]]')[0]
+    text = scene.read_text().replace('prism.csv"', 'three.csv"\npositions = "anchors"').partition('[[members]]')[0]
     for pair, k in (([0, 1], 100), ([1, 2], 300)):
         text += f'[[members]]\nbetween = [{pair}]\nstiffness_N_per_m = {k}\nrest_length_m = 0.08\n'
     scene.write_text(text)
@@ -79,7 +78,7 @@ def test_rest_lengths_move_nodes_to_where_they_balance(tmp_path):
 
 
 @pytest.mark.parametrize(('make', 'old', 'new', 'said'), [
-    (prism, 'kind = "members"', 'kind = "spring"\nstiffness_N_per_m = 1.0\nrest_length_m = 0.1', 'give both or neither'),
+    (prism, 'kind = "members"', 'kind = "dipoles"\nmoment_A_m2 = 1.0', 'give both or neither'),
     (prism, 'tension_N = 50', 'tension_N = 5e4', 'stretches a member of stiffness_N_per_m = 10000.0 by more than its length'),
     (prism, 'tension_N = 50 ', '', 'have 1 states of self-stress; give tension_N or rest_length_m of 1 more'),
     (prism, '[1, 2], [2, 0], ', '', 'the other members cannot balance the given tensions'),
@@ -87,13 +86,11 @@ def test_rest_lengths_move_nodes_to_where_they_balance(tmp_path):
     (prism, 'stiffness_N_per_m = 1e5', 'slack = true\nstiffness_N_per_m = 1e5',
      'from 0 to 4 would push with 114 N'),  # 50 N/0.1 m of 0.228 m
     (prism, 'tension_N = 50', 'tension_N = -50', 'the cable from 0 to 1 would push with 50 N'),
-    (prism, 'stiffness_N_per_m = 1e5 ', '', 'lacks stiffness_N_per_m; give it, or a law'),
+    (prism, 'stiffness_N_per_m = 1e5 ', '', "lacks the key 'stiffness_N_per_m'"),
     (prism, 'tension_N = 50 ', 'tension_N = 50\nrest_length_m = 0.1 ', 'both rest_length_m and tension_N'),
     (prism, '[2, 0], [3, 4]', '[2, 6], [3, 4]', 'names a particle outside 0 to 5'),
     (prism, '[2, 0], [3, 4]', '[2], [3, 4]', r'must be two nodes, as \[0, 1\]'),
-    (prism, 'mass_kg', 'cutoff_m = 0.2\nmass_kg', 'members are listed one by one, not found by their distance'),
-    (grid, 'stiffness_N_per_m = 300', LAW, 'has both a law and tension_N'),
-    (grid, 'stiffness_N_per_m = 300\ntension_N = 5', LAW.replace('}', ', shells = 2}'), 'kind = "saved" or shells; remove them'),
+    (prism, 'mass_kg', 'cutoff_m = 0.2\nmass_kg', 'says which particles interact; remove it'),
     (grid, ', [0, 0, 0, 1]]', ']\nstiffness_N_per_m = 1.0\nrest_length_m = 0.1\n[[members]]\n'
      'between = [[0, 0, 0, 1]]', 'two members of different laws join the nodes 0 and 0'),
     (grid, 'mass_kg = 0.002', 'mass_kg = 2e-30', 'frequencies of about'),
@@ -102,8 +99,3 @@ def test_members_that_do_not_make_a_net_are_refused_with_a_way_out(make, old, ne
     with pytest.raises(ValueError, match=said) as caught:
         read_scene(make(tmp_path, old, new))
     assert not re.search('(?i)magnet', str(caught.value))
-
-
-def test_members_take_any_law_and_its_force_between_nearest_neighbours(tmp_path):
-    calc = read_scene(grid(tmp_path, 'stiffness_N_per_m = 300\ntension_N = 5', LAW)).atoms().calc
-    assert_allclose(calc.law.dphi(calc.bonds.lengths), -2.0)

@@ -9,7 +9,6 @@ from magphonon import modes, read_scene, units as u
 from magphonon.cli.main import main
 from magphonon.design import mode_scatter
 from magphonon.design.scatter import sampled_modes
-from magphonon.scenes.structures import MOVED
 from tests.drawn_lattices import VECTORS, drawn_magnets, needed
 from workflows import bench_lattice as bench
 
@@ -215,26 +214,6 @@ def test_modes_and_frf_say_how_well_they_are_known(tmp_path, capsys):
     assert float(first[2]) == pytest.approx(table['first_order_std_Hz'][table['frequency_Hz'] > 40][0], rel=0.06)
 
 
-def row(aside, apart=12e-3):
-    """A magnet between two held ones so far away that it does not buckle, off their middle by `aside`."""
-    law = bench.tabulated(bench.power_law(FORCE, A, SPACING), 5e-3, REACH)
-    lab = bench.built(np.array([[0, 0], [apart, 0], [2 * apart, 0]]), law, REACH, np.random.default_rng(0), springs=(K, K),
-                      scatter=(0, 0, 0, 0))
-    return bench.replace(lab, rest=lab.anchors + np.array([[0, 0], [aside, 0], [0, 0]]))
-
-
-def test_relaxing_what_stands_at_rest_warns(tmp_path):
-    """The middle magnet goes back by the share of the bonds in its stiffness."""
-    bonds = 2 * A * FORCE * SPACING**A * 12e-3 ** (-A - 1)
-    farthest = MOVED * 12e-3 * (1 + K / bonds)
-    rng = np.random.default_rng(0)
-    quiet = photographed(tmp_path, row(0.9 * farthest), rng, keys='relaxed = true')
-    assert quiet.lattice.positions is None
-    with pytest.warns(UserWarning, match='as the feet of the pillars and moves the particles by up to 0.0132 mm to rest'):
-        photographed(tmp_path, row(1.1 * farthest), rng, keys='relaxed = true')
-    photographed(tmp_path, row(5e-4), rng, keys='positions = "anchors"')  # whoever says so knows
-
-
 @pytest.mark.parametrize(('columns', 'keys', 'message'), [
     ('x_px,y_px', '', 'the columns x_px,y_px are pixels of a photo; give the pixels of two known points'),
     ('x_px,y_px', 'points_px = [[0, 0], [9, 9]]', 'give the pixels of two known points'),
@@ -243,7 +222,6 @@ def test_relaxing_what_stands_at_rest_warns(tmp_path):
     ('x_px,y_mm', '', 'has the columns x_px, y_mm; give both in pixels or none'),
     ('x_mm,y_mm', 'points_px = [[0, 0], [9, 9]]', 'belong to a table with the columns x_px,y_px; remove them'),
     ('x_mm,y_mm', 'positions = "feet"', "lattice.positions must be one of 'anchors', 'rest'"),
-    ('x_mm,y_mm', 'positions = "rest"\nrelaxed = true', 'positions = "rest" says that they are at rest; remove relaxed'),
 ])
 def test_refusals(columns, keys, message, tmp_path):
     (tmp_path / 'photo.csv').write_text(f'{columns}\n0,0\n10,0\n')

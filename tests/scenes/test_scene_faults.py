@@ -3,7 +3,6 @@
 import copy
 import math
 import os
-import re
 import sys
 import tomllib
 from functools import partial
@@ -14,11 +13,9 @@ from numpy.testing import assert_allclose
 from scene_files import ready_scene
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands
-from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.fields import unit_of
 from magphonon.scenes.scene import Scene, read_scene
 from magphonon.scenes.sources import Source
-from magphonon.scenes.tolerances import varied
 
 NAN = math.nan
 FORCES = {'distances_m': [0.008, 0.01, 0.012, 0.015], 'forces_N': [0.66, 0.2369, 0.103, 0.037]}
@@ -37,7 +34,7 @@ def refusal(file):
 
 # --- drawn faults ----------------------------------------------------------------------------------------------------
 
-SCENES = 'prototype', 'tolerances', 'vacancy', 'layer', 'design', 'oscillator'
+SCENES = 'bench', 'tolerances', 'vacancy', 'layer', 'oscillator'
 DRAWN = 12
 """Scenes drawn from each ready one."""
 SCHEMA = Scene.model_json_schema()
@@ -77,7 +74,7 @@ def spoil(place, table, schema, rng):
 def answer(scene, as_toml):
     content = ''.join(f'{key} = {as_toml(value)}\n' for key, value in scene.items()).encode()
     try:
-        read_scene(Source('drawn', content, ready_scene('prototype').parent))
+        read_scene(Source('drawn', content, ready_scene('bench').parent))
     except ValueError as error:
         return [line.removeprefix('drawn: ') for line in str(error).splitlines()]
     return []
@@ -107,13 +104,13 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'law.a': 'ten'}, "law.a must be a positive number, not 'ten'"),
     ({'law.a': True}, 'law.a must be a positive number, not True'),
     ({'law.a': 10**25}, 'too large'),
-    ({'law.shells': 'ALL'}, "law.shells must be a whole number from 1 to 9007199254740992, 'auto' or 'all', not 'ALL'"),
-    ({'law.shells': 1000}, 'law.shells must be at most 300, not 1000'),
+    ({'law.shells': 'ALL'}, "law.shells must be a whole number from 1 to 300, 'auto' or 'all', not 'ALL'"),
+    ({'law.shells': 1000}, "law.shells must be a whole number from 1 to 300, 'auto' or 'all', not 1000"),
     ({'law': {'kind': 'table', 'distances_m': [0.008, NAN, 0.012, 0.015], 'forces_N': FORCES['forces_N'], 'shells': 1}},
      'law.distances_m[1] must be a positive number, not nan'),
     ({'lattice.spacing_m': 1e-7}, 'lattice.spacing_m must lie between 1e-06 and 1e+06, not 1e-07; it is in metres'),
-    ({'lattice.spacing_m': 12}, 'did you mean 0.012?'),
-    ({'foundation.pillar.height_m': 0.15e-6}, 'in the round-off of [foundation], 1.97e+19 N/m; check their units'),
+    ({'lattice.spacing_m': 12}, 'no force acts beside [foundation], 19.7 N/m; check their units'),
+    ({'foundation.pillar.height_m': 0.15e-6}, 'no force acts beside [foundation], 1.97e+19 N/m; check their units'),
     ({'foundation.pillar.radius_m': 1.0}, 'foundation.pillar.radius_m = 1.0: such pillars would overlap'),
     ({'law': {'kind': 'yukawa', 'strength_J_m': 3.3e-20, 'screening_length_m': 1e-9, 'shells': 1}}, 'screening_length_m = 1e-09'),
     ({'law.b_N_m_a': 1e30}, 'law, foundation and lattice.mass_kg give frequencies of about 5e+21 Hz; check their units'),
@@ -132,22 +129,20 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'title': 'two\nlines'}, 'title must be one line'), ({'title': 300 * 'x'}, 'at most 200 printable characters'),
     ({'title': '$\\input{x}$'}, 'title holds a formula that cannot be drawn'),
     ({'title': '\x1b[31m'}, 'title must be one line'),
-    ({'bands.path': 'GXMG'}, "bands.path of the triangular lattice must join some of the points G, M, K, not 'GXMG'"),
-    ({'bands.path': 'G'}, 'must join some of the points'), ({'bands.path': 'GM,'}, 'must join some of the points'),
-    ({'bands.path': 'GG'}, "bands.path goes from G to G in 'GG'"), ({'bands.path': 80 * 'GM'}, 'at most 100 points, not 160'),
+    ({'bands.path': 'GXMG'},
+     "bands.path of the triangular lattice must join different ones of the points G, M, K, not 'GXMG'"),
+    ({'bands.path': 'G'}, 'must join different ones of the points'),
+    ({'bands.path': 'GM,'}, 'must join different ones of the points'),
+    ({'bands.path': 'GG'}, 'must join different ones of the points'),
     ({'bands.supercell': 3}, 'bands.supercell must be a list in brackets, not 3'),
     ({'bands.supercell': [3, 3, 1]}, 'must hold 2 whole numbers, not [3, 3, 1]'),
     ({'law': {'kind': 'table', 'shells': 1, 'distances_m': [0.01], 'forces_N': [1.0]}}, 'at least 4 points'),
     ({'law': {'kind': 'table', **FORCES, 'shells': 2}}, 'distance 17.3205 mm is outside the table (8 to 15 mm); extend'),
-    ({'law': {'kind': 'table', **FORCES, 'shells': 1, 'file': 'law.csv'}}, 'law has both file and '),
     ({'law': {'kind': 'table', **FORCES, 'shells': 'all'}}, "law.shells = 'all': the sum over all neighbours is known for "),
     ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy"),
     ({'law': HERTZ, 'lattice.spacing_m': 0.101}, 'lattice.spacing_m = '),
     ({'law': HERTZ | {'poisson_ratio': 0.6}}, 'law.poisson_ratio must be at most 0.5, not 0.6'),
     ({'lattice.relative_masses': [1.0, 2.0]}, 'lattice.relative_masses must hold 1 numbers'),
-    ({'law': {'kind': 'table', 'shells': 1, 'file': 'nowhere.csv'}}, 'law.file: '),
-    ({'law': {'kind': 'table', 'shells': 1, 'file': 3}}, 'law.file must be the name of a file in quotes, not 3'),
-    ({'law': {'kind': 'table', 'shells': 1, 'file': 'a\0b'}}, "law.file must be the name of a file in quotes, not 'a\\x00b'"),
     ({'uncertainty': {'a_percent': 450.0}}, 'uncertainty.a_percent = 450.0 is '),
     *(({'law': None, wrong: {}} if wrong == 'laws' else {key: None, wrong: 1.0}, f'did you mean {meant!r}?')
       for key, wrong, meant in (('lattice.spacing_m', 'lattice.spacing_mm', 'spacing_m'), ('law.shells', 'law.shels', 'shells'),
@@ -174,26 +169,14 @@ def test_absurd_number_is_refused_or_computed_with(key, value, scene_file):
         assert np.isfinite(analytic_bands(scene.atoms(), scene.band_path()).omega).all()
 
 
-@pytest.mark.filterwarnings('ignore:.*denser than any metal')
-@pytest.mark.parametrize(('mass', 'fine'), [(1.13e-3, True), (1.13, False), (1.13e-6, False)])
-def test_a_magnet_has_the_density_of_a_magnet(mass, fine, scene_file):
-    """A disc of 8 x 3 mm has 0.15 cm3: 1.13 g is NdFeB; 1.13 kg would be 7.5e6 kg/m3."""
-    law = {'kind': 'magnets', 'grade': 'N42', 'shells': 1, 'disc': {'diameter_m': 8e-3, 'height_m': 3e-3}}
-    file = scene_file({'law': law, 'lattice.mass_kg': mass, 'lattice.spacing_m': 0.012, 'foundation': None})
-    if fine:
-        read_scene(file)
-    else:
-        assert f'lattice.mass_kg = {mass!r} would give the magnet {mass / 1.508e-7:.3g} kg/m3' in refusal(file)
-
-
 @pytest.mark.filterwarnings('ignore:.*denser than any metal', r'ignore:a mass of .* g/cm\^3')
 @pytest.mark.parametrize('spacing', [2e-6, 3e-4, 5e5])
 def test_lattices_of_every_size(spacing, scene_file):
     """Frequencies depend on b r^-(a+1) alone; ASE knows no lattice of 2 um, and the path is made for it all the same."""
-    k = read_scene(ready_scene('prototype')).foundation.pillar.stiffness_N_per_m  # such pillars would overlap in a small lattice
+    k = read_scene(ready_scene('bench')).foundation.pillar.stiffness_N_per_m  # such pillars would overlap in a small lattice
     small = {'lattice.spacing_m': spacing, 'law.b_N_m_a': 1.6209e-10 * (spacing / 0.01) ** 5.5824,
              'foundation': {'stiffness_N_per_m': k}}
-    expected = analytic_bands(read_scene(ready_scene('prototype')).atoms(), read_scene(ready_scene('prototype')).band_path())
+    expected = analytic_bands(read_scene(ready_scene('bench')).atoms(), read_scene(ready_scene('bench')).band_path())
     scene = read_scene(scene_file(small))
     numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path())
     assert_allclose(analytic_bands(scene.atoms(), scene.band_path()).omega, expected.omega, rtol=1e-10)
@@ -212,7 +195,7 @@ def test_a_scene_without_bands_has_those_of_ases_path(scene_file, table, shells,
 
 @pytest.mark.parametrize('table', ['patch', 'burst', 'frf', 'uncertainty'])
 def test_missing_table_is_shown_in_a_scene_that_has_it(table):
-    wanting = read_scene(ready_scene('prototype')).model_copy(update={table: None})
+    wanting = read_scene(ready_scene('bench')).model_copy(update={table: None})
     with pytest.raises(ValueError, match=r'add one, as in') as caught:
         wanting.wanted(table)
     assert getattr(read_scene(ready_scene(str(caught.value).split()[-1].strip('"'))), table) is not None
@@ -233,27 +216,17 @@ def test_files_that_are_no_scene(content, words, tmp_path, request):
 
 def test_windows_byte_order_mark(tmp_path):
     file = tmp_path / 'windows.toml'
-    file.write_bytes(b'\xef\xbb\xbf' + ready_scene('prototype').read_text().replace('\n', '\r\n').encode())
-    assert read_scene(file) == read_scene(ready_scene('prototype'))
+    file.write_bytes(b'\xef\xbb\xbf' + ready_scene('bench').read_text().replace('\n', '\r\n').encode())
+    assert read_scene(file) == read_scene(ready_scene('bench'))
 
 
 @pytest.mark.skipif(not os.path.exists('/dev/zero'), reason='a system without such files')
-def test_devices_and_pipes_do_not_hang(tmp_path, scene_file):
+def test_devices_and_pipes_do_not_hang(tmp_path):
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
     for file in ('/dev/zero', pipe):
         with pytest.raises(ValueError, match='is a pipe or a device and may never end'):
             read_scene(file)
-        assert refusal(scene_file({'law': {'kind': 'table', 'shells': 1, 'file': str(file)}})).startswith(
-            f'law.file: {file} is a pipe or a device')
-
-
-def test_a_file_of_a_law_may_have_its_rows_in_any_order(scene_file, tmp_path):
-    rows, laws = ['10,0.24', '12,0.1', '14,0.05', '17,0.02', '20,0.01'], []
-    for order in ([0, 1, 2, 3, 4], [3, 0, 4, 2, 1]):
-        (tmp_path / 'law.csv').write_text('r_mm,f_N\n' + '\n'.join(rows[k] for k in order))
-        laws.append(read_scene(scene_file({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}})).law.potential())
-    assert laws[0].d2phi(10.0) == laws[1].d2phi(10.0) > 0
 
 
 @pytest.mark.parametrize(('changes', 'words'), [
@@ -266,42 +239,16 @@ def test_a_mass_in_another_unit(changes, words, scene_file):
 
 @pytest.mark.parametrize(('name', 'old', 'new', 'words'), [
     ('oscillator', 'theta0_deg = 30.0', 'theta0_deg = 90.1', 'lattice.theta0_deg must lie between 0 and 90 degrees, not 90.1'),
-    ('design', 'branch = 1', 'branch = 3', 'design.edge.branch must be at most 2'),
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_mass = 1.2e6}]',
      r'defects.substitutions[0].relative_mass must lie between 1e-06 and 1e+06'),
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_strength = 1.2e6}]',
      r'defects.substitutions[0].relative_strength must lie between -1e+06 and 1e+06'),
     ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.2 ',
      'lattice.spacing_m = 0.019997, law.diameter_m = 0.2, law.shells = 1: spheres of diameter'),
-    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'give a smaller spacing than law.diameter_m = 0.002'),
+    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'law.diameter_m = 0.002'),
 ])
 def test_bounds_of_ready_scenes(name, old, new, words, tmp_path):
     text = ready_scene(name).read_text()
     assert old in text
     (tmp_path / 'my.toml').write_text(text.replace(old, new))
     assert words in refusal(tmp_path / 'my.toml')
-
-
-def test_the_gap_of_a_design_has_a_branch_above(tmp_path):
-    text = re.sub(r'\[design.edge\].*', '[design.gap]\nabove_branch = 2\nwidth_Hz = 1.0\n', ready_scene('design').read_text(),
-                  flags=re.DOTALL)
-    (tmp_path / 'my.toml').write_text(text)
-    assert 'design.gap.above_branch must be at most 1' in refusal(tmp_path / 'my.toml')
-
-
-def test_a_measured_force_in_place_of_the_grade(tmp_path):
-    """As the comment of the ready scene says; the force has a tolerance, in proportion to which all forces go."""
-    text = ready_scene('rings').read_text().replace('remanence_T = 1.30', '# remanence_T')
-    assert '\n# [law.calibration]' in text
-    for line in ('[law.calibration]', 'distance_m', 'force_N'):
-        text = text.replace(f'# {line}', line)
-    (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nforce_N = 0.001\n')
-    scene = read_scene(tmp_path / 'my.toml')
-    law = scene.law.potential()
-    assert repulsion(law, 10.0) == pytest.approx(0.2369)
-    (change,) = scene.uncertainty.tolerances(scene).changes.values()
-    assert change.law.dphi(15.0) == pytest.approx(law.dphi(15.0))
-    assert repulsion(varied(scene, {'force': 1.1}).law.potential(), 15.0) == pytest.approx(1.1 * repulsion(law, 15.0))
-    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx((0.001 / 0.2369) ** 2)
-    (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nremanence_percent = 1.0\n')
-    assert 'its parameters are spacing, mass, force' in refusal(tmp_path / 'my.toml')

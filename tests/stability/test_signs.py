@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scene_files import ready_scene
 
 from magphonon import (
     AllNeighbours,
     InversePower,
     MagneticRepulsion,
+    PairCalculator,
     critical_foundation,
     lattices,
-    read_scene,
     relaxed,
+    units as u,
     verdict,
 )
 from magphonon.bands.bloch import bloch_modes
@@ -63,15 +63,19 @@ def test_a_magnet_upside_down_comes_to_rest_nearer_to_its_neighbours():
     assert beside.max() < np.sort(np.linalg.norm(weaker.positions - weaker.positions[middle], axis=1))[1] < 10
 
 
-def test_the_ready_scene_needs_half_the_stiffness_of_its_neighbours():
-    scene = read_scene(ready_scene('signs'))
+def test_couplings_of_both_signs_need_half_the_stiffness_of_neighbours():
+    """Second neighbours attract half as stiffly as neighbours repel (arXiv:2505.22844)."""
+    law = InversePower(1.6209e-10 * u.N * u.m**4.5824, 4.5824)
+    far = Attraction(InversePower(2**4.5824 * law.b, law.a))
+    cell = lattices.chain(10.0, 0.707).repeat((4, 1, 1))
+    cell.set_tags([0, 1, 2, 3])
+    laws = {(a, b): far if b - a == 2 else law for a in range(4) for b in range(a, 4)}
+    cell.calc = PairCalculator(cell, laws, shells=2, foundation=[[0.06, 0.12]])
     k1 = 4.5824 * 1.6209e-10 * 0.01**-5.5824
-    assert verdict(scene.atoms())
-    assert critical_foundation(scene.atoms()).k == pytest.approx(k1 / 2 * 1e-3, rel=1e-5)
-    law = scene.atoms().calc.laws[0, 2]
-    assert law == Attraction(law.repulsion)
-    assert law_from_dict(law_to_dict(law)) == law
-    assert law.dphi(20.0) > 0
+    assert verdict(cell)
+    assert critical_foundation(cell).k == pytest.approx(k1 / 2 * 1e-3, rel=1e-5)
+    assert law_from_dict(law_to_dict(far)) == far
+    assert far.dphi(20.0) > 0
 
 
 def test_the_sum_over_all_neighbours_is_one_of_repulsion():

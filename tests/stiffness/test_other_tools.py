@@ -135,7 +135,7 @@ def test_a_cell_in_another_order_has_the_same_forces(make):
 def test_what_is_refused():
     cell = peers.honeycomb()
     cell.set_constraint(FixAtoms([0]))
-    with pytest.raises(ValueError, match='the supercells of other tools do not keep constraints'):
+    with pytest.raises(ValueError, match='does not support particles that are held or guided'):
         for_ase_tools(cell)
     with pytest.raises(ValueError, match='as calculator; attach'):
         for_ase_tools(cell.copy())
