@@ -101,7 +101,7 @@ class SharedErrors:
 
     def __post_init__(self) -> None:
         for name, unit in {'distance': 'mm', 'zero': 'N', 'hysteresis': 'N', 'backlash': 'mm', 'gain': '', 'pair': ''}.items():
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None or name not in ('zero', 'hysteresis', 'pair'):
                 not_negative(name, getattr(self, name), unit)
 
     def sizes(self, largest: float) -> NDArray[np.float64]:
