@@ -146,8 +146,8 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'waves.burst_setup': (waves.burst_setup, {'cell': (cell, []), 'patch': (lambda: lattices.half_hexagon(cell(), 10.0), []),
                                               'source': ('point', CHOICE)}),
 }
-ELSEWHERE = {'Bands', 'PrescribedMotion', 'magnet_law', 'for_ase_tools', 'restored', 'edge_flow', 'plot_bands', 'plot_mode', 'plot_wave',
-             'write_scene', 'sweep'}
+ELSEWHERE = {'Bands', 'PrescribedMotion', 'magnet_law', 'for_ase_tools', 'restored', 'edge_flow', 'plot_bands', 'plot_mode',
+             'plot_wave', 'write_scene', 'sweep'}
 """Public functions whose arguments are tried by their own tests."""
 CASES = [(name, argument, k) for name, (_, given) in CALLS.items() for argument, (_, wrong) in given.items()
          for k in range(len(wrong))]
