@@ -28,7 +28,7 @@ def run(options: Namespace) -> int:
     from .band_report import REPORT, Case
 
     scene = read_scene(options.scene)
-    with answering(options, scene, 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
+    with answering(options, scene, 'bands.*', 'bands_*.*', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         bands, phonon = _bands(scene, atoms, path)
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
