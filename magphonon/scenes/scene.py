@@ -75,7 +75,7 @@ class Scene(Table):
     --------
     >>> from magphonon import read_scene
     >>> scene = read_scene('prototype')
-    >>> scene.bands.path, scene.patch_atoms().calc.model
+    >>> scene.band_path().path, scene.patch_atoms().calc.model
     ('GMKG', 'complete')
     """
 

@@ -258,7 +258,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     held = lattices.triangular(10.0, 0.7).repeat((2, 1, 1))
     held.set_constraint(FixAtoms([0]))
     ase.io.write(tmp_path / 'held.traj', held)
-    with pytest.raises(ValueError, match='a patch needs constraints and tags to mark its rim'):
+    with pytest.raises(ValueError, match='it needs constraints and tags to mark its rim'):
         scene({'file': 'held.traj'}, patch={'kind': 'parallelogram', 'cells_1': 9, 'cells_2': 9})
 
 
