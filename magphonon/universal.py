@@ -31,10 +31,15 @@ def read_datasets(path: str | PathLike[str]) -> list[dict[str, Any]]:
         if one['type'] == FUNCTION and len(one['data']) != one['num_pts']:
             raise ValueError(f'{path}: the function of node {one["rsp_node"]} has {len(one["data"])} of its {one["num_pts"]} '
                              'values; export it again')
-    systems = np.unique([one['disp_cs'] for one in sets if one['type'] in NODES] or [0])
+    _refuse_turned(path, sets)
+    return sets
+
+
+def _refuse_turned(path, sets):
+    """Raise ValueError if nodes measure along axes of their own."""
+    systems = np.unique([number for one in sets if one['type'] in NODES for number in np.atleast_1d(one['disp_cs'])] or [0])
     if len(systems) > 1 or (systems[0] and {one['type'] for one in sets}.intersection(AXES)):
         raise ValueError(f'{path} gives nodes axes of their own (dataset 18); export it with the axes of the whole structure')
-    return sets
 
 
 def node_places(path: Any, sets: Sequence[Mapping[str, Any]]) -> tuple[float, dict[int, tuple[float, float]]]:

@@ -287,15 +287,15 @@ def _function(path, one, metre, newton, places):
     ratios = {f'{a}_per_{b}': x / y * under for a, x in motions.items() for b, y in FORCE.items()}  # in one label
     unit = unit_of_label(path, one, 'ordinate', motions | ratios, own) / under
     hertz = unit_of_label(path, one, 'abscissa', FREQUENCY | {'rad/s': 1 / u.s}, FREQUENCY['Hz'])
-    drive = None if shaken and int(one['ref_node']) not in places else _end(path, one, 'ref', places)
+    drive = _end(path, one, 'ref', places, needed=not shaken)
     return TransferFunction(name, hertz * np.asarray(one['x'], float), unit * np.asarray(one['data'], complex), None,
                             0 if shaken else order, _end(path, one, 'rsp', places), drive, shaken=shaken)
 
 
-def _end(path, one, end, places):
-    """Place and direction of one end of a function: x, y and the angle; None if the file has no geometry."""
+def _end(path, one, end, places, needed=True):
+    """Place and direction of one end of a function: x, y and the angle; None if the file has no geometry, or not of this end."""
     node, direction = int(one[f'{end}_node']), int(one[f'{end}_dir'])
-    if not places:
+    if not places or not (needed or node in places):
         return None
     if node not in places:
         raise ValueError(f'{path}: node {node} is not in its geometry (datasets 15 and 2411); export it again')
