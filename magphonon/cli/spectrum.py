@@ -129,7 +129,8 @@ def _field(options, scene, cell, scan, folder, save):
     found.save(folder / f'spectrum_{name}_field.npz')
     try:
         points = field_ridges(field, cell, path, name, options.source)
-        text, answer = field_report(points, cell), f'{len(points)} points on {len(points.names)} ridges: {", ".join(points.names)}'
+        text = field_report(points, cell)
+        answer = f'{len(points)} points on {len(points.names)} ridges: {", ".join(points.names)}'
         write_points(folder / f'spectrum_{name}_ridges.csv', points)
     except ValueError as error:
         points, text, answer = None, f'no ridges: {error}', f'no ridges: {error}'
