@@ -34,8 +34,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
 ], {
     'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements',
               'group_velocities', 'phonopy_bands', 'sound_speeds'],
-    'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst', 'PrescribedMotion'],
-    'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],
+    'dynamics': ['Constant', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst', 'PrescribedMotion'],
+    'errors': ['Diverged', 'NotAtRest', 'PhysicsError', 'Unstable'],
     'interactions': ['Cable', 'Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Spring', 'Tabulated', 'Yukawa',
                      'magnet_law'],
     'lattices': ['explicit_bonds', 'find_bonds'],

@@ -26,14 +26,13 @@ from .bands import (
 )
 from .dynamics import (
     Constant as Constant,
-    Diverged as Diverged,
     DrivenVerlet as DrivenVerlet,
     Harmonic as Harmonic,
     PrescribedMotion as PrescribedMotion,
     Recorder as Recorder,
     ToneBurst as ToneBurst,
 )
-from .errors import NotAtRest as NotAtRest, PhysicsError as PhysicsError, Unstable as Unstable
+from .errors import Diverged as Diverged, NotAtRest as NotAtRest, PhysicsError as PhysicsError, Unstable as Unstable
 from .interactions import (
     Cable as Cable,
     Cuboid as Cuboid,

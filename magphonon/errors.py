@@ -9,10 +9,13 @@ from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from math import inf, isfinite, nan
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any, SupportsInt
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ase import Atoms
 
 MOST = 2**53
 """Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""
@@ -75,6 +78,47 @@ class NotAtRest(PhysicsError):
     >>> len(found.omega)
     36
     """
+
+
+class Diverged(PhysicsError):
+    """A run went wrong: particles collided or lost their neighbours, so that the law of their bonds says nothing any more.
+
+    The calculator raises it for a bond out of the range of its law, whoever moves the particles. `DrivenVerlet` adds the time and
+    leaves the atoms in the last good state.
+
+    Attributes
+    ----------
+    particle : int
+        The particle concerned.
+    time : float or None
+        When the fault was noticed, in ms; None if the calculator noticed it, which knows no time.
+    what : str
+        What is wrong with the particle, in words.
+    atoms : ase.Atoms or None
+        The last good state of a `DrivenVerlet`, at `last_good` ms.
+    last_good : float or None
+
+    Examples
+    --------
+    >>> from magphonon import DrivenVerlet, Diverged, InversePower, MagneticRepulsion, lattices
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> patch.set_momenta([[50.0, 0.0, 0.0] if k == len(patch) // 2 else [0.0, 0.0, 0.0] for k in range(len(patch))])
+    >>> try:
+    ...     DrivenVerlet(patch, 0.01).run(100)
+    ... except Diverged as error:
+    ...     print('particle', error.particle)
+    particle 18
+    """
+
+    def __init__(self, particle: SupportsInt, time: float | None, what: str) -> None:
+        when = '' if time is None else f'the simulation diverged at {time:g} ms: '
+        then = ('. The atoms keep the last good state. Use a shorter time step, a weaker drive, or a start closer to rest' if when
+                else ', out of the range of their law. If this is a run, use a shorter time step; start closer to rest')
+        super().__init__(f'{when}particle {particle} {what}{then}')
+        self.particle, self.time, self.what = int(particle), time, what
+        self.atoms: Atoms | None = None
+        self.last_good: float | None = None
 
 
 def nearest(word: object, choices: Iterable[Any], likeness: float = 0.6) -> str | None:

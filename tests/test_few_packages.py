@@ -39,7 +39,7 @@ def test_bands_are_computed(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(('command', 'words'), [
     (['bands', '--verbose', 'prototype'], ['58.23269        92.106\n', 'phonopy is not installed', 'Stable in the plane']),
-    (['check', '--verbose', 'prototype'], ['58.23']),
+    (['check', '--verbose', 'prototype'], ['highest frequency of 149.5 Hz']),
     (['fit', 'synthetic_force', '--spacing', '10mm'], ['[law]']),
     (['explore', 'prototype', '-o', 'page.html'], ['page.html is written'])])
 def test_commands_run(command, words, tmp_path):

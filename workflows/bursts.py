@@ -12,6 +12,7 @@ from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, Branch, compare, waves
 from magphonon.waves.wave_source import polarisations
 
+from . import ase_loop
 from .closed_forms import IDEAL, along_the_row
 from .ideal_bands import add_radians
 from .rows import Check, Outcome, save_picture
@@ -41,6 +42,7 @@ def main(out):
                                     spread(patch, cell, site, passage, motion), 0, NEARLY_PLANE, by='two methods'))
             if branch == 'shear':
                 shear[model] = patch, site, passage
+    checks += ase_loop.burst(scene, cell, 0, lambda record, wave: compared(record, wave, 'transverse', 'complete', 'shear'))
     patch, point = scene.patch_atoms(), scene.burst.model_copy(update={'source': 'point'})
     checks.append(Check('control: transverse burst from a point: spread of the motion along a front (amplitudes)',
                         spread(patch, cell, *point.send(0, cell, patch), 'transverse'), 0, NEARLY_PLANE,

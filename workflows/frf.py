@@ -8,7 +8,7 @@ from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panel
 from magphonon.response.stepped import impulse_response, replicas, steady_amplitudes
 from magphonon.scenes.scene import reference
 
-from . import closed_forms
+from . import ase_loop, closed_forms
 from .oscillator import at_angle, draw_oscillator, oscillator
 from .rows import Check, Outcome, save_picture
 
@@ -48,6 +48,7 @@ def main(out):
                        Check(f'control: frf amplitude, time steps of D0 alone, {at}', off, 0, 0.5, control='D0')]
         else:
             checks.append(Check(f'frf amplitude, time steps of D0 alone, which is right here, {at}', off, 0, TOLERANCE))
+    checks += ase_loop.resonance(paper['omega_y'][0], DAMPING * units.s)
     return Outcome(checks, [draw(out, paper, guided, free, complete)])
 
 

@@ -3,8 +3,8 @@ Vibrations of a patch from its photo
 ====================================
 
 No patch is perfect: the feet of the pillars are drilled a tenth of a millimetre off, and magnets and pillars differ from each
-other.  A photo shows where the magnets stand.  That is enough to compute the local modes; their intervals account for what the
-photo does not show.  Here the patch is simulated, so that the truth is known.
+other.  A photo shows where the magnets stand.  That is enough to compute the local modes.  Here the patch is simulated, so that
+the truth is known.
 """
 
 # %%
@@ -58,8 +58,8 @@ print('\n'.join(['x_px,y_px,held', *rows[:3]]))
 # %%
 # The scene
 # ---------
-# ``positions = "rest"`` says that the table gives the positions of the magnets at rest.  ``[uncertainty]`` says by how much each
-# magnet and pillar may differ from its nominal values.  The command line for this scene is ``magphonon modes photo.toml``.
+# ``positions = "rest"`` says that the table gives the positions of the magnets at rest.  The command line for this scene is
+# ``magphonon modes photo.toml``.
 
 text = f"""title = "From a photo"
 [lattice]
@@ -79,11 +79,6 @@ shells = 1
 
 [foundation]
 stiffness_N_per_m = 60
-
-[uncertainty]
-each_strength_percent = 2.5
-each_stiffness_percent = 5
-each_position_m = 2e-5
 """
 (folder / 'photo.toml').write_text(text, encoding='utf-8')
 scene = read_scene(folder / 'photo.toml')
@@ -92,48 +87,20 @@ found = modes(scene.atoms())
 # %%
 # How well?
 # ---------
-# ``mode_scatter`` computes the standard deviations of the frequencies, to first order in the deviations of ``[uncertainty]``.
-# ``magphonon modes`` prints them beside the frequencies.
+# The frequencies are off the truth by what the photo does not show: the strength of each magnet and the stiffness of each pillar.
+# If the photo were taken as the positions of the feet, the magnets would be relaxed twice.  The errors of the lowest modes, which
+# lie beside the hole, would then be larger:
 
-from magphonon.design import mode_scatter
-
-std = u.hertz(mode_scatter(scene.atoms(), scene.uncertainty.tolerances(scene).scatter, found).std)
 for k in range(4):
-    print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} +- {std[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
-
-# %%
-# If the photo were taken as the positions of the feet, the magnets would be relaxed twice.  The errors of the lowest modes,
-# which lie beside the hole, would then exceed these standard deviations:
+    print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
 
 (folder / 'feet.toml').write_text(text.replace('"rest"', '"anchors"'), encoding='utf-8')
 twice = modes(read_scene(folder / 'feet.toml').atoms())
 
 ax = new_axes(6, 3)
 first, count = truth.frequencies_Hz[:20], np.arange(1, 21)
-ax.errorbar(count, 100 * (found.frequencies_Hz[:20] / first - 1), 100 * 1.96 * std[:20] / first, fmt='o', color=COLOURS[0],
-            label='positions at rest, 95 %')
+ax.plot(count, 100 * (found.frequencies_Hz[:20] / first - 1), 'o', color=COLOURS[0], label='positions at rest')
 ax.plot(count, 100 * (twice.frequencies_Hz[:20] / first - 1), 's', color=COLOURS[1], fillstyle='none', label='read as feet')
 ax.axhline(0, color='0.5', linewidth=0.8)
 ax.set(xlabel='mode', ylabel='off the truth (%)', xticks=count[::3])
 ax.legend(frameon=False)
-
-# %%
-# Measured shapes
-# ---------------
-# A vibrometer has measured the three lowest modes at half of the magnets, along x.  ``magphonon modes photo.toml --compare
-# shapes.csv`` finds the computed modes that match them.  A match needs a MAC (modal assurance criterion, 1 for equal shapes)
-# above a half, and above the value that chance alone would reach.
-
-from magphonon.response import compared
-
-points = np.flatnonzero(~held)[::2]
-lines = [f'{k + 1},{truth.frequencies_Hz[k]},{x},{y},{truth.shapes[k, i, 0]}' for k in range(3) for i in points
-         for x, y in [true.positions[i, :2]]]
-(folder / 'shapes.csv').write_text('\n'.join(['mode,frequency_Hz,x_mm,y_mm,u_x', *lines]), encoding='utf-8')
-comparison = compared(folder / 'shapes.csv', scene.atoms(), found)
-for name, mac, least, best in zip(comparison.names, comparison.mac, comparison.least, comparison.best, strict=True):
-    print(f'measured mode {name}: mode {best + 1}, MAC {mac[best]:.2f} (a match needs {least:.2f})')
-
-from magphonon.plotting import plot_comparison
-
-ax = plot_comparison(comparison, found)

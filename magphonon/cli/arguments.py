@@ -64,9 +64,9 @@ def ready_table(name: str) -> str:
     return str(table) if re.fullmatch(r'\w+', name) and not os.path.lexists(name) and table.is_file() else name
 
 
-def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
-    """Add the option -o DIR; if `default` is None, the command itself handles a missing -o."""
-    parser.add_argument('-o', '--output', metavar='DIR', default=default,
+def add_output(parser: ArgumentParser) -> None:
+    """Add the options of commands that write a directory of results: -o DIR, --force and --verbose."""
+    parser.add_argument('-o', '--output', metavar='DIR', default=FOLDER,
                         help='directory for the results, created if it does not exist (default: the name of the input and of the '
                              f'command, such as {parser.get_default("example") or "prototype"}-{parser.prog.split()[-1]})')
     add_force(parser)

@@ -58,7 +58,7 @@ class Case:
     @property
     def turned(self) -> bool:
         """Whether particles gyrate."""
-        return bool(np.any(self.atoms.calc.rate))
+        return self.atoms.calc.turning > 0
 
 
 REPORT = Findings()

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-import numpy as np
-
 from .. import units
 from ..files import write_columns
 from .arguments import add_output, add_scene, add_style, answering
@@ -46,7 +44,7 @@ def _bands(scene, atoms, path):
     from ..bands.force_constants import finite_displacements, phonopy_bands
 
     bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
-    if np.any(atoms.calc.rate):  # displacements alone do not show it
+    if atoms.calc.turning:  # displacements alone do not show it
         return bands, None
     try:
         phonon = finite_displacements(atoms, scene.supercell())

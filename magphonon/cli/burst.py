@@ -24,8 +24,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [patch] and [burst]')
     add_output(parser)
     add_style(parser)
-    parser.add_argument('--engine', choices=('own', 'lammps'), default='own',
-                        help='program that computes the time steps of the complete model (default: own)')
+    parser.add_argument('--engine', choices=('ase', 'compiled', 'lammps'),
+                        help="what makes the time steps: ASE's VelocityVerlet, compiled blocks of its steps, or LAMMPS (complete "
+                             'model only); by default ASE, and for long runs compiled blocks')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
     parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
                                                        'a burst that has already run there, on this machine or on a cluster, is '
@@ -82,7 +83,7 @@ def _engine(options):
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS has no other model
-            return {'film': options.animation}
+            return {'engine': options.engine if options.engine in ('ase', 'compiled') else 'auto', 'film': options.animation}
         return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name),
                 'film': options.animation}
 
@@ -98,7 +99,7 @@ def _seen(row, cell, source):
 
 def _send(scene, k, cell, patch, engine):
     """Patch, source and passage of burst number k."""
-    from ..dynamics.cages import Diverged
+    from ..errors import Diverged
 
     try:
         site, passage = scene.burst.send(k, cell, patch, **engine)

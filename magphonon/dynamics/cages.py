@@ -13,20 +13,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import SupportsInt
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
 
-from ..errors import PhysicsError
+from ..errors import Diverged
 from ..lattices.bonds import Bonds, bonds_within, lengths_of, pairs_within
+from ..stiffness.bond import BROKEN_BOND, CONTACT
 from ..stiffness.rest import freedom
 
-CONTACT = 0.1  # ratio of a bond to its rest length below which its particles have collided
-BROKEN_BOND = 3.0
-"""Ratio of a bond to its rest length above which it is broken: two other particles fit between its ends then, and the repulsion
-of magnets has fallen below a hundredth."""
 HARMLESS = 0.05
 """Displacement, as a fraction of the shortest bond, up to which no pair can come together in any structure, so that nothing is
 checked."""
@@ -41,40 +37,6 @@ APART = 1.1
 unbonded distance is checked."""
 SHORT_RUN = 16  # number of blocks cut short by fast particles before the clearance is surveyed, which takes as long as these
 STRIDE = 0.1  # largest path of the fastest particle between two checks, as a fraction of the shortest bond
-
-
-class Diverged(PhysicsError):
-    """A run went wrong; the atoms are left in the last good state.
-
-    Attributes
-    ----------
-    particle : int
-        The particle concerned.
-    time : float
-        When the fault was noticed, in ms.
-    atoms : ase.Atoms
-        The last good state, at `last_good` ms.
-    last_good : float
-
-    Examples
-    --------
-    >>> from magphonon import DrivenVerlet, Diverged, InversePower, MagneticRepulsion, lattices
-    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
-    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-    >>> patch.set_momenta([[50.0, 0.0, 0.0] if k == len(patch) // 2 else [0.0, 0.0, 0.0] for k in range(len(patch))])
-    >>> try:
-    ...     DrivenVerlet(patch, 0.01).run(100)
-    ... except Diverged as error:
-    ...     print('particle', error.particle)
-    particle 18
-    """
-
-    def __init__(self, particle: SupportsInt, time: float, what: str) -> None:
-        super().__init__(f'the simulation diverged at {time:g} ms: particle {particle} {what}. The atoms keep the last good '
-                         'state. Use a shorter time step, a weaker drive, or a start closer to rest')
-        self.particle, self.time = int(particle), time
-        self.atoms: Atoms | None = None
-        self.last_good: float | None = None
 
 
 class Cages:

@@ -210,8 +210,8 @@ class DrivenVerlet(VelocityVerlet):
                 self._move_walls(t_next)
             forces = super().step(forces)
         except ValueError as error:
-            self._inspect(t_next)  # the calculator raises for particles that coincide or are infinitely far away
-            raise error
+            self._inspect(t_next)  # the calculator raises for particles that coincide or are too far apart
+            raise (Diverged(error.particle, t_next, error.what) if isinstance(error, Diverged) else error) from None
         self._kick(t_next)
         self._decay(E)
         return forces

@@ -298,6 +298,16 @@ class Bonds:
         return np.unique(self.shift, axis=0, return_inverse=True)
 
     @cached_property
+    def shortest(self) -> float:
+        """Length of the shortest bond in mm; infinite without bonds."""
+        return float(self.lengths.min(initial=np.inf))
+
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest bond in mm."""
+        return float(self.lengths.max(initial=0.0))
+
+    @cached_property
     def distinct_pairs(self) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.intp]]:
         """The pairs i, j without repetition, shape (pairs,) each, and the index of the pair of each bond, shape (bonds,)."""
         pair, own = np.unique(self.i.astype(int) * self.particles + self.j, return_inverse=True)

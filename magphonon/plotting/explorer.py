@@ -202,7 +202,7 @@ def structure_page(atoms: Atoms, drive: dict[str, Any], title: str, scene: str) 
     """The page of a finite planar structure on anchored springs, which shows a tone that runs through it in both models.
 
     If magnets are taken out, the others move to a new rest; for this the page needs a single law, an inverse power.
-    `drive` holds, in SI, the place of the force, its tone, the damping, and the ports that are compared.
+    `drive` holds, in SI, the place of the force, its tone and the damping.
     """
     refuse(atoms, TAKEN)
     calc = atoms.calc

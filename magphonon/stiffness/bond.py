@@ -7,19 +7,24 @@ the distance, as between upright magnets that leave their plane, the law itself 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import one_of
+from ..errors import Diverged, one_of
 from ..interactions.bond_laws import Law, Laws, laid, laws_along
 from ..interactions.pair_laws import PairInteraction, PairLaw
 from ..lattices.bonds import Bonds, lengths_of
 
 Model = Literal['complete', 'conventional']
 MODELS: tuple[Model, ...] = ('complete', 'conventional')
+CONTACT, BROKEN_BOND = 1 / 3, 3.0
+"""Ratios of a bond to its rest length outside which its law is not trusted. Below the first its particles have collided: the
+repulsion of magnets is a hundred times that at rest. Above the second it is broken: two other particles fit between its ends, and
+the repulsion of magnets has fallen below a hundredth."""
 STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
 
 
@@ -177,25 +182,44 @@ def upper_part(vectors: NDArray[np.float64], law: Law, model: Model = 'complete'
     return np.einsum('b,bx,by->bxy', along - across, n, n) + across[:, None, None] * np.eye(n.shape[1])
 
 
-def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64],
+def displaced(bonds: Bonds, R: NDArray[np.float64], moved: NDArray[np.float64], interaction: PairInteraction,
               model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The bond vectors at which an interaction is evaluated, and the directions of its gradient in the conventional model.
 
     In the complete model the vectors are `R + moved`, and the directions are None. In the conventional model the vectors are
     projected on the directions n at rest, and n is returned too.
+
+    Raises Diverged for a bond that is squeezed below CONTACT or stretched beyond BROKEN_BOND times its rest length, unless it
+    exerts no force there, as between spheres that have parted.
     """
     vectors = R + moved
     r0 = lengths_of(R) if model == 'conventional' else 1.0
     n = (R.T / r0).T if model == 'conventional' else None
     along = _product(vectors if n is None else n, vectors)
-    if along.size and not along.min() > 0:
+    nearest = along.min(initial=np.inf)
+    if not nearest > 0:
         b = along.argmin()
         apart = along[b] if model == 'conventional' else np.sqrt(along[b])
         raise ValueError(f'particles {bonds.i[b]} and {bonds.j[b]} coincide or have passed through each other '
                          f'(distance {apart:g} mm along their bond); start from smaller displacements')
-    if n is None:
-        return vectors, None
-    return (1 + _product(n, moved) / r0)[:, None] * R, n  # R itself at rest, to the last bit
+    if n is not None:
+        vectors = (1 + _product(n, moved) / r0)[:, None] * R  # R itself at rest, to the last bit
+    power = 2 if n is None else 1
+    least, most = (CONTACT * bonds.longest) ** power, (BROKEN_BOND * bonds.shortest) ** power
+    if not (least < nearest and along.max(initial=0.0) < most):  # some bond may be out of range, so look at each
+        _refuse_far(bonds, along ** (1 / power), vectors, interaction)
+    return vectors, n
+
+
+def _refuse_far(bonds, r, vectors, interaction):
+    """Raise Diverged for a bond whose length `r` is out of range and whose interaction acts at the `vectors`."""
+    out = (r < CONTACT * bonds.lengths) | (r > BROKEN_BOND * bonds.lengths)
+    if not out.any():
+        return
+    with suppress(ValueError):  # of a law that refuses one of the lengths
+        out &= interaction.forces(vectors)[1].any(axis=1)
+    for b in np.flatnonzero(out)[:1]:
+        raise Diverged(bonds.i[b], None, f'is {r[b]:g} mm from its neighbour {bonds.j[b]} instead of {bonds.lengths[b]:g} mm')
 
 
 def _product(a: Any, b: Any) -> Any:

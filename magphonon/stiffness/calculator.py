@@ -23,7 +23,7 @@ from scipy import sparse
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
-from .bond import MODELS, Model, displaced, interaction_along, model_stiffness
+from .bond import BROKEN_BOND, MODELS, Model, displaced, interaction_along, model_stiffness
 from .matrices import bloch_gradient, bloch_matrix, bloch_series, hessian
 from .plausibility import refuse_infinite, warn_of_units
 from .repulsion import Repulsion, masses_of
@@ -37,7 +37,6 @@ from .sites import (
     refuse_motion_out_of_the_plane,
 )
 
-STRETCHED = 3.0  # ratio of the length of a bond to its length in the reference above which the particles are no longer neighbours
 NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '
              "forces: use a calculator without them, or magphonon.stiffness.elastic_moduli(atoms).stress for the bonds alone")
 ACROSS = 1e-9  # relative change of the cell across its periodic directions above which the change is not round-off
@@ -240,9 +239,11 @@ class PairCalculator(Repulsion):
         forces[:, : self.dim] = here._forces(u, gradient)
         slack, h = here.slack[:, : self.dim], here.load[:, : self.dim]
         energies += np.einsum('ix,ix->i', here.foundation * (0.5 * u + slack), u) - (h * u).sum(axis=1)
+        half = 0.5 * (energy - at_rest)
         for end in (here.bonds.i, here.bonds.j):  # half of the energy that each bond has gained since rest belongs to either end
-            energies += np.bincount(end, 0.5 * (energy - at_rest), len(u))
-        found = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
+            energies += np.bincount(end, half, len(u))
+        total = energies.sum()
+        found = {'forces': forces, 'energies': energies, 'energy': total, 'free_energy': total}
         return found | {'stress': stress_per_volume(self, atoms)} if 'stress' in properties else found
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
@@ -251,7 +252,9 @@ class PairCalculator(Repulsion):
 
     def _minimum_image(self, u):
         if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
-            u = find_mic(u, self.reference.cell, self.reference.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
+            dim = u.shape[1]
+            u = np.pad(u, ((0, 0), (0, 3 - dim)))
+            u = find_mic(u, self.reference.cell, self.reference.pbc)[0][:, :dim]  # pyright: ignore[reportArgumentType]  three pbc
         return u
 
     @cached_property
@@ -283,7 +286,11 @@ class PairCalculator(Repulsion):
         return self.load[:, : self.dim] + self.spring_forces
 
     def _displaced(self, u):
-        return displaced(self.bonds, self.bond_vectors, self.bonds.relative(u), self.model)
+        moved = self.bonds.relative(u)
+        # As a lattice drifts, its particles reach the next cell one by one: u of two ends may be measured from different images
+        if np.einsum('ix,ix->', u, u) > self._shortest_period**2 / 16:  # cheaper than the largest u
+            moved = self._minimum_image(moved)
+        return displaced(self.bonds, self.bond_vectors, moved, self.interaction, self.model)
 
     def _repulsion(self, u):
         """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
@@ -382,7 +389,7 @@ def carried(calc: PairCalculator, atoms: Atoms) -> tuple[Atoms, Bonds]:
     rest.set_cell(cell)
     rest.positions = reference.positions @ strain
     bonds = replace(calc.bonds, vectors=calc.bonds.vectors @ strain, cutoff=None)
-    for b in np.flatnonzero(bonds.lengths > STRETCHED * calc.bonds.lengths)[:1]:
+    for b in np.flatnonzero(bonds.lengths > BROKEN_BOND * calc.bonds.lengths)[:1]:
         raise Unstable(f'the cell has grown until the particles {bonds.i[b]} and {bonds.j[b]} are {bonds.lengths[b]:.4g} mm '
                        f'apart instead of {calc.bonds.lengths[b]:.4g} mm and no longer neighbours: only a pressure holds a '
                        'lattice of repelling particles together; give a pressure, as scalar_pressure= to FrechetCellFilter')

@@ -13,7 +13,6 @@ from ..errors import finite, shown
 from .bond import sizes
 
 if TYPE_CHECKING:
-    from ase import Atoms
 
     from .calculator import PairCalculator
     from .repulsion import Repulsion
@@ -31,7 +30,6 @@ UNEQUAL = 1e9  # ratio of masses from which frequencies lose digits (4e-8 at 1e9
 FAST = 30.0, 5.0
 """A frequency above the first multiple of that of the stiffest bond and spring was probably typed in Hz, if it is below the
 second once converted.  The highest of a lattice is up to about four; a number of Hz is 159 times that of rad/ms."""
-AMU = 1.66053907e-24  # in g
 EPS = np.finfo(float).eps
 
 
@@ -70,15 +68,6 @@ def warn_of_units(calc: Repulsion) -> None:
                       'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)
 
 
-def warn_of_symbols(atoms: Atoms) -> None:
-    """Warn of masses that were not given: ASE then uses those of the symbols, whose numbers would be taken as grams."""
-    if not atoms.has('masses') and len(atoms):
-        mass, symbol = atoms.get_masses()[0], atoms.symbols[0]
-        warnings.warn(f'the particles have only the masses of their symbols, {mass:.6g} for {symbol}, which count as grams; '
-                      'give them, as atoms.set_masses([0.7 * units.g] * len(atoms)), or for atomic masses '
-                      f'atoms.set_masses(atoms.get_masses() * {AMU:.6g}), here {mass * AMU:.4g} g', stacklevel=4)
-
-
 def asked_frequencies(calc: Repulsion, omega: ArrayLike) -> NDArray[np.float64]:
     """The angular frequencies given to a tool, in rad/ms, as an array of shape (frequencies,); warns if they look like Hz."""
     omega = np.atleast_1d(finite('omega', omega))
@@ -91,7 +80,7 @@ def warn_of_hertz(calc: Repulsion, omega: NDArray[np.float64]) -> None:
     """Warn of angular frequencies in rad/ms that are far above those of a structure, but would be within their range in Hz."""
     if omega.size and (w := float(np.median(abs(omega)))):
         hertz = 2 * np.pi * units.Hz
-        scale = hertz * frequency_scale(calc) + np.max(abs(calc.rate))
+        scale = hertz * frequency_scale(calc) + calc.turning
         if w > FAST[0] * scale > 0 and abs(omega).max() * hertz < FAST[1] * scale:
             warnings.warn(f'omega = {w:.4g} rad/ms is {w / hertz:.4g} Hz, far above the frequencies of the structure, about '
                           f'{scale / hertz:.3g} Hz; if {w:.4g} Hz was meant, give {w:.4g} * 2 * pi * units.Hz, which is '

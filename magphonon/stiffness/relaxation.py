@@ -20,7 +20,7 @@ from ..errors import Unstable, positive, whole
 from ..lattices.bonds import Bonds, pairs_within
 from ..traits import LINEAR, takes
 from ..units import hertz
-from .bond import model_stiffness, sizes
+from .bond import BROKEN_BOND, model_stiffness, sizes
 from .factors import inverse
 from .lowest import lowest_mode
 from .matrices import hessian, signed_root
@@ -39,7 +39,6 @@ SADDLE = 1e-10  # fraction of the highest squared frequency below which a negati
 PUSH = 0.05  # displacement of the particle that moves most when a saddle is left, as a fraction of the shortest bond
 VERGE = 1e-6  # fraction of the highest squared frequency below which round-off hides the direction of descent
 SADDLES = 20  # largest number of saddles that are left in succession
-STRETCHED = 3.0  # ratio of the length of a bond to its rest length above which it no longer joins neighbours
 MEND = 'hold its rim or give it a foundation (magphonon.critical_foundation)'
 
 
@@ -230,7 +229,7 @@ class _Descent:
         """Refuse positions where the list of bonds is wrong: neighbours have separated, or other particles are too close."""
         bonds = self.calc.bonds
         now = np.linalg.norm(self.calc.bond_vectors + bonds.incidence @ self.displacements(y), axis=1)
-        for b in np.flatnonzero(now > STRETCHED * bonds.lengths)[:1]:
+        for b in np.flatnonzero(now > BROKEN_BOND * bonds.lengths)[:1]:
             raise Unstable(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, are '
                              f'{now[b]:.4g} mm apart and no longer neighbours: the structure buckles or slides; {MEND}')
         self._move(np.zeros_like(y))

@@ -4,31 +4,37 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from threading import RLock
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from ase import Atoms
-from ase.calculators.calculator import all_changes
+from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import NDArray
 
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
-from .restartable import Restartable
+from .restartable import from_dict, to_dict
 from .sites import FLAT, Foundation, Sites, each_spring, gyration_blocks, height
 from .supercells import NEAR, fitted, refuse_another_order
 
 if TYPE_CHECKING:
+    from ..interactions.bond_laws import Laws
     from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
     from .bond import Model
     from .calculator import PairCalculator
 
 
-class Repulsion(Restartable):
+class Repulsion(Calculator):
     """Particles that repel each other, on a foundation: the base of `PairCalculator` and `AllNeighbours`.
 
     Bands, speeds of sound, phonopy's finite displacements and buckling use only the attributes and methods of this class, so they
     accept both calculators. Every Bloch matrix already contains the foundation.
+
+    Several threads may use a calculator at once: a lock prevents other threads from calculating between a calculation and the
+    copy of its results.  Each copy of the calculator has its own lock, and starts without the supercells that the original has
+    stored.
 
     Attributes
     ----------
@@ -47,9 +53,14 @@ class Repulsion(Restartable):
         The model of the forces and of their stiffness at rest.
     bloch_models : tuple of str
         The models that have a Bloch matrix.
+    saved, seldom : tuple of str
+        Keywords of the constructor that the forces depend on: those that files hold, and those that they hold only if they are
+        not zero. Each is an attribute of the same name, or one of `sites`.
     """
 
     pairwise: ClassVar[bool]
+    saved: ClassVar[tuple[str, ...]]
+    seldom: ClassVar[tuple[str, ...]]
     reference: Atoms
     bonds: Bonds
     interaction: PairInteraction
@@ -61,6 +72,44 @@ class Repulsion(Restartable):
     _laws: Any
     _sites: Sites
     seen: NDArray[np.float64] | None = None  # positions of the last call
+
+    @cached_property
+    def _lock(self):
+        return RLock()
+
+    def __getstate__(self):
+        return {name: value for name, value in vars(self).items() if name not in ('_asked', '_lock', 'supercells', 'seen')}
+
+    def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
+        with self._lock:
+            return super().get_property(name, atoms, allow_calculation)
+
+    def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:
+        """The names of the arrays that differ from those of the last calculation.
+
+        A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's with a tolerance for every array.
+        """
+        if self.atoms is None:
+            return all_changes
+        return [name for name in ('positions', 'cell', 'pbc', 'numbers')
+                if not np.array_equal(getattr(self.atoms, name), getattr(atoms, name))]
+
+    def todict(self, skip_default: bool = True) -> dict[str, Any]:
+        """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
+        return to_dict(self)
+
+    @classmethod
+    def fromdict(cls, parameters: dict[str, Any], laws: Laws | None = None) -> Self:
+        """The calculator that `todict` saved, without loss.
+
+        Parameters
+        ----------
+        parameters : dict
+            As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
+        laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
+            Replaces the laws in the dictionary; needed for a law that is not part of this package.
+        """
+        return from_dict(cls, parameters, laws)
 
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
         """Energy, forces and other requested `properties` of the displaced or strained reference, by name."""
@@ -150,8 +199,8 @@ class Repulsion(Restartable):
     @property
     def turning(self) -> float:
         """The largest rate of gyration in rad/ms; zero if nothing gyrates."""
-        rate = self.rate
-        return float(np.sqrt((rate**2).sum(axis=(1, 2)) / 2).max()) if np.ndim(rate) else 0.0
+        g = self._sites.gyration
+        return float(np.max(np.linalg.norm(g, axis=1) if np.ndim(g) == 2 else abs(np.asarray(g))))
 
     @property
     def slack(self) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ Static forces are the same in all models: the force of a bond at its present len
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
@@ -24,7 +25,6 @@ from ..traits import refuse, running
 from .bond import Model, sizes
 from .calculator import PairCalculator, same_cell
 from .matrices import growth, mass_weighted
-from .plausibility import warn_of_symbols
 from .repulsion import Repulsion, masses_of, repulsion_of
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
@@ -34,6 +34,7 @@ ELSEWHERE = 1e-3
 """Distance from the reference, as a fraction of the shortest bond, from which balanced particles are at another rest; closer ones
 may be displaced so little that their forces only seem balanced."""
 TILT = 1e-12  # relative component of a direction that is round-off, as after a rotation in the plane or about the normal
+AMU = 1.66053907e-24  # in g
 HELD = 1e-12  # relative component of a blocked force below which it is round-off of the direction
 
 
@@ -195,7 +196,7 @@ class LinearSystem:
     @cached_property
     def masses(self) -> NDArray[np.float64]:
         """Masses of the particles in g, shape (particles,)."""
-        warn_of_symbols(self.atoms)
+        _warn_of_symbols(self.atoms)
         return masses_of(self.atoms)
 
     @cached_property
@@ -359,6 +360,15 @@ class LinearSystem:
         wanted[own.indices] = True
         rows = np.flatnonzero(wanted)
         return rows, own[:, rows]
+
+
+def _warn_of_symbols(atoms: Atoms) -> None:
+    """Warn of masses that were not given: ASE then uses those of the symbols, whose numbers would be taken as grams."""
+    if not atoms.has('masses') and len(atoms):
+        mass, symbol = atoms.get_masses()[0], atoms.symbols[0]
+        warnings.warn(f'the particles have only the masses of their symbols, {mass:.6g} for {symbol}, which count as grams; '
+                      'give them, as atoms.set_masses([0.7 * units.g] * len(atoms)), or for atomic masses '
+                      f'atoms.set_masses(atoms.get_masses() * {AMU:.6g}), here {mass * AMU:.4g} g', stacklevel=4)
 
 
 def static_forces(calc: PairCalculator, push: Any = 0.0) -> NDArray[np.float64]:

@@ -1,118 +1,54 @@
-"""Base classes of both calculators: threads may share one (`Shared`), and it can be saved and restored (`Restartable`)."""
+"""The dictionary that a calculator is saved as, and the calculator made from it again."""
 
 from __future__ import annotations
 
-from functools import cached_property
-from threading import RLock
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
-from ase.calculators.calculator import Calculator, all_changes
 from ase.constraints import dict2constraint
 
 from ..errors import finite, positive, shown
 from ..interactions.bond_laws import Laws, laws_from_dict, laws_to_dict
 from ..lattices.bonds import Bonds, vectors_between
 
+if TYPE_CHECKING:
+    from .repulsion import Repulsion
+
 UNITS = 'mm, g, ms'  # the units of all numbers of a saved calculator
 REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'  # of a reference, and its tags
 BONDS = 'i', 'j', 'shift', 'cutoff'
 
 
-class Shared(Calculator):
-    """An ASE calculator that several threads may use at once.
-
-    A lock prevents other threads from calculating between a calculation and the copy of its results.  Each copy of the
-    calculator has its own lock, and starts without the supercells that the original has stored.
-    """
-
-    atoms: Any  # of ASE, which declares them as None
-
-    @cached_property
-    def _lock(self):
-        return RLock()
-
-    def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name not in ('_asked', '_lock', 'supercells', 'seen')}
-
-    def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
-        with self._lock:
-            return super().get_property(name, atoms, allow_calculation)
-
-    def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:
-        """The names of the arrays that differ from those of the last calculation.
-
-        A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's with a tolerance for every array.
-        """
-        if self.atoms is None:
-            return all_changes
-        changes = []
-        if not np.array_equal(self.atoms.positions, atoms.positions):
-            changes.append('positions')
-        if not np.array_equal(self.atoms.cell.array, atoms.cell.array):
-            changes.append('cell')
-        if not np.array_equal(self.atoms.pbc, atoms.pbc):
-            changes.append('pbc')
-        if not np.array_equal(self.atoms.numbers, atoms.numbers):
-            changes.append('numbers')
-        return changes
+def to_dict(calc: Repulsion) -> dict[str, Any]:
+    """All that the forces of a calculator depend on."""
+    own = vars(calc.sites)
+    parts = {name: own[name] if name in own else getattr(calc, name) for name in (*calc.saved, *calc.seldom)}
+    parts = {name: value for name, value in parts.items() if name in calc.saved or np.any(value)}
+    if 'bonds' in parts:  # their vectors follow from the reference
+        parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
+    return {'calculator': type(calc).__name__, 'units': UNITS, 'reference': _reference_to_dict(calc.reference),
+            'potential': laws_to_dict(calc.laws), **parts}
 
 
-class Restartable(Shared):
-    """An ASE calculator of a `reference` and `laws` that can be restored from its dictionary.
-
-    Attributes
-    ----------
-    sites : Sites
-    saved : tuple of str
-        Keywords of the constructor that the forces depend on; each is an attribute of the same name, or one of `sites`.
-    seldom : tuple of str
-        Keywords that are saved only if they are not zero, and are zero if a file lacks them.
-    """
-
-    saved: ClassVar[tuple[str, ...]]
-    seldom: ClassVar[tuple[str, ...]] = ()
-    reference: Atoms
-    laws: Any
-    sites: Any
-
-    def todict(self, skip_default: bool = True) -> dict[str, Any]:
-        """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
-        own = vars(self.sites)
-        parts = {name: own[name] if name in own else getattr(self, name) for name in (*self.saved, *self.seldom)}
-        parts = {name: value for name, value in parts.items() if name in self.saved or np.any(value)}
-        if 'bonds' in parts:  # their vectors follow from the reference
-            parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
-        return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
-                'potential': laws_to_dict(self.laws), **parts}
-
-    @classmethod
-    def fromdict(cls, parameters: dict[str, Any], laws: Laws | None = None) -> Self:
-        """The calculator that `todict` saved, without loss.
-
-        Parameters
-        ----------
-        parameters : dict
-            As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
-        laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
-            Replaces the laws in the dictionary; needed for a law that is not part of this package.
-        """
-        name = cls.__name__
-        of = parameters.get('calculator') if isinstance(parameters, dict) else None
-        if of is None:
-            raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
-        if of != name:
-            raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or magphonon.restored(atoms)')
-        given = _table(f'the saved {name}', parameters, ('units', 'reference', 'potential', *cls.saved))
-        if given['units'] != UNITS:
-            raise ValueError(f'the saved {name} has numbers in {shown(given["units"])}, not in {UNITS}; convert them first')
-        names = *cls.saved, *(name for name in cls.seldom if name in given)
-        for none in [key for key in names if given[key] is None][:1]:
-            raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
-        reference = _reference_from_dict(given['reference'])
-        parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in names}
-        return cls(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
+def from_dict(cls: type[Repulsion], parameters: dict[str, Any], laws: Laws | None) -> Any:
+    """A calculator of a class from what `to_dict` returned, with other laws if they are given."""
+    name = cls.__name__
+    of = parameters.get('calculator') if isinstance(parameters, dict) else None
+    if of is None:
+        raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
+    if of != name:
+        raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or magphonon.restored(atoms)')
+    given = _table(f'the saved {name}', parameters, ('units', 'reference', 'potential', *cls.saved))
+    if given['units'] != UNITS:
+        raise ValueError(f'the saved {name} has numbers in {shown(given["units"])}, not in {UNITS}; convert them first')
+    names = *cls.saved, *(name for name in cls.seldom if name in given)
+    for none in [key for key in names if given[key] is None][:1]:
+        raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
+    reference = _reference_from_dict(given['reference'])
+    parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in names}
+    make: Any = cls
+    return make(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
 
 
 def _table(name, given, entries):

@@ -14,6 +14,7 @@ from functools import cache
 import matplotlib as mpl
 import numpy as np
 import pytest
+from ase.md.verlet import VelocityVerlet
 from numpy.testing import assert_allclose
 from scene_files import ready_scene
 
@@ -270,6 +271,16 @@ def test_terminated_burst_leaves_nothing(scene_file, tmp_path):
     out, status, words = struck(signal.SIGTERM, scene_file, tmp_path)
     assert (status, words) == (143, 'magphonon: terminated\n')
     assert not list(out.iterdir())
+
+
+@pytest.mark.parametrize(('engine', 'own'), [('ase', True), ('compiled', False), (None, True)])
+def test_the_engine_of_a_burst(engine, own, scene_file, tmp_path, monkeypatch):
+    """Steps of ASE's class are counted; on a small patch it is the default."""
+    calls, step = [], VelocityVerlet.step
+    monkeypatch.setattr(VelocityVerlet, 'step', lambda *args, **options: calls.append(1) or step(*args, **options))
+    scene = scene_file((r'cells_(.) = 32', r'cells_\1 = 16'), ('duration_s = 0.6', 'duration_s = 0.4'))
+    main(['burst', str(scene), '-o', str(tmp_path / 'out'), *(['--engine', engine] if engine else [])])
+    assert bool(calls) == own
 
 
 def test_lammps_without_files_runs_in_a_folder_of_its_own():

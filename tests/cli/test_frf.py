@@ -156,7 +156,8 @@ MISTAKES = {
     'force on the oscillator': ('oscillator', ('[frf]', '[frf.force]\nat_m = [0, 0]\ndirection_deg = 0\n[frf]'),
                                 'frf.force: the oscillator is driven and measured along its guide; remove [frf.force]'),
     'no patch': ('patch', (PATCH.partition('[frf]')[0], ''), 'frf: there is no patch to drive; add a table [patch]'),
-    'no force': ('patch', (PATCH[PATCH.index('[frf.force]'):PATCH.index('[frf.resp')], ''), "frf lacks the table 'force'"),
+    'no force': ('patch', (PATCH[PATCH.index('[frf.force]'):PATCH.index('[frf.resp')], ''),
+                 "frf needs [frf.response], and either [frf.force] or base_deg"),
     'on the rim': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [0.02, 0.0]'), 'frf.force.at_m = [0.02, 0.0] is on the held rim'),
     'outside': ('patch', ('at_m = [0.012, 0.001]', 'at_m = [12, 1]'), 'frf.response.at_m = [12.0, 1.0] is outside'),
 }

@@ -61,7 +61,7 @@ CASES = [('bands', 'prototype', ['wavevectors', 'displacements']), ('frf', 'prot
 def test_bars(command, scene, names, folder, monkeypatch):
     """On a terminal each kind of long work has its bar; elsewhere there is none."""
     asked = bars(monkeypatch)
-    arguments = [command, str(folder / f'{scene}.toml'), '-o', str(folder / 'out')]
+    arguments = [command, str(folder / f'{scene}.toml'), '-o', str(folder / 'out'), '--force']
     for stream, shown in ((Terminal(), True), (StringIO(), False)):
         monkeypatch.setattr(sys, 'stderr', stream)
         assert main(arguments) == 0

@@ -90,7 +90,7 @@ def test_anchors_stay_where_they_were():
 def test_frozen_directions_do_not_let_particles_pass():
     rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
     atoms = rest.copy()
-    atoms.positions[0, 0] = 12.0  # on the other side: for the complete model a place like any other
+    atoms.positions[0, 0] = 14.0  # on the other side: for the complete model a place like any other
     assert planar_forces(atoms, MagneticRepulsion(rest, LAW))[0] > 0
     with pytest.raises(ValueError, match='passed through each other'):
         planar_forces(atoms, MagneticRepulsion(rest, LAW, model='conventional'))

@@ -4,7 +4,6 @@
 const LEVELS = 24;  // shades on either side of rest
 const BRIGHTEST = 0.6;  // of the largest displacement, from which a colour is full
 const CYCLES = 5;
-const HEARD = 3;  // periods over which a port is heard
 const FORCE_N = 2.5e-4;  // linear waves: it sets no picture, only the largest displacement that is told
 const STILL = 7;  // periods after which the waves are shown that stand still
 const LIMIT = 30;  // times the largest displacement under the push, from which a lattice that buckles is stopped
@@ -16,9 +15,9 @@ class BurstView {
   constructor(root, data, state, told) {
     Object.assign(this, {root, data, state, address: told, gone: new Set(), tool: 'push', cursor: null});
     this.canvases = Object.fromEntries(MODELS.map(model => [model, root.querySelector(`canvas.${model}`)]));
-    const {tones = [], ports = [], source = null, highest_Hz: highest, ...drive} = data.structure?.drive ?? driveOf(data, state);
+    const {source = null, highest_Hz: highest, ...drive} = data.structure?.drive ?? driveOf(data, state);
     this.drive = {force_N: FORCE_N, gyration_rad_per_s: 0, ...drive};
-    Object.assign(this, {ports, source});
+    this.source = source;
     for (const [name, key] of Object.entries(TOLD)) {
       const given = parseFloat(told.get(name));
       if (given >= 0) this.drive[key] = given;
@@ -29,7 +28,6 @@ class BurstView {
       Object.assign(input, {min: name === 'carrier' ? step : 0, max: 1200 * step, step, value: this.drive[TOLD[name]]});
       input.addEventListener('input', () => { this.address.set(name, input.value); this.restart(); writeLink(); });
     }
-    root.querySelector('.tones').innerHTML = tones.map(tone => `<button type="button" value="${tone}">${tone}\u202fHz</button>`).join(' ');
     this.slower = roundStep((data.structure ? 0.4 : 1) * PERIOD_s * this.drive.carrier_Hz);
     root.querySelector('[name=slower]').innerHTML = [0.4, 1, 4].map(times => `<option value="${times * this.slower}"${
       times === 1 ? ' selected' : ''}>${inWords(times * this.slower)}</option>`).join('');
@@ -69,7 +67,6 @@ class BurstView {
     const each = make => Object.fromEntries(MODELS.map(model => [model, make(model)])), springs = springsOf(this.patch, this.state);
     this.bursts = each(model => new Burst(this.patch, bonds, model, springs, this.drive));
     this.pushed = each(() => 0);
-    this.heard = each(() => this.ports.map(() => 0));
     this.draw();
   }
 
@@ -78,14 +75,7 @@ class BurstView {
     for (const model of MODELS) {
       const burst = this.bursts[model];
       if (burst.grown) continue;
-      const looks = this.ports.length ? Math.ceil(8 * time * this.drive.carrier_Hz) : 1;
-      for (let look = 0; look < looks; look++) {
-        burst.advance(time / looks);
-        this.ports.forEach(({particle, direction: [dx, dy]}, k) => {
-          const at = 2 * this.patch.keys.indexOf(particle), u = at < 0 ? 0 : dx * burst.u[at] + dy * burst.u[at + 1];
-          this.heard[model][k] += (u ** 2 - this.heard[model][k]) * Math.min(1, time / looks * this.drive.carrier_Hz / HEARD);
-        });
-      }
+      burst.advance(time);
       const largest = burst.u.reduce((most, u) => Math.max(most, Math.abs(u)), 0);
       if (burst.t < this.drive.cycles / this.drive.carrier_Hz) this.pushed[model] = Math.max(this.pushed[model], largest);
       burst.grown = largest > LIMIT * this.pushed[model] && this.pushed[model] > 0;
@@ -98,15 +88,6 @@ class BurstView {
     return this.bursts.complete.t > (this.patch.springs ? 1 : 6) * this.drive.cycles / this.drive.carrier_Hz;
   }
 
-  /** The mean squares of the last periods at the first two ports, in words. */
-  levels(model) {
-    const [[a, b], [one, other]] = [this.heard[model], this.ports];
-    if (!(a > 0 && b > 0)) return '';
-    const more = 10 * Math.log10(a / b), names = more > 0 ? [one, other] : [other, one];
-    if (Math.abs(more) < 0.5) return `; ${one.name} and ${other.name} are equally loud`;
-    return `; ${names[0].name} is ${Math.abs(more).toFixed(0)}\u202fdB louder than ${names[1].name}`;
-  }
-
   /** Pixels per spacing of a canvas, and half the height of the patch in spacings. */
   scaleOf(canvas) {
     const [wide, high] = [this.patch.x, this.patch.y].map(places => Math.max(...places.map(Math.abs)) + 0.6);
@@ -114,7 +95,7 @@ class BurstView {
   }
 
   draw() {
-    const {x, y, held, size, keys} = this.patch, dark = document.documentElement.classList.contains('dark');
+    const {x, y, held, size} = this.patch, dark = document.documentElement.classList.contains('dark');
     const free = MODELS.filter(model => !this.bursts[model].grown).flatMap(model => this.along(this.bursts[model].u));
     const scale = BRIGHTEST * free.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
     for (const model of MODELS) {
@@ -150,16 +131,9 @@ class BurstView {
         pen.arc(...place(p), p === this.cursor ? 1.6 * dot : dot, 0, 2 * Math.PI);
         pen.stroke();
       }
-      pen.fillStyle = pen.strokeStyle;
-      pen.font = `bold ${Math.max(14, 1.3 * dot)}px system-ui, sans-serif`;
-      this.ports.filter(({particle}) => keys.includes(particle)).forEach(({particle, name}) => {
-        const [px, py] = place(keys.indexOf(particle));
-        pen.strokeRect(px - dot, py - dot, 2 * dot, 2 * dot);
-        pen.fillText(name, px + 1.4 * dot, py + dot);
-      });
       canvas.dataset.time_ms = 1e3 * burst.t;
       this.root.querySelector(`.${model} .told`).textContent = burst.grown ? 'it buckles: the motion grows without bound'
-        : `${(1e3 * burst.t).toFixed(0)}\u202fms${this.ports.length > 1 ? this.levels(model) : ''}`;
+        : `${(1e3 * burst.t).toFixed(0)}\u202fms`;
     }
   }
 
@@ -231,11 +205,6 @@ class BurstView {
       canvas.addEventListener('blur', () => { this.cursor = null; this.draw(); });
     }
     const on = (name, act) => root.querySelector(`[name=${name}]`).addEventListener('click', act);
-    root.querySelectorAll('.tones button').forEach(button => button.addEventListener('click', () => {
-      const carrier = root.querySelector('[name=carrier]');
-      carrier.value = button.value;
-      carrier.dispatchEvent(new Event('input'));
-    }));
     on('again', () => this.restart());
     on('step', () => { this.playing = false; this.show(); this.advance(1 / 20 / this.drive.carrier_Hz); });
     on('run', () => { this.playing = !this.playing; this.show(); });
