@@ -54,10 +54,11 @@ class Forces:
     pair: np.ndarray = None  # pyright: ignore[reportAssignmentType]  one name, by __post_init__
 
     def __post_init__(self) -> None:
-        for name in ('r', 'f', 'sigma', 'direction'):
+        object.__setattr__(self, 'r', finite('r', self.r))
+        for name in ('f', 'sigma', 'direction'):
             if (column := getattr(self, name)) is not None:
-                object.__setattr__(self, name, finite(name, column, np.shape(self.r)))
-        if not np.size(self.r):
+                object.__setattr__(self, name, finite(name, column, self.r.shape))
+        if not self.r.size:
             raise ValueError('a table of forces needs rows')
         for name, column in (('distances', self.r), ('sigma', self.sigma)):
             if column is not None and not (np.asarray(column) > 0).all():

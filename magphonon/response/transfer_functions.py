@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
-from ..errors import one_of
+from ..errors import finite, one_of, positive
 from ..quantities import FORCE, FREQUENCY, LENGTH, MOTIONS, PURE, TIME
 from ..readers import content
 from ..tables import MOST_BYTES, read_table
@@ -170,7 +170,8 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
     """
     from scipy.signal import csd
 
-    x, y = np.atleast_2d(drive), np.atleast_2d(answer)
+    x, y = np.atleast_2d(finite('drive', drive)), np.atleast_2d(finite('answer', answer))
+    positive('dt', dt, 'ms')
     if x.shape != y.shape or x.shape[1] < 16:
         raise ValueError(f'drive and answer must be records of equal length, 16 frames or more, not {x.shape} and {y.shape}')
     settings: dict[str, Any]

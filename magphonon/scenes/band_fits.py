@@ -22,7 +22,7 @@ from ..stiffness.bond import MODELS, Model
 from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
 from .laws import KINDS, TableLaw
-from .scene import Scene, parts_of, scene_of
+from .scene import Scene
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, PLACES, exponent_at, varied
 
@@ -115,9 +115,7 @@ class BandFits:
         off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
         tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
         if self.scene.law.shells == 1:
-            tables, particles = parts_of(self.scene)
-            tables['law']['shells'] = 'auto'
-            tried[NEIGHBOURS] = scene_of(tables, particles), []
+            tried[NEIGHBOURS] = self.scene.with_shells('auto'), []
         found = {}
         for name, (scene, without) in tried.items():
             with suppress(ValueError):  # too few points are left

@@ -136,10 +136,9 @@ class BurstPlan(Table):
         if not self.carriers_Hz:
             raise ValueError('.carriers_Hz names no burst; give at least one carrier')
         longest = self.cycles / min(self.carriers_Hz)
-        if not self.directions_deg:
-            self.__dict__['directions_deg'] = (90.0,) * len(self.carriers_Hz)  # it is read-only for everybody else
-        if self.duration_s is None:
-            self.__dict__['duration_s'] = 3 * longest
+        own: Any = self.__dict__  # it is read-only for everybody else
+        own['directions_deg'] = self.directions_deg or (90.0,) * len(self.carriers_Hz)
+        own['duration_s'] = self.duration_s or 3 * longest
         if len(self.directions_deg) != len(self.carriers_Hz):
             raise ValueError(f'.directions_deg must hold a direction for each of the {len(self.carriers_Hz)} carriers, '
                              f'not {list(self.directions_deg)}')

@@ -75,7 +75,7 @@ class Scene(Table):
     --------
     >>> from magphonon import read_scene
     >>> scene = read_scene('prototype')
-    >>> scene.bands.path, scene.patch_atoms().calc.model
+    >>> scene.band_path().path, scene.patch_atoms().calc.model
     ('GMKG', 'complete')
     """
 
@@ -101,12 +101,13 @@ class Scene(Table):
                 law = law.placed(self.lattice.spacing_m)
             except ValueError as error:
                 raise ValueError(f'law{error}') from None
-        self.__dict__['law'] = law  # it is read-only for everybody else
-        self.__dict__['law'] = self._with_shells(law)
+        own: Any = self.__dict__  # it is read-only for everybody else
+        own['law'] = law
+        own['law'] = self._counted_law(law)
         check(self)
         return self
 
-    def _with_shells(self, law: Any) -> Any:
+    def _counted_law(self, law: Any) -> Any:
         """The law with the number of shells that the perfect lattice needs, if the scene does not choose one itself."""
         lattice = self.lattice
         if isinstance(law, SavedLaw) or law.shells not in (AUTO, ALL):
@@ -129,12 +130,12 @@ class Scene(Table):
         if not lattice.finite and len(cell) <= MOST_IN_A_CELL:
             lattice._cutoff = self.converged_shells(TOLERANCE).cutoff
         else:
-            lattice._cutoff = whole_reach(cell, self._law(cell))
+            lattice._cutoff = whole_reach(cell, self._law())
 
     def _sums(self) -> bool:
         """Whether the sum over all neighbours can be computed for this law and lattice."""
         try:
-            AllNeighbours(self.cell(), self._law(self.cell()))
+            AllNeighbours(self.cell(), self._law())
         except ValueError:
             return False
         return True
@@ -145,8 +146,12 @@ class Scene(Table):
         with _units_told_by_keys():
             nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
             still: dict[str, Any] = self._sites(atoms) | {'gyration': 0.0}
-            atoms.calc = PairCalculator(atoms, self._law(atoms), bonds=nearest, **still)
+            atoms.calc = PairCalculator(atoms, self._law(), bonds=nearest, **still)
         return converged_shells(atoms, list(self.special_points.values()), tolerance)
+
+    def with_shells(self, shells: int | str) -> Scene:
+        """The same scene with another number of shells; 'auto' for as many as its bands need."""
+        return self.model_copy(update={'law': self._counted_law(self.law.with_shells(shells))})
 
     def counted(self) -> Scene:
         """The same scene with a definite number of shells, for tools that need the stiffness of each bond.
@@ -187,11 +192,6 @@ class Scene(Table):
         """The named wavevectors of the lattice, in fractions of the reciprocal vectors."""
         return self.lattice.path(None, npoints=0).special_points  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
 
-    @classmethod
-    def from_atoms(cls, atoms: Atoms, title: str | None = None) -> Scene:
-        """A scene of atoms with their calculator, held in memory; `magphonon.write_scene` writes one to a file."""
-        return scene_of(tables_of(checked_atoms(atoms), title, file='particles.traj'), atoms)
-
     def cell(self) -> Atoms:
         """One unit cell, or the oscillator, with the moving mass of the pillars but without a calculator."""
         atoms = self.lattice.cell()
@@ -208,48 +208,43 @@ class Scene(Table):
         relaxation = self.relaxation()
         return self.perfect_cell() if relaxation is None else relaxation.atoms
 
-    def perfect_cell(self, like: Atoms | None = None) -> Atoms:
-        """One unit cell, the oscillator or the finite structure, without [defects], with its PairCalculator or AllNeighbours.
-        `like` is the cell of a scene that differs only in numbers; if given, its pairs of neighbours are used.
-        """
-        atoms = self._standing(like)
-        return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
-
     @_units_told_by_keys()
-    def _standing(self, like: Atoms | None = None) -> Atoms:
-        if self.members:
-            nodes = self.cell()
-            sites = self._sites(nodes)
-            return joined(nodes, self.members, **sites | ({'dim': 3} if np.ptp(nodes.positions[:, 2]) > 0 else {}))
-        if isinstance(self.law, SavedLaw):
-            return self.lattice.saved()  # pyright: ignore[reportAttributeAccessIssue]  as `check` makes sure
+    def perfect_cell(self) -> Atoms:
+        """One unit cell, the oscillator or the finite structure, without [defects], with its PairCalculator or AllNeighbours."""
+        lattice = self.lattice
         atoms = self.cell()
-        if self.law.shells == ALL:
+        if self.law.kind == 'saved':
+            atoms = lattice.saved()  # pyright: ignore[reportAttributeAccessIssue]  as `check` makes sure
+        elif self.members:
+            tilted = {'dim': 3} if np.ptp(atoms.positions[:, 2]) > 0 else {}
+            atoms = joined(atoms, self.members, **self._sites(atoms) | tilted)
+        elif self.law.shells == ALL:
             try:
-                atoms.calc = AllNeighbours(atoms, self._law(atoms), **self._sites(atoms))  # pyright: ignore[reportArgumentType]  or it refuses
+                atoms.calc = AllNeighbours(atoms, self._law(), **self._sites(atoms))  # pyright: ignore[reportArgumentType]  or it refuses
             except ValueError as error:
                 raise ValueError(f"law.shells = '{ALL}': {error}") from None
-            return atoms
-        bonds, reach = self.lattice.bonds, getattr(self.law, 'reach', None)
-        if like is not None:
-            bonds = like.calc.bonds  # pyright: ignore[reportOptionalMemberAccess]  it has a calculator
-        elif reach is not None:
-            bonds = bonds_within(atoms, reach * self.lattice.spacing_m * u.m)
-        try:
-            shells: Any = self.law.shells  # "auto" is a number by now
-            atoms.calc = PairCalculator(atoms, self._law(atoms), shells=shells, cutoff=self.lattice.cutoff,
-                                        bonds=bonds, **self._sites(atoms))
-        except ValueError as error:
-            if not isinstance(self.lattice, FileLattice):
-                sphere = f', law.diameter_m = {self.law.diameter_m!r}' if self.law.kind == 'hertz' else ''
-                raise type(error)(f'{self.lattice.spacing_given}{sphere}, law.shells = {self.law.shells!r}: {error}') from None
-            raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; if its positions have no clear shells, give '
-                             'cutoff_m, the distance within which particles interact') from None
+        else:
+            atoms.calc = self._pairs(atoms)
         if self.single:  # a constant force balances the repulsion of the three magnets
-            atoms.calc = atoms.calc.balanced([Oscillator.free])
-        return atoms
+            atoms.calc = atoms.calc.balanced([Oscillator.free])  # pyright: ignore[reportAttributeAccessIssue]  of one shell
+        return lattice.settled(atoms) if isinstance(lattice, FileLattice) else atoms
 
-    def _law(self, atoms: Atoms) -> Any:
+    def _pairs(self, atoms: Atoms) -> PairCalculator:
+        """The calculator of so many shells of neighbours, or of all within the cutoff."""
+        lattice, shells = self.lattice, self.law.shells
+        bonds, reach = lattice.bonds, getattr(self.law, 'reach', None)
+        if reach is not None:
+            bonds = bonds_within(atoms, reach * lattice.spacing_m * u.m)
+        try:
+            return PairCalculator(atoms, self._law(), shells=shells, cutoff=lattice.cutoff, bonds=bonds, **self._sites(atoms))
+        except ValueError as error:
+            if isinstance(lattice, FileLattice):
+                raise ValueError(f'lattice.file = {lattice.file!r}: {error}; if its positions have no clear shells, give '
+                                 'cutoff_m, the distance within which particles interact') from None
+            sphere = f', law.diameter_m = {self.law.diameter_m!r}' if self.law.kind == 'hertz' else ''
+            raise type(error)(f'{lattice.spacing_given}{sphere}, law.shells = {shells!r}: {error}') from None
+
+    def _law(self) -> Any:
         law: Any = self.law.potential()
         return self.foundation.law(law) if self.foundation else law
 
@@ -487,14 +482,8 @@ def toml(tables: dict[str, Any], name: str = '') -> str:
     return ''.join(lines + parts)
 
 
-def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:
-    """The tables of a scene in plain Python, and the particles of its file, if any; `scene_of` restores the scene from these."""
-    tables = scene.model_dump(mode='json', exclude_none=True)
-    return tables, getattr(scene.lattice, '_atoms', None)
-
-
 def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
-    """The scene of these tables, in the plain Python of `tomllib` or of `parts_of`."""
+    """The scene of these tables, in the plain Python of `tomllib`; `particles` are those of its file."""
     try:
         return Scene.model_validate(tables, context=None if particles is None else {'structure': particles})
     except ValidationError as error:

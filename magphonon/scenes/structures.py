@@ -24,7 +24,7 @@ from ..errors import one_of
 from ..files import MEGABYTE, refuse_endless
 from ..quantities import LENGTH, MASS, PURE, STIFFNESS
 from ..stiffness.all_neighbours import nearest_distance
-from ..stiffness.defects import LARGEST_SCATTER, substituted, with_vacancies
+from ..stiffness.defects import substituted, with_vacancies
 from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
@@ -50,7 +50,6 @@ PACKAGE_UNIT_m = 1e-3
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]
 SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of the value of its neighbours')]
 NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of the value of its neighbours')]
-Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
 
 def read_particles(path: Path) -> Atoms:

@@ -1,6 +1,6 @@
 """The stiffness D0 + D*, from one bond to the whole structure.
 
-`bond` has the interaction of two particles, Eq. 4 of the paper; `matrices` assembles bonds to the Hessian and the Bloch matrix
+`bond` has the interaction of two particles, Eq. 3 of the paper; `matrices` assembles bonds to the Hessian and the Bloch matrix
 (Eq. 18), and `lowest` finds their lowest eigenvalues. `calculator` is the ASE calculator with its foundation, also for cells that
 change; `all_neighbours` is the calculator without a cutoff, based on the lattice sums of `ewald`; `repulsion`, `restartable` and
 `supercells` hold what both calculators have in common.  `relaxation` finds positions where the forces balance, `rest` holds the

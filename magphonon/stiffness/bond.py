@@ -1,6 +1,6 @@
-"""The interaction of two particles as a function of the vector R between them: energy, gradient, stiffness D0 + D* (Eq. 4).
+"""The interaction of two particles as a function of the vector R between them: energy, gradient, stiffness D0 + D* (Eq. 3).
 
-`Central` is the force along the bond, from a law of the distance: its method `stiffness` is Eq. 4.  If forces depend on more than
+`Central` is the force along the bond, from a law of the distance: its method `stiffness` is Eq. 3.  If forces depend on more than
 the distance, as between upright magnets that leave their plane, the law itself is a function of the vector (`PairInteraction`).
 `Mixed` holds the interactions of bonds that differ. Calling code uses one of these three, and need not know which.
 """
@@ -40,7 +40,10 @@ class Central:
         return self.law.phi(r), (self.law.dphi(r) / r)[:, None] * R
 
     def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Eq. 4 of the paper: `D0 = phi'' n(x)n` and `D* = phi'/r (1 - n(x)n)`."""
+        """Eq. 3 of the paper: `D0 = phi'' n(x)n` and `D* = phi'/r (1 - n(x)n)`.
+
+        The paper prints both with minus signs, because there phi_r is the repulsion f, which here is -phi'.
+        """
         r = _lengths(R)
         n = np.ascontiguousarray(R.T) / r  # the bonds last in memory: loops over two or three components take five times as long
         nn = n[:, None] * n
@@ -108,7 +111,7 @@ def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengt
 
 
 def bond_stiffness(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Stiffness of each bond, split as in Eq. 4 of the paper.
+    """Stiffness of each bond, split as in Eq. 3 of the paper, where the sign of phi is the opposite.
 
     Parameters
     ----------

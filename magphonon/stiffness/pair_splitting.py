@@ -1,6 +1,6 @@
 """D0 and D* of a structure with any ASE calculator that sums over pairs: its pair law is read off two atoms.
 
-An energy that is a sum over pairs, `E = sum phi(r_ij)`, has the stiffness D0 + D* for each pair (Eq. 4).  A many-body
+An energy that is a sum over pairs, `E = sum phi(r_ij)`, has the stiffness D0 + D* for each pair (Eq. 3).  A many-body
 energy has no unique D*: the six distances among four points in a plane obey one equation. A multiple of this equation, added to
 the energy, changes the force in each pair and so D*, but no force on any point.
 """

@@ -39,7 +39,7 @@ def written(folder, seed):
 def test_a_scene_written_from_python_is_the_same_to_the_last_bit(seed, tmp_path):
     atoms = written(tmp_path, seed)
     scene = read_scene(tmp_path / 'mine.toml')
-    for again in (scene.atoms(), Scene.from_atoms(atoms).atoms()):
+    for again in (scene.atoms(), scene.perfect_cell()):
         assert np.array_equal(again.positions, atoms.positions)
         assert np.array_equal(again.get_forces(), atoms.get_forces())
         assert np.array_equal(again.get_masses(), atoms.get_masses())
@@ -258,7 +258,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
     held = lattices.triangular(10.0, 0.7).repeat((2, 1, 1))
     held.set_constraint(FixAtoms([0]))
     ase.io.write(tmp_path / 'held.traj', held)
-    with pytest.raises(ValueError, match='a patch needs constraints and tags to mark its rim'):
+    with pytest.raises(ValueError, match='it needs constraints and tags to mark its rim'):
         scene({'file': 'held.traj'}, patch={'kind': 'parallelogram', 'cells_1': 9, 'cells_2': 9})
 
 

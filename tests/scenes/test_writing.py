@@ -5,7 +5,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as some
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, write_scene
-from magphonon.scenes import Scene
 
 TITLES = ['plain', 'two\nlines', 'a\ttab', 'a magnet 🧲', '\U0001d6fc and β', 'x' * 200, 'x' * 201, '"quoted" \\ and \'so\'',
           '$a_1$', '$a_',
@@ -55,11 +54,11 @@ def test_drawn_titles(cell, tmp_path_factory, title):
     accepted(cell, tmp_path_factory.mktemp('drawn'), 'mine', title)
 
 
-def test_what_no_scene_can_hold_is_refused_in_its_own_words(cell):
+def test_what_no_scene_can_hold_is_refused_in_its_own_words(cell, tmp_path):
     for atoms, title, words in ((cell, 7, 'title must be text'), (cell, 'a\x1bb', r"title must be one line .*'a\\x1bb'$"),
                                 ('Nd', 'text', 'a scene is made of atoms with')):
         with pytest.raises(ValueError, match=words) as refused:
-            Scene.from_atoms(atoms, title)
+            write_scene(atoms, tmp_path / 'mine.toml', title)
         assert type(refused.value) is ValueError
 
 

@@ -15,7 +15,7 @@ function bondStiffness(data, state) {
   });
 }
 
-/** D0 + D* of each bond (Eq. 4), or D0 alone, in N/m. */
+/** D0 + D* of each bond (Eq. 3), or D0 alone, in N/m. */
 function bondMatrices(data, state, model) {
   return bondStiffness(data, state).map(([along, across], b) => {
     const [nx, ny] = data.bonds[b].direction;

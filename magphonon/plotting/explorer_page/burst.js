@@ -78,7 +78,7 @@ function bondsAt(patch, data, state, rest) {
   });
 }
 
-/** [xx, xy, yy] of each bond: D0 + D* (Eq. 4), or D0 alone. */
+/** [xx, xy, yy] of each bond: D0 + D* (Eq. 3), or D0 alone. */
 function stiffnessOf(bonds, model) {
   const K = new Float64Array(3 * bonds.length);
   bonds.forEach(([nx, ny, along, across], b) => {
