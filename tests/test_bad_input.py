@@ -1,318 +1,242 @@
-"""What is wrong is refused in the package's own words, with the value and the mend.
+"""What is wrong is refused by name: each argument of each public function is given wrong values, in every command and key too.
 
-Each case is a call, the value that its message must show, and words of the mend.  The error must be raised in a file of
-the package: a complaint of numpy, ASE, phonopy or pydantic that shines through fails the test.
+A call gets one argument that cannot be right, all others are.  It must raise a ValueError or TypeError of this package, such as a
+PhysicsError, whose words name the argument or show its value; it must not return, and no other error may shine through.
 """
 
+import copy
+import inspect
+import tomllib
+from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from ase import Atoms
-from ase.constraints import FixAtoms
-from ase.dft.kpoints import BandPath
+from hypothesis import given, settings, strategies as st
 
-import magphonon
-from magphonon import (
-    Bands,
-    Harmonic,
-    InversePower,
-    MagneticRepulsion,
-    PrescribedMotion,
-    Tabulated,
-    analytic_bands,
-    explicit_bonds,
-    find_bonds,
-    finite_displacements,
-    group_velocities,
-    lattices,
-    phonopy_bands,
-    plot_bands,
-    read_scene,
-    ready_scene,
-    sound_speeds,
-)
-from magphonon.bands import foundation_recovered
-from magphonon.bands.phonopy_files import write_band_yaml, write_phonopy_params
-from magphonon.bands.zone import ZoneMap, frequency_ratio, zone_map
-from magphonon.cli.results import results
-from magphonon.files import whole_file
-from magphonon.plotting.modes import plot_mode
-from magphonon.plotting.zone import plot_ratio, plot_zone
-from magphonon.stiffness import bond_stiffness
+import magphonon as mp
+from magphonon import interactions, lattices, response, waves
+from magphonon.cli.main import COMMANDS, main, parser_of
+from magphonon.errors import PhysicsError
+from magphonon.scenes.scene import read_scene, ready_scenes, scene_of
 
-PACKAGE = Path(magphonon.__file__).parent
 NAN, INF = float('nan'), float('inf')
-LAW = InversePower(b=1.0, a=4.0)
-TRIANGLE = [(0, 0, 0), (1, 0, 0), (0.5, 0.8, 0)]
+PACKAGE = Path(mp.__file__).parent
+LAW = mp.InversePower(b=1.0, a=4.0)
 
 
-def magnets(positions=TRIANGLE, masses=1.0, **options):
-    return Atoms(f'Nd{len(positions)}', positions=positions, masses=[masses] * len(positions), **options)
-
-
-def cell(lattice=lattices.triangular, spacing=1.0, law=LAW, **options):
-    atoms = lattice(spacing, 1.0)
-    atoms.calc = MagneticRepulsion(atoms, law, **options)
-    return atoms
-
-
-def changed(change, after=False):
-    """A cell that is changed before it gets its calculator, or after."""
+@cache
+def cell():
     atoms = lattices.triangular(1.0, 1.0)
-    if after:
-        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.1)
-    change(atoms)
-    if not after:
-        atoms.calc = MagneticRepulsion(atoms, LAW)
+    atoms.calc = mp.MagneticRepulsion(atoms, LAW, foundation=1.0)
     return atoms
 
 
-def path(lattice=lattices.triangular, points='GM', spacing=1.0):
-    atoms = lattice(spacing, 1.0)
-    return atoms.cell.bandpath(points, npoints=5, pbc=atoms.pbc)
-
-
-def bands(vectors=False, **options):
-    return analytic_bands(cell(), path(**options), vectors=vectors)
-
-
-def repulsion(reference=None, laws=LAW, **options):
-    return MagneticRepulsion(magnets() if reference is None else reference, laws, **options)
-
-
-def set_on(**parameters):
-    repulsion().set(**parameters)
-
-
-def moved(change):
-    """Forces on a triangle of magnets after `change(atoms)`."""
-    atoms = magnets()
-    atoms.calc = repulsion(atoms)
-    change(atoms)
-    return atoms.get_forces()
-
-
-def push(k, where):
-    return lambda atoms: atoms.positions.__setitem__(k, where)
-
-
-def held(atoms):
-    atoms.set_constraint(FixAtoms([0]))
+@cache
+def turning():
+    atoms = lattices.triangular(1.0, 1.0)
+    atoms.calc = mp.MagneticRepulsion(atoms, LAW, foundation=1.0, gyration=0.5)
     return atoms
 
 
-def with_cell(atoms, lengths):
-    atoms.cell[:] = np.diag(lengths)
-    atoms.calc = MagneticRepulsion(atoms, LAW)
+@cache
+def patch():
+    atoms = lattices.hexagon(cell(), 3.0)
+    atoms.calc = mp.MagneticRepulsion(atoms, LAW, foundation=6.0)
     return atoms
 
 
-class Nonsense:
-    """A law with the three methods, and NaN for a force."""
-
-    phi = dphi = d2phi = staticmethod(lambda r: np.nan * r)
-
-    def __repr__(self):
-        return 'Nonsense()'
+@cache
+def phonon():
+    return mp.finite_displacements(cell())
 
 
-def in_file(text):
-    """The call on a file with this content."""
-    def call(folder, reader):
-        (folder / 'x').write_bytes(text)
-        return reader(folder / 'x')
-    return call
+@cache
+def forces():
+    return interactions.force_tables.synthetic_forces(mp.InversePower(2000.0, 4.0), np.linspace(8, 15, 8), 1e-3, seed=0)
 
 
-def npz_bytes(**arrays):
-    from io import BytesIO
+# --- wrong values ----------------------------------------------------------------------------------------------------
 
-    file = BytesIO()
-    np.savez(file, **arrays)
-    return file.getvalue()
+NUMBER = [NAN, INF, -INF, 'x', None, [1.0, 2.0], 1j, 10**400, object()]
+POSITIVE = [*NUMBER, -1.0, 0.0]
+NOT_NEGATIVE = [*NUMBER, -1.0]
+WHOLE = [NAN, INF, 2.5, -1, 0, 'x', None, [1], 2**64]
+INDEX = [[-1], [10**6], [0.5], 'x', [NAN]]
+VECTOR = [[NAN, 1.0], [1.0, INF], [0.0, 0.0], 'x', [[1.0]], [], 5.0]
+Q = [[[NAN, 0.0, 0.0]], [[0.0, INF, 0.0]], [[0.25, 0.5]], 'GMK', [[['x']]]]
+COLUMN = [[NAN, 1.0, 2.0, 3.0], [1.0, 2.0, 3.0, INF], 'x', [[1.0], [2.0, 3.0]]]
+CHOICE = ['no such', 7]
+ATOMS = [lattices.triangular(1.0, 1.0)]  # without a calculator
+NOT_PLANAR = [lattices.chain(1.0, 1.0)]
+LAWS = [4.5, 'x', object()]
+PATH = [4.5, 'GQ', [[NAN, 0, 0]], ['G', 'M']]
 
-
-def opened(context):
-    with context:
-        pass
-
-
-def results_in(folder):
-    return results(SimpleNamespace(output=folder, force=False))
-
-
-CASES = {
-    # laws
-    'b NaN': (lambda: InversePower(b=NAN, a=4), 'nan', 'must be a positive number in N mm^a'),
-    'table short': (lambda: Tabulated([1, 2, 3], [3, 2, 1]), '(3,)', 'at least 4 points'),
-    'table NaN': (lambda: Tabulated([1, 2, 3, 4], [4, NAN, 2, 1]), 'f[1] is nan', 'must be a finite number'),
-    'table unsorted': (lambda: Tabulated([1, 3, 2, 4], [4, 3, 2, 1]), '3.', 'sort them and drop repeats'),
-    'table attracts': (lambda: Tabulated([1, 2, 3, 4], [4, 3, 2, -1]), '-1 N', 'must be positive (repulsive)'),
-    'table left': (lambda: Tabulated([1, 2, 3, 4], [4, 3, 2, 1]).dphi(5.5), '5.5 mm', 'extend the measurement'),
-
-    # lattices and patches
-    'angle beyond': (lambda: lattices.oscillator(30, 1, 1), '30', '30 * units.deg'),
-    'patch fraction': (lambda: lattices.parallelogram(lattices.square(1, 1), 2.5, 4), '2.5', 'n1 must be a whole number'),
-    'patch of a chain': (lambda: lattices.parallelogram(lattices.chain(1, 1), 4, 4), '(1, 0, 0)', 'planar cell'),
-    'patch too small': (lambda: lattices.parallelogram(lattices.square(1, 1), 2, 2), '4 particles', 'make it larger'),
-
-    # bonds
-    'shells zero': (lambda: find_bonds(magnets(), shells=0), '0', 'shells must be a whole number of at least 1'),
-    'shells too many': (lambda: find_bonds(magnets(), shells=9), '9', 'lower the number'),
-    'cutoff short': (lambda: find_bonds(magnets(), cutoff=0.25), '0.25 mm', 'increase it'),
-    'cutoff on a shell': (lambda: find_bonds(lattices.square(1, 1), cutoff=2**0.5), '1.41421', 'move it between two shells'),
-    'coincident': (lambda: find_bonds(magnets([(0, 0, 0), (0, 0, 0), (1, 0, 0)])), '0 and 1', 'move one of them'),
-    'position NaN': (lambda: find_bonds(magnets([(0, 0, 0), (1, NAN, 0)])), 'particle 1', 'must be a finite number'),
-    'alone': (lambda: find_bonds(magnets([(0, 0, 0)])), '1 particles', 'add particles'),
-    'bond outside': (lambda: explicit_bonds(magnets(), [(0, 3)]), '(0, 3)', 'counted from 0'),
-    'bond to itself': (lambda: explicit_bonds(magnets(), [(1, 1)]), '(1, 1)', 'name another particle'),
-    'bond twice': (lambda: explicit_bonds(magnets(), [(0, 1), (1, 0)]), '(1, 0)', 'list each pair once'),
-    'bond across': (lambda: explicit_bonds(magnets(), [(0, 1, (1, 0, 0))]), '(1, 0, 0)', 'keep its shift 0'),
-    'bond between points': (lambda: explicit_bonds(magnets(), [(0, 0.5)]), '0.5', 'whole numbers'),
-    'bond none': (lambda: explicit_bonds(magnets(), []), '[]', 'at least one pair'),
-    'bond of no length': (lambda: explicit_bonds(magnets([(0, 0, 0)] * 2), [(0, 1)]), '0 and 1 coincide', 'move one of them'),
-    'stiffness of no length': (lambda: bond_stiffness(np.zeros((1, 2)), LAW), '[0. 0.]', 'joins two particles'),
-
-    # calculator
-    'foundation negative': (lambda: repulsion(foundation=-2.5), '-2.5', 'must be a zero or positive number in N/mm'),
-    'model unknown': (lambda: repulsion(model='full'), "'full'", "one of 'complete', 'conventional'"),
-    'law without methods': (lambda: repulsion(laws=4.5), '4.5', 'see magphonon.interactions.PairLaw'),
-    'law of NaN': (lambda: repulsion(laws=Nonsense()), 'force nan N', 'check its parameters'),
-    'law out of reach': (lambda: repulsion(laws=Tabulated([2, 3, 4, 5], [4, 3, 2, 1])),
-                         '0.943398 mm', 'extend the measurement'),
-    'reference not planar': (lambda: repulsion(magnets([(0, 0, 0), (1, 0, 0.5)]), dim=2), '0.5 mm', 'must share one z'),
-    'set unknown': (lambda: set_on(fundation=1), "'fundation'", "one of 'foundation', 'gyration', 'model'"),
-    'set text': (lambda: set_on(foundation='stiff'), "'stiff'", 'must be a zero or positive number'),
-    'other number': (lambda: repulsion().get_forces(magnets([(0, 0, 0), (1, 0, 0)])),
-                     '3 particles, not 2', 'calculator.on(supercell)'),
-    'other cell': (lambda: moved(lambda atoms: atoms.set_cell([3, 3, 3])),
-                   'differs from the reference', 'make a calculator for this cell'),
-    'displaced to NaN': (lambda: moved(push(2, NAN)), 'particle 2', 'finite number'),
-    'displaced onto another': (lambda: moved(push(2, (0, 0, 0))), '0 and 2 coincide', 'start from smaller displacements'),
-    'Hessian part': (lambda: repulsion().get_hessian(magnets(), part='D1'), "'D1'", "one of 'D0', 'Dstar'"),
-    'supercell of another': (lambda: cell().calc.on(lattices.square(1, 1) * (3, 3, 1)),
-                             'images of the cell', 'build it with repeat()'),
-
-    # bands
-    'bands model': (lambda: analytic_bands(cell(), path(), model='D0'), "'D0'", "one of 'complete', 'conventional'"),
-    'bands without law': (lambda: analytic_bands(lattices.triangular(1, 1), path()), 'None', 'attach atoms.calc'),
-    'bands of a patch': (lambda: analytic_bands(with_cell(magnets(), (9, 9, 9)), path()), 'not periodic', 'use the unit cell'),
-    'path of another cell': (lambda: analytic_bands(cell(), path(lattices.square)), 'another shape', 'atoms.cell.bandpath'),
-    'path as a list': (lambda: analytic_bands(cell(), ['G', 'M']), 'list', 'get one from atoms.cell.bandpath'),
-    'path of unknown points': (lambda: analytic_bands(cell(), 'GQ'), 'GQ', 'your own wavevectors'),
-    'wavevector NaN': (lambda: group_velocities(cell(), [[0.25, NAN, 0]]), 'q[0, 1] is nan', 'must be a finite number'),
-    'wavevector planar': (lambda: group_velocities(cell(), [[0.25, 0.5]]), '(1, 2)', 'three fractions'),
-    'wavevector text': (lambda: group_velocities(cell(), 'GMK'), "'GMK'", 'must hold numbers'),
-    'sound nowhere': (lambda: sound_speeds(cell(), (0, 0)), '[0. 0.]', 'must not be zero'),
-    'sound in space': (lambda: sound_speeds(cell(), (1, 0, 0)), '(3,)', 'must have the shape (2,)'),
-    'modes not kept': (lambda: bands().polarisations, 'without modes', 'vectors=True'),
-    'zone of a chain': (lambda: zone_map(cell(lattices.chain)), '(1, 0, 0)', 'along a path instead'),
-    'zones that differ': (lambda: frequency_ratio(zone_map(cell(), 6), zone_map(cell(), 12)), '(', 'same atoms and steps'),
-
-    # phonopy
-    'displace without law': (lambda: finite_displacements(lattices.square(1, 1)), 'None', 'attach atoms.calc'),
-    'displace a patch': (lambda: finite_displacements(with_cell(magnets(), (9, 9, 9))), 'not periodic', 'displace the unit cell'),
-    'displace held particles': (lambda: finite_displacements(held(cell())), 'hold every particle', 'free at least one'),
-    'supercell narrow': (lambda: finite_displacements(cell(), (2, 2, 1)), '(2, 2, 1)', 'give supercell=(3, 3, 1)'),
-    'supercell tall': (lambda: finite_displacements(cell(), (3, 3, 2)), '(3, 3, 2)', 'give supercell=(3, 3, 1)'),
-    'supercell planar': (lambda: finite_displacements(cell(), (3, 3)), '(3, 3)', 'as (3, 3, 1)'),
-    'supercell fraction': (lambda: finite_displacements(cell(), (3, 3.5, 1)), '3.5', 'supercell[1] must be a whole number'),
-    'distance zero': (lambda: finite_displacements(cell(), distance=0), 'not 0', 'distance must be a positive number in mm'),
-    'distance of round-off': (lambda: finite_displacements(cell(), distance=0.9e-12), '9e-13', 'The default is'),
-    'displace ghosts': (lambda: finite_displacements(changed(lambda atoms: setattr(atoms, 'symbols', 'X'))), "'X'", 'particle 0'),
-    'displace a cell of two vectors': (lambda: finite_displacements(changed(lambda atoms: atoms.cell.__setitem__(2, 0))),
-                                       'not 2', 'three lattice vectors'),
-    'displace another cell': (lambda: finite_displacements(changed(lambda atoms: atoms.set_cell(1.1 * atoms.cell.array), True)),
-                              'differs from the reference', 'make a calculator for this cell'),
-    'distance large': (lambda: finite_displacements(cell(), distance=0.5), '0.5 mm', 'The default is'),
-    'phonon without forces': (lambda: foundation_recovered(None), 'NoneType', 'finite_displacements(atoms)'),
-    'phonopy path': (lambda: phonopy_bands(finite_displacements(cell()), path(spacing=2)),
-                     'another shape', 'atoms.cell.bandpath'),
-
-    # particles that do not exist
-    'balanced nobody': (lambda: repulsion().balanced([99]), '[99]', 'indices from 0 to 2'),
-    'balanced mask': (lambda: repulsion().balanced([True, False, True]), 'True, False', 'indices from 0 to 2'),
-    'verdict drive': (lambda: magphonon.verdict(cell(), [Harmonic([99], (1, 0), 1.0, 2.0)]), '99', 'particles 0 to 0'),
-    'verdict wall': (lambda: magphonon.verdict(cell(), [PrescribedMotion(Harmonic([7], (1, 0), 1.0, 2.0))]), '7', '0 to 0'),
-
-    # pictures
-    'drawn on another path': (lambda: plot_bands(bands(points='GK'), ax=plot_bands(bands())), 'GK', 'on the same path'),
-    'mode without modes': (lambda: plot_mode(cell(), bands(), 'M', 0), 'without modes', 'vectors=True'),
-    'mode beyond': (lambda: plot_mode(cell(), bands(vectors=True), 'M', 2), '2', 'must be 0 to 1'),
-    'mode at no point': (lambda: plot_mode(cell(), bands(vectors=True), 'Z', 0), "'Z'", 'it has G, M, K'),
-    'mode off the path': (lambda: plot_mode(cell(), bands(vectors=True), 'K', 0), 'K', 'choose a path that does'),
-    'mode past the path': (lambda: plot_mode(cell(), bands(vectors=True), 5, 0), '5', 'from 0 to 4'),
-    'zone of a line': (lambda: plot_zone(path(lattices.chain, 'GX')), 'GX', 'planar lattices'),
-    'ratio of no branch': (lambda: plot_ratio(*[zone_map(cell(), 6)] * 2, branch=-1), '-1', 'must be 0 to 1'),
-
-    # scenes by name
-    'ready scene': (lambda: ready_scene('protoype'), "'protoype'", "'prototype'"),
+CALLS = {  # a function, its right arguments, and wrong values of each
+    'InversePower': (mp.InversePower, {'b': (1.0, POSITIVE), 'a': (4.0, POSITIVE)}),
+    'Yukawa': (mp.Yukawa, {'c': (1.0, POSITIVE), 'kappa': (1.0, POSITIVE)}),
+    'Spring': (mp.Spring, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
+    'Cable': (mp.Cable, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
+    'Hertz': (mp.Hertz, {'stiffness': (1.0, POSITIVE), 'diameter': (1.0, POSITIVE)}),
+    'Ring': (mp.Ring, {'outer': (5.0, POSITIVE), 'inner': (2.0, NOT_NEGATIVE), 'height': (3.0, POSITIVE),
+                        'remanence': (1.0, POSITIVE)}),
+    'Cuboid': (mp.Cuboid, dict.fromkeys(('length', 'width', 'height', 'remanence'), (3.0, POSITIVE))),
+    'Sphere': (mp.Sphere, {'diameter': (3.0, POSITIVE), 'remanence': (1.0, POSITIVE)}),
+    'Tabulated': (mp.Tabulated, {'r': ([1.0, 2, 3, 4], COLUMN), 'f': ([4.0, 3, 2, 1], COLUMN)}),
+    **{f'lattices.{name}': (getattr(lattices, name), {'spacing': (1.0, POSITIVE), 'mass': (1.0, POSITIVE)})
+       for name in ('triangular', 'square', 'chain', 'honeycomb', 'kagome', 'fcc', 'bcc')},
+    'lattices.oscillator': (lattices.oscillator, {'theta0': (0.5, NUMBER), 'spacing': (1.0, POSITIVE), 'mass': (1.0, POSITIVE)}),
+    'lattices.hexagon': (lattices.hexagon, {'cell': (cell, NOT_PLANAR), 'side': (3.0, POSITIVE)}),
+    'lattices.half_hexagon': (lattices.half_hexagon, {'cell': (cell, NOT_PLANAR), 'side': (3.0, POSITIVE)}),
+    'lattices.parallelogram': (lattices.parallelogram, {'cell': (cell, NOT_PLANAR), 'n1': (5, WHOLE), 'n2': (5, WHOLE)}),
+    'lattices.rectangle': (lattices.rectangle, {'cell': (cell, NOT_PLANAR), 'width': (5.0, POSITIVE), 'height': (5.0, POSITIVE)}),
+    'lattices.ribbon': (lattices.ribbon, {'cell': (cell, NOT_PLANAR), 'rows': (4, WHOLE)}),
+    'find_bonds': (mp.find_bonds, {'atoms': (cell, []), 'shells': (1, WHOLE), 'cutoff': (None, [NAN, -1.0, 'x', [1.0]])}),
+    'explicit_bonds': (mp.explicit_bonds, {'atoms': (patch, []), 'pairs': (
+        [(0, 1)], [[], [(0, 0)], [(0, 10**6)], [(0, 0.5)], [(0, 1), (1, 0)], 'x'])}),
+    **{name: (getattr(mp, name), {'reference': (cell, []), 'laws': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE),
+                                  'model': ('complete', CHOICE), 'shells': (1, WHOLE)})
+       for name in ('MagneticRepulsion', 'PairCalculator')},
+    'AllNeighbours': (mp.AllNeighbours, {'reference': (cell, []), 'law': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE)}),
+    'analytic_bands': (mp.analytic_bands, {'atoms': (cell, ATOMS), 'path': ('GM', PATH), 'model': (None, CHOICE)}),
+    'group_velocities': (mp.group_velocities, {'atoms': (cell, ATOMS), 'q': ([[0.25, 0.25, 0.0]], Q), 'model': (None, CHOICE)}),
+    'sound_speeds': (mp.sound_speeds, {'atoms': (cell, ATOMS), 'direction': ([1.0, 0.0], VECTOR), 'model': (None, CHOICE)}),
+    'complex_bands': (mp.complex_bands, {'atoms': (cell, ATOMS), 'direction': ([1, 0, 0], [[0, 0, 0], [NAN, 1, 0], 'x', 3]),
+                                         'omega': ([1.0], [[NAN], 'x', [[1.0]]]), 'damping': (0.0, [NAN, -1.0, 'x'])}),
+    'chern_numbers': (mp.chern_numbers, {'cell': (turning, ATOMS), 'model': (None, CHOICE)}),
+    'finite_displacements': (mp.finite_displacements, {
+        'atoms': (cell, ATOMS),
+        'supercell': ((3, 3, 1), [(2, 2, 1), (3, 3, 2), (3, 3), (3, 3.5, 1), 'x', (0, 3, 1), (NAN, 3, 1)]),
+        'distance': (1e-3, [0.0, -1.0, NAN, 0.5, 'x', [1.0]])}),
+    'phonopy_bands': (mp.phonopy_bands, {'phonon': (phonon, [None, 4.5]), 'path': ('GM', PATH)}),
+    'critical_foundation': (mp.critical_foundation, {'atoms': (cell, ATOMS), 'model': (None, CHOICE)}),
+    'verdict': (mp.verdict, {'atoms': (cell, ATOMS), 'damping': (0.0, [NAN, -1.0, 'x', INF])}),
+    'relaxed': (mp.relaxed, {'atoms': (patch, ATOMS), 'tolerance': (1e-9, POSITIVE), 'steps': (10, WHOLE)}),
+    'modes': (mp.modes, {'atoms': (patch, ATOMS), 'count': (3, [NAN, 2.5, -1, 0, 'x', [1]])}),
+    'frequency_response': (mp.frequency_response, {
+        'atoms': (patch, ATOMS), 'force': (lambda: np.eye(1, 3 * len(patch()), 3 * (len(patch()) // 2)).reshape(-1, 3),
+                                           [lambda: np.full((len(patch()), 3), NAN), [[1.0, 0.0]], 'x']),
+        'omega': ([1.0, 2.0], [[NAN], 'x', [INF]]), 'damping': (0.1, [NAN, -1.0, 'x', INF]),
+        'particles': ([0], INDEX), 'tolerance': (1e-9, POSITIVE)}),
+    'propagate': (mp.propagate, {
+        'atoms': (patch, ATOMS), 'times': ([0.0, 1.0], [[NAN], [0.0, INF], 'x', [[0.0]], [1.0, 0.5]]),
+        'damping': (0.0, [NAN, -1.0, 'x', INF]), 'particles': ([0], INDEX), 'tolerance': (1e-9, POSITIVE),
+        'drives': ([], [[5.0], ['x']])}),
+    'DrivenVerlet': (mp.DrivenVerlet, {
+        'atoms': (patch, ATOMS), 'timestep': (0.01, POSITIVE), 'damping': (0.0, [NAN, -1.0, 'x', INF]),
+        'drives': ([], [[5.0], ['x']]), 'engine': ('auto', CHOICE)}),
+    'Recorder': (mp.Recorder, {'dyn': (lambda: mp.DrivenVerlet(patch(), 0.01), []), 'particles': ([0], INDEX),
+                               'interval': (10, WHOLE)}),
+    'Harmonic': (mp.Harmonic, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
+                               'amplitude': (1.0, [NAN, INF, 'x']), 'omega': (1.0, [NAN, INF, 'x'])}),
+    'ToneBurst': (mp.ToneBurst, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
+                                 'amplitude': (1.0, [NAN, INF, 'x']), 'omega': (1.0, POSITIVE), 'cycles': (5, POSITIVE),
+                                 'start': (0.0, NUMBER)}),
+    'Constant': (mp.Constant, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
+                               'force': (1.0, [NAN, INF, 'x'])}),
+    'read_scene': (mp.read_scene, {'path': (str(ready_scenes()['ideal']), [''])}),
+    'ready_scene': (mp.ready_scene, {'name': ('ideal', CHOICE)}),
+    'interactions.Forces': (interactions.Forces, {'r': ([8.0, 9, 10, 11], COLUMN), 'f': ([4.0, 3, 2, 1], COLUMN)}),
+    'interactions.SharedErrors': (interactions.SharedErrors, dict.fromkeys(
+        ('distance', 'backlash', 'gain'), (0.1, NOT_NEGATIVE))),
+    'interactions.fit_forces': (interactions.fit_forces, {'forces': (forces, []), 'spacing': (10.0, POSITIVE)}),
+    'response.estimated': (response.estimated, {
+        'drive': (np.ones(64), [[1.0, NAN], np.ones(3), 'x']), 'answer': (np.ones(64), [np.full(64, NAN), np.ones(63), 'x']),
+        'dt': (1.0, POSITIVE), 'estimator': ('H1', CHOICE)}),
+    'waves.burst_setup': (waves.burst_setup, {'cell': (cell, []), 'patch': (lambda: lattices.half_hexagon(cell(), 10.0), []),
+                                              'source': ('point', CHOICE)}),
 }
-
-# The same with a directory to try it in: (call(folder), value, mend)
-FILE_CASES = {
-    'bands missing': (lambda d: Bands.load(d / 'x.npz'), 'x.npz', 'compute bands and save()'),
-    'bands foreign': (lambda d: in_file(b'not bands at all')(d, Bands.load), '/x ', 'compute them again and save()'),
-    'bands of other arrays': (lambda d: in_file(npz_bytes(omega=np.ones(3)))(d, Bands.load), 'lacks', 'compute them again'),
-    'bands nowhere': (lambda d: bands().save(d / 'no' / 'x.npz'), 'no/x.npz', 'choose another place'),
-    'zone map foreign': (lambda d: in_file(b'')(d, ZoneMap.load), '/x ', 'and save()'),
-    'band.yaml nowhere': (lambda d: write_band_yaml(finite_displacements(cell()), path(), d / 'no' / 'band.yaml'), 'no/band.yaml',
-                          'choose another place'),
-    'band.yaml without names': (lambda d: write_band_yaml(finite_displacements(cell()), BandPath(cell().cell, [[0.0, 0.0, 0.0]]),
-                                                          d / 'band.yaml'), 'no special points', 'atoms.cell.bandpath'),
-    'params nowhere': (lambda d: write_phonopy_params(finite_displacements(cell()), d / 'no' / 'p.yaml'), 'no/p.yaml',
-                       'choose another place'),
-    'file in a file': (lambda d: in_file(b'')(d, lambda file: opened(whole_file(file / 'y'))), 'x/y', 'choose another place'),
-    'directory is a file': (lambda d: in_file(b'')(d, lambda file: opened(results_in(file))),
-                            '/x is a file', 'name a directory'),
-    'directory in a file': (lambda d: in_file(b'')(d, lambda file: opened(results_in(file / 'y'))),
-                            'x/y', 'choose another place'),
-    'directory in /proc': (lambda d: opened(results_in('/proc/x')), '/proc', 'choose another place'),
-    'scene missing': (lambda d: read_scene(d / 'lattice.toml'), 'lattice.toml', '"magphonon scene" lists scenes'),
-    'scene is a directory': (lambda d: read_scene(d), 'cannot be read', '"magphonon scene" lists scenes'),
-}
+ELSEWHERE = {'Bands', 'PrescribedMotion', 'magnet_law', 'for_ase_tools', 'restored', 'edge_flow', 'plot_bands', 'plot_mode',
+             'plot_wave', 'write_scene', 'sweep'}
+"""Public functions whose arguments are tried by their own tests."""
+CASES = [(name, argument, k) for name, (_, given) in CALLS.items() for argument, (_, wrong) in given.items()
+         for k in range(len(wrong))]
 
 
-def refusal(call):
-    """The message of the error that `call` raises, after a check that the package itself raised it."""
-    with pytest.raises((ValueError, OSError, NotImplementedError)) as caught:
-        call()
-    where = Path(caught.traceback[-1].path)
-    assert PACKAGE in where.parents, f'{caught.value!r} comes from {where}'
-    return str(caught.value)
+def of(value):
+    """A value, or what makes it."""
+    return value() if inspect.isfunction(value) or hasattr(value, 'cache_info') else value
 
 
-@pytest.mark.parametrize(('call', 'value', 'mend'), CASES.values(), ids=CASES)
-def test_refused_with_value_and_mend(call, value, mend):
-    message = refusal(call)
-    assert value in message
-    assert mend in message
+@settings(max_examples=len(CASES), deadline=None, derandomize=True)
+@given(st.sampled_from(CASES))
+def test_a_wrong_argument_is_refused_by_name(case):
+    name, argument, k = case
+    function, given = CALLS[name]
+    arguments = {key: of(right) for key, (right, _) in given.items()}
+    arguments[argument] = of(given[argument][1][k])
+    with pytest.raises((ValueError, TypeError)) as caught:
+        function(**arguments)
+    assert Path(caught.traceback[-1].path).is_relative_to(PACKAGE), f'{caught.value!r} is of another package'
+    assert names(str(caught.value), argument, arguments[argument])
 
 
-if not Path('/proc').exists():
-    del FILE_CASES['directory in /proc']
+def names(words, argument, wrong):
+    """Whether a message names an argument or shows its value, or an entry of it."""
+    entries = wrong if isinstance(wrong, list | tuple) else []
+    shown = [argument.removesuffix('s'), repr(wrong), str(wrong), *map(repr, entries)]
+    return any(one in words for one in shown) or (argument == 'cell' and 'atoms' in words)
 
 
-@pytest.mark.parametrize(('call', 'value', 'mend'), FILE_CASES.values(), ids=FILE_CASES)
-def test_files_refused_with_value_and_mend_and_nothing_left(call, value, mend, tmp_path):
-    message = refusal(lambda: call(tmp_path))
-    assert value in message
-    assert mend in message
-    assert {file.name for file in tmp_path.rglob('*')} <= {'x'}  # what the case itself put there
+@pytest.mark.parametrize('name', CALLS)
+def test_control_right_arguments_are_taken(name):
+    function, given = CALLS[name]
+    function(**{key: of(right) for key, (right, _) in given.items()})
 
 
-def test_truncated_bands_are_refused_at_every_length(tmp_path):
-    bands(vectors=True).save(tmp_path / 'whole.npz')
-    content = (tmp_path / 'whole.npz').read_bytes()
-    for length in np.linspace(0, len(content) - 1, 20).astype(int):
-        (tmp_path / 'cut.npz').write_bytes(content[:length])
-        assert 'compute them again and save()' in refusal(lambda: Bands.load(tmp_path / 'cut.npz'))
-    assert Bands.load(tmp_path / 'whole.npz').path.path == 'GM'  # the control: it was whole
+def test_every_public_function_is_tried():
+    """Names that stand at the top of the package; a new one gets its line here."""
+    public = {name for name in dir(mp) if callable(getattr(mp, name)) and name[0] != '_'}
+    errors = {name for name in public if inspect.isclass(getattr(mp, name)) and issubclass(getattr(mp, name), PhysicsError)}
+    assert public - errors - ELSEWHERE <= CALLS.keys()
+    assert not ELSEWHERE & CALLS.keys()
 
 
-def test_refused_change_changes_nothing():
-    calc = repulsion(foundation=0.5)
-    refusal(lambda: calc.set(foundation=1.5, model='full'))
-    assert calc.parameters == {'foundation': 0.5, 'model': 'complete', 'gyration': 0.0}
+# --- keys of scenes and options of commands --------------------------------------------------------------------------
+
+def leaves(tables, at=()):
+    for key, value in tables.items():
+        yield from leaves(value, (*at, key)) if isinstance(value, dict) else [((*at, key), value)]
+
+
+SCENES = {name: tomllib.loads(file.read_text(encoding='utf-8')) for name, file in ready_scenes().items()}
+KEYS = {at: (name, value) for name, tables in SCENES.items() if tables['lattice']['kind'] != 'file'
+        for at, value in leaves(tables) if at != ('title',)}
+WRONG = {bool: [3, 'x', NAN, []], int: [NAN, 2.5e-400, 'x', [1.0, 2.0], True, -(10**400)], str: ['no such', 7, []],
+         float: [NAN, INF, 'x', [1.0, 2.0], True, 10**400], list: [[NAN], 'x', 5.0, [['x']], {}]}
+
+
+@settings(max_examples=len(KEYS) * 4, deadline=None, derandomize=True)
+@given(st.sampled_from(sorted(KEYS)).flatmap(lambda at: st.tuples(st.just(at), st.sampled_from(WRONG[type(KEYS[at][1])]))))
+def test_a_wrong_value_of_a_scene_is_refused_by_its_key(case):
+    at, wrong = case
+    tables = table = copy.deepcopy(SCENES[KEYS[at][0]])
+    for key in at[:-1]:
+        table = table[key]
+    table[at[-1]] = wrong
+    with pytest.raises(ValueError, match=at[-1]):
+        scene_of(tables)
+
+
+@pytest.mark.parametrize('text', [b'', b'\0', b'title = 0,5', b'\xff\xfe', b'[lattice', b'[lattice]\nkind = "no"\n', b'x'])
+def test_what_is_no_scene_is_refused_by_its_name(text, tmp_path):
+    (tmp_path / 'mine.toml').write_bytes(text)
+    with pytest.raises((ValueError, OSError), match=r'mine\.toml'):
+        read_scene(tmp_path / 'mine.toml')
+
+
+OPTIONS = [(command, action.option_strings[-1]) for command in COMMANDS
+           for action in parser_of([command])._subparsers._group_actions[0].choices[command]._actions
+           if action.option_strings and (action.type or action.choices)]
+
+
+@pytest.mark.parametrize(('command', 'option'), [*OPTIONS, ('bands', '--outptu'), ('check', 'further'), ('bnads', '-o')])
+def test_a_wrong_option_is_refused_by_its_name(command, option, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main([command, 'ideal', option, 'no such'])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert option in said or command == 'bnads'
+    assert 'Traceback' not in said
+    assert not list(tmp_path.iterdir())

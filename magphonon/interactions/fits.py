@@ -66,6 +66,7 @@ DRIFTS, WAVES = (0.0, 1.0, 3.0), 8
 """Sizes of a drift that are tried, in the noise of a row, and the number of slow waves over the table that it is made of."""
 ANY_PAIR = 0.3  # standard deviation of ln f from pair to pair before the table is read
 SHARED = 'zero of force', 'zero of distance', 'hysteresis', 'backlash'
+CAUSES = 'unknown law', *SHARED, 'pairs', 'noise', 'gain'  # of the variance of the slope
 POINTS = 24  # of the table of a fitted law; a spline through them follows it to 1e-5
 
 
@@ -100,7 +101,7 @@ class SharedErrors:
 
     def __post_init__(self) -> None:
         for name, unit in {'distance': 'mm', 'zero': 'N', 'hysteresis': 'N', 'backlash': 'mm', 'gain': '', 'pair': ''}.items():
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None or name not in ('zero', 'hysteresis', 'pair'):
                 not_negative(name, getattr(self, name), unit)
 
     def sizes(self, largest: float) -> NDArray[np.float64]:
@@ -206,61 +207,40 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     >>> bool(abs(fit.exponent - 4) < fit.half_widths[2])
     True
     """
-    from scipy.stats import t
-
     shared = shared or SharedErrors()
     forces.check_reach(positive('spacing', spacing, 'mm'))
-    if forces.sigma is None and len(forces.r) < LEAST_ROWS:
+    known = forces.sigma is not None
+    if not known and len(forces.r) < LEAST_ROWS:
         raise ValueError(f'{len(forces.r)} rows are too few to determine the law and their noise: '
                          f'measure at least {LEAST_ROWS}, or give the '
                          'standard uncertainty of each force in a column sigma_N')
     forces = forces.thinned(MOST_ROWS)
+    _refuse_large(shared, forces)
+    shared = _with_pairs(forces, shared, spacing)
+    average = _averaged(forces, shared, LawFamily(spacing), shape and LawFamily(spacing, shape))
+    (ln_f, a), covariance, best = average.mean, average.covariance, average.best
+    if not a > 2 * np.sqrt(covariance[1, 1]):
+        raise ValueError(f'within their uncertainties, the forces need not fall with the distance (a = {a:.3g} with a standard '
+                         f'uncertainty of {np.sqrt(covariance[1, 1]):.2g}); are the columns exchanged, or is all of it noise?')
+    nearest, farthest = forces.r.min() + best.p[DISTANCE_ZERO], forces.r.max() + best.p[DISTANCE_ZERO]
+    if nearest <= 0:
+        raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
+                         'check its unit, or remove the point')
+    return Fit(law=average.law(min(nearest, spacing), max(farthest, spacing), spacing), spacing=float(spacing),
+               force=float(np.exp(ln_f)), exponent=float(a), covariance=covariance, wide=average.wide(known),
+               shares=average.shares, zeros=best.p[ZEROS], weight=average.weight(shape), conflicts=best.conflicts,
+               pair=shared.pair or 0.0, drift=average.weight_of_drift,
+               scatter=float(best.size) if known else 1.0, residuals=best.residuals, noise=best.noise)
+
+
+def _refuse_large(shared, forces):
+    """Raise ValueError for a shared error that is larger than what was measured."""
     largest = abs(forces.f).max()
     zero, distance, hysteresis, backlash = shared.sizes(largest) / np.array([largest, forces.r.min()] * 2)
     if not (max(zero, hysteresis) <= LARGEST and max(distance, backlash, shared.gain) <= 1):
         raise ValueError('a shared error is larger than what was measured: the zero of the distances and the backlash must be '
                          'below the nearest distance, the zero of the force and the hysteresis below a hundred times the largest '
                          'force, the gain below 1; give smaller standard uncertainties')
-    shared = _with_pairs(forces, shared, spacing)
-    laws = [_Model(forces, shared, LawFamily(spacing, one)) for one in ([None] if shape is None else [None, shape])]
-    noises = NOISES if forces.sigma is None else (None,)
-    steady = [_solved(model, forces, noise) for model in laws for noise in noises]
-    found = [_solved(one.model, forces, noise, drift, one) if drift else one
-             for one, noise in zip(steady, len(laws) * noises, strict=True) for drift in DRIFTS]
-    before = [1.0] if shape is None else [1 - SHAPE_WEIGHT, SHAPE_WEIGHT]
-    own = len(found) // len(laws)  # the first solutions belong to the free curve
-    evidence = np.array([part.evidence for part in found]) + np.log(np.repeat(before, own))
-    weights = np.exp(evidence - evidence.max())
-    weights /= weights.sum()
-
-    answers = np.array([part.answer for part in found])
-    ln_f, a = mean = weights @ answers
-    apart = np.einsum('i,ia,ib->ab', weights, answers - mean, answers - mean)
-    gain = np.diag([shared.gain**2, 0.0])
-    covariance = np.einsum('i,iab->ab', weights, [part.C[:2, :2] for part in found]) + apart + gain
-    if not a > 2 * np.sqrt(covariance[1, 1]):
-        raise ValueError(f'within their uncertainties, the forces need not fall with the distance (a = {a:.3g} with a standard '
-                         f'uncertainty of {np.sqrt(covariance[1, 1]):.2g}); are the columns exchanged, or is all of it noise?')
-    turn = np.array([1, 1 / a])  # from ln f and a to ln(-f') = ln f + ln a - ln r0
-    causes = np.append(weights @ [part.causes(turn) for part in found], turn @ gain @ turn)
-    causes[0] += turn @ apart @ turn
-    wide = NORMAL if forces.sigma is not None else float(t.ppf((1 + COVERED) / 2, weights @ [part.freedom for part in found]))
-    best = found[int(weights.argmax())]
-    d, zeros, variances = best.p[DISTANCE_ZERO], best.p[ZEROS], np.diag(best.C)[ZEROS]
-    told = np.maximum(best.model.prior[ZEROS] ** 2 - variances, 1e-6 * variances)  # of the estimates, from table to table
-    if forces.r.min() + d <= 0:
-        raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
-                         'check its unit, or remove the point')
-    r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
-    curve, falls = np.einsum('i,ikr->kr', weights, [part.model.curve(part.p, r)[::2] for part in found])
-    falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise at large distances is no law
-    return Fit(
-        Tabulated(r[falling], np.exp(curve[falling])), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
-        dict(zip(('unknown law', *SHARED, 'pairs', 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
-        zeros, float(weights[own:].sum()),
-        abs(zeros) / np.sqrt(told), shared.pair or 0.0,
-        float(weights @ [part.drift > 0 for part in found]),
-        float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
 
 
 class LawFamily:
@@ -275,7 +255,7 @@ class LawFamily:
     """
 
     def __init__(self, r0: float, shape: PairLaw | None = None) -> None:
-        self.r0 = r0
+        self.r0, self.shape = r0, shape
         if shape is None:
             self.log_law, self.tau, self.spread = lambda r: (-EXPONENT * np.log(r / r0), -EXPONENT), 1.0, EXPONENT_SPREAD
         else:
@@ -369,6 +349,13 @@ class _Solution:
         """The estimates of ln f(r0) and a(r0)."""
         return self.model.ln_size + self.p[0], -float(self.model.curve(self.p, np.array([self.model.family.r0]))[2][0])
 
+    @property
+    def conflicts(self):
+        """Distances of the shared errors from their priors, in the standard deviations of the estimates from table to table."""
+        variances = np.diag(self.C)[ZEROS]
+        told = np.maximum(self.model.prior[ZEROS] ** 2 - variances, 1e-6 * variances)
+        return abs(self.p[ZEROS]) / np.sqrt(told)
+
     def causes(self, turn):
         """Parts of the variance of turn . (ln f, a) due to the priors of the curve, each shared error, and the noise.
 
@@ -377,6 +364,79 @@ class _Solution:
         by_prior = (turn @ self.C[:2] / self.model.prior) ** 2
         return np.array([by_prior[CURVE].sum(), *by_prior[ZEROS], by_prior[ZEROS.stop:].sum(),
                          turn @ self.C[:2, :2] @ turn - by_prior.sum()])
+
+
+@dataclass(frozen=True)
+class _Average:
+    """Solutions for each law, kind of noise and drift, averaged by their evidence, and the error of the gain."""
+
+    found: list[_Solution]
+    weights: np.ndarray
+    gain: float
+
+    @property
+    def best(self) -> _Solution:
+        return self.found[int(self.weights.argmax())]
+
+    @property
+    def mean(self):
+        """The estimates of ln f(r0) and a(r0)."""
+        return self.weights @ [one.answer for one in self.found]
+
+    @property
+    def apart(self):
+        """Covariance of ln f and a because the solutions differ."""
+        off = np.array([one.answer for one in self.found]) - self.mean
+        return np.einsum('i,ia,ib->ab', self.weights, off, off)
+
+    @property
+    def covariance(self):
+        """Covariance of ln f and a."""
+        own = np.einsum('i,iab->ab', self.weights, [one.C[:2, :2] for one in self.found])
+        return own + self.apart + np.diag([self.gain**2, 0.0])
+
+    @property
+    def shares(self):
+        """Shares of the variance of the slope by their cause."""
+        turn = np.array([1, 1 / self.mean[1]])  # from ln f and a to ln(-f') = ln f + ln a - ln r0
+        causes = np.append(self.weights @ [one.causes(turn) for one in self.found], self.gain**2)
+        causes[0] += turn @ self.apart @ turn
+        return dict(zip(CAUSES, (causes / causes.sum()).tolist(), strict=True))
+
+    def wide(self, known):
+        """Half width of a 95 % interval in standard deviations; the noise may be `known` from the table."""
+        from scipy.stats import t
+
+        return NORMAL if known else float(t.ppf((1 + COVERED) / 2, self.weights @ [one.freedom for one in self.found]))
+
+    def weight(self, shape):
+        """Weight of the solutions whose law has this shape."""
+        return float(sum(self.weights[k] for k, one in enumerate(self.found) if shape and one.model.family.shape is shape))
+
+    @property
+    def weight_of_drift(self):
+        return float(self.weights @ [one.drift > 0 for one in self.found])
+
+    def law(self, nearest, farthest, spacing):
+        """The curve between two distances, until it no longer falls as fast as 1/r."""
+        r = np.unique(np.append(np.geomspace(nearest, farthest, POINTS), spacing))
+        curve, falls = np.einsum('i,ikr->kr', self.weights, [one.model.curve(one.p, r)[::2] for one in self.found])
+        falling = np.cumprod((falls < -1) | (r <= spacing)) > 0  # noise at large distances is no law
+        return Tabulated(r[falling], np.exp(curve[falling]))
+
+
+def _averaged(forces, shared, free, shaped):
+    """The average over the free curve and, where the shape of the magnets is known, the laws near theirs."""
+    found, prior = [], []
+    for family, before in [(free, 1 - SHAPE_WEIGHT), (shaped, SHAPE_WEIGHT)] if shaped else [(free, 1.0)]:
+        model = _Model(forces, shared, family)
+        for noise in NOISES if forces.sigma is None else (None,):
+            steady = _solved(model, forces, noise)
+            found += [_solved(model, forces, noise, drift, steady) if drift else steady for drift in DRIFTS]
+            prior += [before] * len(DRIFTS)
+    evidence = np.array([one.evidence for one in found]) + np.log(prior)
+    weights = np.exp(evidence - evidence.max())
+    return _Average(found, weights / weights.sum(), shared.gain)
 
 
 def _with_pairs(forces, shared, spacing):
@@ -457,7 +517,7 @@ def _log_law(law: PairLaw, r0: float) -> Callable:
 
 
 def scene_entry(fit: Fit) -> str:
-    """The tables [law] and [uncertainty] of a scene file, TOML in SI units, as `magphonon uncertainty` reads them.
+    """The tables [law] and [uncertainty] of a scene file, TOML in SI units.
 
     Examples
     --------
@@ -475,8 +535,8 @@ def scene_entry(fit: Fit) -> str:
                                   for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
         f'shells = "auto"   # as many as the frequencies need, within the {reach:.3g} spacings that the table reaches', '',
         '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
-        f'forces_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
-        f'correlation_forces_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
+        f'force_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
+        f'correlation_force_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
 
 
 def shells_within(reach: float) -> int:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 DENSEST_kg_per_m3 = 5e4
 """Mass of a particle divided by the cube of the spacing above which a unit is probably wrong; osmium has 2.3e4."""
 LEAST_SHARE = 1e-12
-"""Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
-foundation."""
+"""Smallest stiffness of the repulsion, as a fraction of the foundation, that is not lost in the round-off of the foundation."""
 
 
 def check(scene: Scene) -> None:
@@ -38,108 +37,93 @@ def check(scene: Scene) -> None:
     if scene.law.kind != 'saved':  # a calculator has warned already
         _sizes(scene, calc)
     faults = []
-    for table, checked in (('defects', _defects), ('bands', _bands), ('frf', _frf), ('burst', _burst),
-                           ('uncertainty', _uncertainty)):
+    for checked in (_tables, _bands, _frf):
         try:
-            if getattr(scene, table) is not None:
-                checked(scene)
+            checked(scene)
         except ValueError as error:
             faults.append(fault(scene, error))
     raise_all(faults)
 
 
-def _refuse(faults: dict[str, Any], why: str) -> None:
-    """Raise ValueError for the first of `faults`, a dict from keys to whether the scene has them; {} in `why` is the key."""
-    for key, given in faults.items():
-        if given:
+def _refuse(scene: Scene, keys: str, why: str) -> None:
+    """Raise ValueError for the first of these keys that the scene has; {} in `why` is the key."""
+    for key in keys.split():
+        value: Any = scene
+        for name in key.split('.'):
+            value = getattr(value, name, None)
+        if value is not None:
             raise ValueError(f'{key}: {why.format(key)}')
 
 
 def _lattice(scene: Scene) -> None:
-    lattice, law, foundation = scene.lattice, scene.law, scene.foundation
+    lattice, law = scene.lattice, scene.law
     if bool(scene.members) != (law.kind == 'members'):
         raise ValueError('[[members]] and law.kind = "members" belong together; give both or neither')
     if isinstance(lattice, FileLattice):
         _file(scene, lattice)
     elif law.kind in ('saved', 'members'):
         raise ValueError(f'law.kind = "{law.kind}" takes the particles from a file; it belongs to lattice.kind = "file"')
+    if scene.single or scene.finite:
+        _refuse(scene, 'patch bands burst', 'the particles have no periods; remove the table, or give their file a cell')
     if scene.single and law.shells != 1:
         raise ValueError(f'law.shells of the oscillator must be 1, not {law.shells}: its bonds all have one length')
     if scene.turns and law.shells == ALL:
         raise ValueError(f"lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = '{law.asked}', does not support "
                          'gyration; choose a number of shells')
-    if foundation is not None and foundation.out_of_plane is not None:
-        _refuse({name: getattr(scene, name) is not None for name in ('burst', 'uncertainty')},
-                'it cannot be computed out of the plane; remove it, or [foundation.out_of_plane]')
-    if foundation is not None and (scene.single or lattice.cell().pbc.all()):
-        _refuse({'foundation.out_of_plane': foundation.out_of_plane, 'foundation.stiffness_y_N_per_m':
-                 foundation.stiffness_y_N_per_m}, f'the {lattice.kind} lattice has no plane; remove it')
+    if scene.foundation is not None and scene.foundation.out_of_plane is not None:
+        _refuse(scene, 'burst uncertainty', 'it cannot be computed out of the plane; remove it, or [foundation.out_of_plane]')
+    if scene.single or lattice.cell().pbc.all():
+        _refuse(scene, 'foundation.out_of_plane foundation.stiffness_y_N_per_m', f'{lattice.kind} has no plane; remove it')
 
 
 def _file(scene: Scene, lattice: FileLattice) -> None:
-    cell, given = lattice.cell(), {name: getattr(scene, name) is not None for name in ('foundation', 'patch', 'bands', 'burst')}
+    cell = lattice.cell()
     if scene.law.kind in ('saved', 'members'):
-        _refuse({'lattice.cutoff_m': lattice.cutoff_m}, 'the file or [[members]] says which particles interact; remove it')
+        _refuse(scene, 'lattice.cutoff_m', 'the file or [[members]] says which particles interact; remove it')
     if scene.law.kind == 'saved':
-        _refuse({'foundation': given['foundation'], 'lattice.mass_kg': lattice.mass_kg, 'patch': given['patch']},
+        _refuse(scene, 'foundation lattice.mass_kg patch',
                 'law.kind = "saved" takes law, bonds, masses and foundation from the file of the lattice; remove {}')
-    if lattice.finite:
-        _refuse({name: given[name] for name in ('patch', 'bands', 'burst')},
-                'the file of the lattice holds a finite structure without periods; remove the table, or give the file a cell')
     if cell.constraints or np.ptp(cell.get_tags()):
-        _refuse({'patch': given['patch']}, 'a patch needs constraints and tags to mark its rim, but the file has some; cut the '
-                'patch in Python, and save it with magphonon.write_scene')
+        _refuse(scene, 'patch', 'it needs constraints and tags to mark its rim, but the file has some; cut the patch in Python, '
+                'and save it with magphonon.write_scene')
     if cell.has('stiffness'):
-        _refuse({'foundation': given['foundation']}, 'the file has a column with the stiffness; remove one of the two')
+        _refuse(scene, 'foundation', 'the file has a column with the stiffness; remove one of the two')
     if cell.has('relative_damping'):
-        _refuse({'burst': given['burst']}, 'it has one damping for all particles; remove it or the column relative_damping')
+        _refuse(scene, 'burst', 'it has one damping for all particles; remove it or the column relative_damping')
 
 
-def _defects(scene: Scene) -> None:
-    if scene.single or (scene.patch is None and not scene.finite):
-        raise ValueError('defects: there is no structure to put them in; add a table [patch], such as kind = "supercell" with '
-                         'cells_1 and cells_2')
-
-
-def _burst(scene: Scene) -> None:
+def _tables(scene: Scene) -> None:
+    if scene.patch is None and not scene.finite:
+        _refuse(scene, 'defects' if scene.single else 'defects frf', 'there is no structure for it; add a table [patch]')
     if isinstance(scene.patch, Supercell):
-        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has no edge; choose another patch.kind')
-
-
-def _uncertainty(scene: Scene) -> None:
-    _refuse({'defects': scene.defects}, '[uncertainty] is for the perfect lattice; remove one of the tables')
-    _refuse({'foundation.pillar.density_kg_per_m3': scene.foundation is not None and scene.foundation.moving_mass},
-            '[uncertainty] treats pillars as massless; remove it, and add 33/140 of the mass of a pillar to lattice.mass_kg')
-    scene.uncertainty.tolerances(scene)
+        _refuse(scene, 'burst', 'it enters at the edge of a patch, and a supercell has no edge; choose another patch.kind')
+    if scene.uncertainty is not None:
+        _refuse(scene, 'defects', '[uncertainty] is for the perfect lattice; remove one of the tables')
+        scene.uncertainty.tolerances(scene)
 
 
 def _bands(scene: Scene) -> None:
-    if scene.single:
-        raise ValueError('bands: the oscillator is one particle and has no bands; remove the table [bands]')
     kind, bands, periodic = scene.lattice.kind, scene.bands, int(scene.lattice.cell().pbc.sum())
-    if bands.supercell is not None and len(bands.supercell) != periodic:
+    if bands is not None and bands.supercell is not None and len(bands.supercell) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(bands.supercell)}')
-    if bands.path is None:
-        return
-    known, legs = scene.special_points, parse_path_string(bands.path)
-    if not all(len(leg) > 1 and set(leg) <= set(known) and all(a != b for a, b in pairwise(leg)) for leg in legs):
-        raise ValueError(f'bands.path of the {kind} lattice must join different ones of the points {", ".join(known)}, '
-                         f'not {bands.path!r}')
+    if bands is not None and bands.path is not None:
+        known, legs = scene.special_points, parse_path_string(bands.path)
+        if not all(len(leg) > 1 and set(leg) <= set(known) and all(a != b for a, b in pairwise(leg)) for leg in legs):
+            raise ValueError(f'bands.path of the {kind} lattice must join different ones of the points {", ".join(known)}, '
+                             f'not {bands.path!r}')
 
 
 def _frf(scene: Scene) -> None:
     frf = scene.frf
     if scene.single:
-        _refuse({'frf.force': frf.force, 'frf.response': frf.response},
-                'the oscillator is driven and measured along its guide; remove [{}]')
+        _refuse(scene, 'frf.force frf.response', 'the oscillator is driven and measured along its guide; remove [{}]')
+    if frf is None or scene.single:
         return
     if frf.response is None or (frf.force is None) == (frf.base_deg is None):
         raise ValueError('frf needs [frf.response], and either [frf.force] or base_deg, for a shaken bench')
     if frf.base_deg is not None and scene.turns:
         raise ValueError('frf.base_deg: on a shaken bench gyration may be seen from the bench or from the floor; use '
-                         'frequency_response(..., gyration_seen_from=...) in Python')
-    if scene.patch is None and not scene.finite:
-        raise ValueError('frf: there is no patch to drive; add a table [patch]')
+                         'magphonon.response.receptance with gyration_seen_from in Python')
 
 
 def _sizes(scene: Scene, calc: Repulsion) -> None:

@@ -246,16 +246,13 @@ def critical_foundation(atoms: Atoms | LinearSystem, model: Model | None = None,
     if isinstance(atoms, Atoms) and flat_layer(atoms):
         layer, atoms = atoms, atoms.copy()
         atoms.calc = layer.calc.in_plane()
-    found = softest_of(_settled(atoms), model, steps=steps)
-    return CriticalFoundation(found.needed, found.q)
-
-
-def _settled(atoms):
-    """The linear system of the atoms; a cell with AllNeighbours is checked to be at rest and returned unchanged."""
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
         refuse(atoms, all_but('critical_foundation with AllNeighbours', 'constraints'))
-        return LinearSystem.of(atoms).atoms
-    return LinearSystem.of(atoms).moving()
+        settled = LinearSystem.of(atoms).atoms  # its sums have no bonds
+    else:
+        settled = LinearSystem.of(atoms).moving()
+    found = softest_of(settled, model, steps=steps)
+    return CriticalFoundation(found.needed, found.q)
 
 
 def critical_spacing(system: LinearSystem) -> float | None:

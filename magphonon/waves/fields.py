@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -379,63 +380,93 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     q, leg, legs = _apart(path, cell, field.bin_k)
     (omega, *_), parts = zip(*_collected(field, cell, q, centres=True), strict=True)
     parts = np.stack(parts)  # segments, power and its moments, wavevectors, branches, frequencies
-    power, *moments = parts.sum(axis=0)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        d_omega, *d_k = moments / power
-    expected, shapes = bloch_modes(cell, q, 'complete')[0], _polarisations(cell, q)
-    lines = slice(FIRST * PAD, None)
-    seen = np.zeros(power.shape, bool)
-    background = np.median(power[..., lines], axis=-1, keepdims=True) / np.log(2)
-    seen[..., lines] = ((power > LEAST_CONTRAST * background) & (abs(d_omega) < field.bin_omega)
-                        & (np.hypot(*d_k) < NEAR * field.bin_k)
-                        & (np.hypot(*(_k(q, cell).T[:, :, None, None] + d_k)) > field.bin_k))[..., lines]  # else all moves as one
-    if all(field.measured):
-        seen &= power == power.max(axis=1, keepdims=True)
-    else:
-        seen &= (np.linalg.norm(shapes[:, :, int(field.measured[1]) :: 2], axis=2) > PURE)[..., None]
-    models = np.stack([expected, bloch_modes(cell, q, 'conventional')[0]])
-    low, high = models.min(axis=0) / OTHER, models.max(axis=0) * OTHER
-    seen &= (omega > low[..., None]) & (omega < np.minimum(high, FOLDED * np.pi / field.dt)[..., None])
-    peak = np.where(seen, power, 0).argmax(axis=-1)[..., None]
-    height = np.where(seen, power, 0).max(axis=-1)
-    bent = _bent(field, cell, q, omega[peak[..., 0]])
+    power = np.where(_seen(field, cell, q, omega, parts.sum(axis=0)), parts[:, 0].sum(axis=0), 0)
+    peak, height = power.argmax(axis=-1), power.max(axis=-1)
+    bent = _bent(field, cell, q, omega[peak])
     resolved = abs(bent) < BENT * field.bin_omega
     found = (height > LEAST_POWER * height.max(axis=0)) & resolved
     branch, at = np.nonzero(found.T)
     if not len(branch):
         raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct '
                          f'the scene: crests are sought near its bands{_half_seen(field)}')
-    three = np.arange(max(len(at) - 2, 0))[:, None] + np.arange(3)
-    three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[at][three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
-    own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))
-
-    def centred(sums):
-        """Frequencies and wavevectors of the centres of gravity, and their distances in frequency from the scene's branches."""
-        centre = start[0] + sums[..., 1, :] / sums[..., 0, :]
-        k = start[1] + np.moveaxis(sums[..., 2:, :] / sums[..., :1, :], -2, -1)
-        at_k = np.concatenate([k, 0 * k[..., :1]], axis=-1) @ cell.cell.array.T / (2 * np.pi)
-        bands = bloch_modes(cell, at_k, 'complete')[0].reshape(*k.shape[:-1], -1)
-        return centre, at_k, centre - np.take_along_axis(bands, np.broadcast_to(branch, centre.shape)[..., None], axis=-1)[..., 0]
-
-    each_segment = parts[:, 0].sum(axis=(1, 2, 3))
-    lasts = len(parts) >= FEWEST and each_segment.sum() ** 2 > LASTS * len(parts) * each_segment @ each_segment
-    source = source or (FIELD if lasts else 'point')
-    whole = own.sum(axis=0)
-    centre, q, off = centred(whole)
-    bent = bent[at, branch]
-    freedom = np.maximum(whole[0] ** 2 / (own[:, 0] ** 2).sum(axis=0), 1)  # so many segments share the power
-    variance = (len(own) - 1) * centred(whole - own)[2].var(axis=0) * (stdtrit(freedom, 0.975) / NORMAL) ** 2  # the jackknife
-    variance += _scatter(field, off - bent, variance, three) + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
+    crests = _Crests(cell, branch, omega[peak[at, branch]], _k(q[at], cell), parts[:, :, at, branch, peak[at, branch]])
+    centre, at_q, off = crests.centred(crests.parts.sum(axis=0))
+    bent, three = bent[at, branch], _neighbours(at, leg[at], branch)
+    variance = crests.variance + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
+    variance += _scatter(field, off - bent, crests.variance, three)
     if resolved[~found].any() and len(alone := np.setdiff1d(np.arange(len(at)), three)):
-        velocity = np.nan_to_num(group_velocities(cell, q[alone], 'complete').velocity[np.arange(len(alone)), branch[alone]])
+        velocity = np.nan_to_num(group_velocities(cell, at_q[alone], 'complete').velocity[np.arange(len(alone)), branch[alone]])
         variance[alone] += (UNCHECKED * field.bin_k) ** 2 * (velocity**2).sum(axis=1)
-    ridge = len(legs) * branch + leg[at]
-    each = np.unique(ridge)
-    motions = tuple(branch_names(len(cell))[k // len(legs)] for k in each)
-    k = np.linalg.norm(_k(q, cell), axis=1) * field.spacing
-    return RidgePoints(tuple(f'{name} {legs[k % len(legs)]}, {motion}' for k, motion in zip(each, motions, strict=True)), motions,
-                       np.searchsorted(each, ridge), q, k, 0 * k, centre - bent, np.sqrt(variance), whole[0] / len(own), 0 * k,
-                       (source,) * len(each), np.full(len(k), field.bin_k * field.spacing))
+    ridges, ridge = np.unique(len(legs) * branch + leg[at], return_inverse=True)
+    motions = tuple(branch_names(len(cell))[one // len(legs)] for one in ridges)
+    names = tuple(f'{name} {legs[one % len(legs)]}, {motion}' for one, motion in zip(ridges, motions, strict=True))
+    k = np.linalg.norm(_k(at_q, cell), axis=1) * field.spacing
+    return RidgePoints(names, motions, ridge, at_q, xi=k, sigma_xi=0 * k, omega=centre - bent, sigma_omega=np.sqrt(variance),
+                       power=crests.parts[:, 0].mean(axis=0), line=0 * k,
+                       sources=(source or _source(parts[:, 0].sum(axis=(1, 2, 3))),) * len(ridges),
+                       bin_xi=np.full(len(k), field.bin_k * field.spacing))
+
+
+def _seen(field, cell, q, omega, parts):
+    """Which cells of a map show a branch: power above the background, with its centre there, near the bands of the scene."""
+    power, *moments = parts
+    with np.errstate(divide='ignore', invalid='ignore'):
+        d_omega, *d_k = moments / power
+    background = np.median(power[..., FIRST * PAD :], axis=-1, keepdims=True) / np.log(2)
+    seen = ((power > LEAST_CONTRAST * background) & (abs(d_omega) < field.bin_omega) & (np.hypot(*d_k) < NEAR * field.bin_k)
+            & (np.hypot(*(_k(q, cell).T[:, :, None, None] + d_k)) > field.bin_k))  # else all moves as one
+    seen[..., : FIRST * PAD] = False
+    if all(field.measured):
+        seen &= power == power.max(axis=1, keepdims=True)
+    else:
+        shapes = _polarisations(cell, q)[:, :, int(field.measured[1]) :: 2]
+        seen &= (np.linalg.norm(shapes, axis=2) > PURE)[..., None]
+    models = np.stack([bloch_modes(cell, q, model)[0] for model in ('complete', 'conventional')])
+    low, high = models.min(axis=0) / OTHER, np.minimum(models.max(axis=0) * OTHER, FOLDED * np.pi / field.dt)
+    return seen & (omega > low[..., None]) & (omega < high[..., None])
+
+
+@dataclass(frozen=True)
+class _Crests:
+    """Cells of a map at the crests of branches: their frequencies and wavevectors, and in each segment their power and its
+    moments, shape (segments, 4, crests).
+    """
+
+    cell: Atoms
+    branch: np.ndarray
+    omega: np.ndarray
+    k: np.ndarray
+    parts: np.ndarray
+
+    def centred(self, sums):
+        """Frequencies and wavevectors of the centres of gravity, and their distances in frequency from the scene's branches."""
+        centre = self.omega + sums[..., 1, :] / sums[..., 0, :]
+        k = self.k + np.moveaxis(sums[..., 2:, :] / sums[..., :1, :], -2, -1)
+        q = np.concatenate([k, 0 * k[..., :1]], axis=-1) @ self.cell.cell.array.T / (2 * np.pi)
+        bands = bloch_modes(self.cell, q, 'complete')[0].reshape(*k.shape[:-1], -1)
+        own = np.take_along_axis(bands, np.broadcast_to(self.branch, centre.shape)[..., None], axis=-1)[..., 0]
+        return centre, q, centre - own
+
+    @cached_property
+    def variance(self):
+        """Variance of the frequencies by the jackknife over the segments."""
+        whole = self.parts.sum(axis=0)
+        freedom = np.maximum(whole[0] ** 2 / (self.parts[:, 0] ** 2).sum(axis=0), 1)  # so many segments share the power
+        spread = self.centred(whole - self.parts)[2].var(axis=0)
+        return (len(self.parts) - 1) * spread * (stdtrit(freedom, 0.975) / NORMAL) ** 2
+
+
+def _neighbours(at, leg, branch):
+    """Indices of each three neighbouring points of one branch on one leg of the path, shape (triples, 3)."""
+    three = np.arange(max(len(at) - 2, 0))[:, None] + np.arange(3)
+    along = (np.ptp(one[three], axis=1) == step for one, step in ((branch, 0), (leg, 0), (at, 2)))
+    return three[np.logical_and.reduce(list(along))]
+
+
+def _source(power):
+    """The source of waves by the power of the segments: noise of the whole plane lasts, and a burst from a point does not."""
+    lasts = len(power) >= FEWEST and power.sum() ** 2 > LASTS * len(power) * power @ power
+    return FIELD if lasts else 'point'
 
 
 def _apart(path, cell, bin_k):

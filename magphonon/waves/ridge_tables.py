@@ -192,14 +192,17 @@ def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
     """
     tables = [_read(path) for path in paths]
     again = Counter(name for table in tables for name in table.names)
-    names = tuple(f'{Path(path).stem}: {name}' if again[name] > 1 else name
-                  for path, table in zip(paths, tables, strict=True) for name in table.names)
-    first = np.cumsum([0, *(len(table.names) for table in tables)])
-    columns = {key: np.concatenate([getattr(table, key) for table in tables]) for key, column in vars(tables[0]).items()
-               if isinstance(column, np.ndarray)}
-    columns['ridge'] = np.concatenate([k + table.ridge for k, table in zip(first[:-1], tables, strict=True)])
-    return replace(tables[0], names=names, motions=sum((table.motions for table in tables), ()),
-                   sources=sum((table.sources for table in tables), ()), **columns)
+    for k, (path, table) in enumerate(zip(paths, tables, strict=True)):
+        names = tuple(f'{Path(path).stem}: {name}' if again[name] > 1 else name for name in table.names)
+        tables[k] = replace(table, names=names, ridge=table.ridge + sum(len(one.names) for one in tables[:k]))
+    return _joined(tables)
+
+
+def _joined(tables):
+    """One table of the ridges of several."""
+    arrays = {key for key, column in vars(tables[0]).items() if isinstance(column, np.ndarray)}
+    return RidgePoints(**{key: np.concatenate([getattr(table, key) for table in tables]) if key in arrays else
+                          sum((getattr(table, key) for table in tables), ()) for key in vars(tables[0])})
 
 
 def _read(path):

@@ -132,34 +132,47 @@ def _names(table: Table) -> Any:
 def _points(path, held) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of a table, and whether they are velocities."""
     table = read_table(path, **ASKED, held=held)
-    parts, wide = [part for part in MOTIONS if part in table], [name for name in table.columns if name.startswith('*')]
+    wide = [name for name in table.columns if name.startswith('*')]
     if 'f' in table:
         raise ValueError(f'{path} holds forces ({table.named("f")}) and is no scan; a table of forces is for "magphonon fit"')
-    if len(wide) > 1 and not parts:
+    if len(wide) > 1 and not set(MOTIONS).intersection(table.columns):
         return _of_columns(table, wide)
-    names, placed = _names(table), 'x' in table or 'y' in table
-    for lacking, there in (('particle or x_m,y_m', placed or names is not None), ('u_x_m, u_y_m or u_m', parts)):
-        if not there:
-            raise ValueError(f'{path} lacks the column {lacking}; {LAYOUT}')
+    parts = _parts(table)
+    return _by_point(table, parts), parts[0][0] == 'v'
+
+
+def _parts(table) -> list[str]:
+    """The columns of motion, all of displacements or all of velocities."""
+    path, parts = table.path, [part for part in MOTIONS if part in table]
+    if not parts:
+        raise ValueError(f'{path} lacks the column u_x_m, u_y_m or u_m; {LAYOUT}')
     if len({(part[0], len(part)) for part in parts}) > 1:
         raise ValueError(f'{path} holds motion of several kinds ({table.named(*parts)}); keep displacements or velocities, with '
                          'a direction or without')
     for part in parts:
         if np.isnan(table[part]).all():
             raise ValueError(f'{path}: the column {table.named(part)} holds no number; remove it, or export it again')
+    return parts
+
+
+def _by_point(table, parts) -> dict[str, Samples]:
+    """Samples of each point of a table with one sample in each row, in the order in which the points first appear."""
+    names, placed = _names(table), 'x' in table or 'y' in table
     places = np.stack([table.get('x', 0.0), table.get('y', 0.0)], axis=1)
+    if names is None and not placed:
+        raise ValueError(f'{table.path} lacks the column particle or x_m,y_m; {LAYOUT}')
     if names is None:
         names = np.array([f'({x:g} mm, {y:g} mm)' for x, y in places])
-    own, first, of = np.unique(names, return_index=True, return_inverse=True)
+    _, of = np.unique(names, return_inverse=True)
     points = {}
-    for k in np.argsort(first):
-        rows = np.flatnonzero(of == k)
-        for row in rows[(places[rows] != places[first[k]]).any(axis=1)][:1]:
-            raise ValueError(f'line {table.lines[row]} of {path}: point {own[k]} is at a different place than before; give each '
-                             'point its own name')
-        points[str(own[k])] = Samples(table['time'][rows], {part[2:]: table[part][rows] for part in parts},
-                                      tuple(places[first[k]].tolist()) if placed else None)
-    return points, parts[0][0] == 'v'
+    for rows in sorted(np.split(np.argsort(of, kind='stable'), np.cumsum(np.bincount(of))[:-1]), key=lambda rows: rows[0]):
+        name = str(names[rows[0]])
+        for row in rows[(places[rows] != places[rows[0]]).any(axis=1)][:1]:
+            raise ValueError(f'line {table.lines[row]} of {table.path}: point {name} is at a different place than before; give '
+                             'each point its own name')
+        points[name] = Samples(table['time'][rows], {part[2:]: table[part][rows] for part in parts},
+                                    tuple(places[rows[0]].tolist()) if placed else None)
+    return points
 
 
 def _of_columns(table: Table, wide: list[str]) -> tuple[dict[str, Samples], bool]:
@@ -188,18 +201,11 @@ def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
     The label of the ordinate, such as mm/s, gives the unit. Without a label the unit of length is that of dataset 164, or else m.
     """
     metre, places = node_places(path, sets)
-    records = [one for one in sets if one['type'] == 58]
-    over_time = [one for one in records if one['func_type'] in TIME_RESPONSES and one['abscissa_spec_data_type'] in ABSCISSAS]
-    kinds = {ORDINATES.get(one['ordinate_spec_data_type'], 'neither') for one in over_time}
-    if len(kinds) != 1 or 'neither' in kinds:
-        types = sorted({one['func_type'] for one in records})
-        what = ('it has no functions, dataset 58' if not records else
-                'some of its records are of another quantity' if over_time else
-                f'its functions have the types {types}, but a record over time has the type 1')
-        raise ValueError(f'{path} holds no displacements or velocities over time: {what}; export time records of one of the two')
-    speed = kinds == {'velocity'}
+    records = _over_time(path, [one for one in sets if one['type'] == 58])
+    speed = ORDINATES[records[0]['ordinate_spec_data_type']] == 'velocity'
+    own, units = (u.m / u.s / metre, SPEED) if speed else (u.m / metre, LENGTH)
     found: dict[str, dict[str, Any]] = {}
-    for one in over_time:
+    for one in records:
         node, axis = int(one['rsp_node']), AXES.get(abs(int(one['rsp_dir'])))
         if axis is None:
             raise ValueError(f'{path}: node {node} is measured in the direction {one["rsp_dir"]}, a rotation; export '
@@ -208,12 +214,24 @@ def _of_records(path, sets) -> tuple[dict[str, Samples], bool]:
             raise ValueError(f'{path}: node {node} is not in its geometry (datasets 15 and 2411); export it again')
         if axis in found.setdefault(str(node), {}):
             raise ValueError(f'{path} holds two records of node {node} in the direction {one["rsp_dir"]}; keep one')
-        unit = unit_of_label(path, one, 'ordinate', SPEED if speed else LENGTH, u.m / metre / (u.s if speed else 1))
-        times, data = np.asarray(one['x'], float) * unit_of_label(path, one, 'abscissa', TIME, u.s), np.real(one['data'])
-        if times.shape != data.shape or not (abs(times) < 1e6 * u.s).all():
-            raise ValueError(f'{path}: the record of node {node} is damaged; export it again')
-        found[str(node)][axis] = times, data * unit * np.sign(one['rsp_dir'] or 1)
+        times = np.asarray(one['x'], float) * unit_of_label(path, one, 'abscissa', TIME, u.s)
+        if not (abs(times) < 1e6 * u.s).all():
+            raise ValueError(f'{path}: the times of node {node} reach {abs(times).max() / u.s:.3g} s; export them in s')
+        sign = -1 if one['rsp_dir'] < 0 else 1
+        found[str(node)][axis] = times, sign * np.real(one['data']) * unit_of_label(path, one, 'ordinate', units, own)
     return _alike(path, found, {str(node): place for node, place in places.items()}), speed
+
+
+def _over_time(path, functions):
+    """The functions that are records over time, all of displacements or all of velocities."""
+    found = [one for one in functions if one['func_type'] in TIME_RESPONSES and one['abscissa_spec_data_type'] in ABSCISSAS]
+    kinds = {ORDINATES.get(one['ordinate_spec_data_type'], '') for one in found}
+    if kinds not in ({'displacement'}, {'velocity'}):
+        types = sorted({one['func_type'] for one in functions})
+        what = ('some of its records are of another quantity' if found else
+                f'its functions have the types {types}, but a record over time has the type 1')
+        raise ValueError(f'{path} holds no displacements or velocities over time: {what}; export time records of one of the two')
+    return found
 
 
 def _alike(path, found: Mapping[str, Mapping[str, Any]], places) -> dict[str, Samples]:

@@ -9,7 +9,7 @@ known signals, a wave of the highest frequency in the record and white noise.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,11 @@ class Samples:
     # NaN where blank
     motions: dict[str, np.ndarray]
     place: tuple[float, float] | None = None  # x and y in mm
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last one in ms."""
+        return float(np.ptp(self.times)) if len(self.times) else 0.0
 
 
 @dataclass(frozen=True)
@@ -194,20 +199,28 @@ def _hum(motions, dt):
 
 def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, Samples]:
     """The points that were recorded and moved; those left out are listed in `notes`."""
-    recorded = {name: np.ptp(point.times) if len(point.times) else 0.0 for name, point in points.items()}
-    if not (longest := max(recorded.values())):
+    recorded = {name: point.duration for name, point in points.items()}
+    longest = max(recorded.values())
+    if not longest:
         raise ValueError(f'{path} has no point that was sampled at two times or more in every component; a wave needs a record '
                          'over time')
     short = [name for name, length in recorded.items() if length < LEAST_TIME * longest]
-    still = [name for name, point in points.items() if name not in short
-             and not any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())]
     if short:
         notes.append(f'points that miss more than {100 * (1 - LEAST_TIME):.0f} % of the record are left out: {_listed(short)}')
-    kept = {name: point for name, point in points.items() if name not in short}
-    if not still or len(still) == len(kept):  # the map refuses a row at rest
+    kept = _without(points, short)
+    dead = [name for name, point in kept.items() if not _moves(point)]
+    if not dead or len(dead) == len(kept):  # the map refuses a row at rest
         return kept
-    notes.append(f'points left out because they do not move (dead): {_listed(still)}')
-    return {name: point for name, point in kept.items() if name not in still}
+    notes.append(f'points left out because they do not move (dead): {_listed(dead)}')
+    return _without(kept, dead)
+
+
+def _without(points, names):
+    return {name: point for name, point in points.items() if name not in names}
+
+
+def _moves(point):
+    return any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())
 
 
 def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:
@@ -225,48 +238,66 @@ def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:
     return first + dt * np.arange(frames)
 
 
+@dataclass(frozen=True)
+class _Filled:
+    """Motions of a point at equal times, and the error of those that are interpolated, relative to the largest motion."""
+
+    motions: dict[str, np.ndarray]
+    lacks: np.ndarray  # mask of the times at which the point was not sampled
+    error: float = 0.0
+    allowed: float = 0.0
+    uneven: bool = False  # whether it was sampled at other times, instead of missing some
+
+
 def _at_equal_times(path, times, points: Mapping[str, Samples], notes: list[str]):
     """The points, without those that lack too many samples, and their motions by component at these times, (frames, points)."""
-    from scipy.interpolate import CubicSpline
-
-    dt = times[1] - times[0]
-    nearest = {name: np.clip(np.searchsorted(point.times, times - dt / 2), 0, len(point.times) - 1)
-               for name, point in points.items()}
-    there = {name: abs(point.times[nearest[name]] - times) <= JITTER * dt for name, point in points.items()}
-    found = {name: {part: u[nearest[name]] for part, u in point.motions.items()} for name, point in points.items()}
-    if lacking := [name for name in points if not there[name].all()]:
-        whole = [found[name] for name in points if there[name].all()]
-        fastest = _fastest(times, whole or [{part: CubicSpline(point.times, u)(times) for part, u in point.motions.items()}
-                                            for point in points.values()])
-        errors, filled, splined, left_out = [], 0, 0, []
-        for name in lacking:
-            places = (points[name].times - times[0]) / dt
-            uneven = abs(places - np.rint(places)).max() > 2 * JITTER  # not gaps, but other times
-            wanted = ~there[name] | uneven
-            found[name], error, allowed = _interpolated(times, wanted, points[name], found[name], fastest)
-            if error > allowed:
-                left_out.append(name)
-                continue
-            errors.append(error)
-            splined, filled = splined + uneven, filled + (0 if uneven else wanted.sum())
-        found = {name: motions for name, motions in found.items() if name not in left_out}
+    found = {name: _nearest(times, point) for name, point in points.items()}
+    if any(one.lacks.any() for one in found.values()):
+        fastest = _fastest(times, _whole(times, points, found))
+        found = {name: _interpolated(times, points[name], one, fastest) for name, one in found.items()}
+        left_out = [name for name, one in found.items() if one.error > one.allowed]
+        found = _without(found, left_out)
         if not found:
             gap = min(np.diff(point.times).max() for point in points.values())
             raise ValueError(f'{path}: its samples are too far apart for motion at {units.hertz(fastest):.4g} Hz: all points '
                              f'have gaps of {gap / units.s:.4g} s or more. Interpolation there would be off by more than '
                              f'{100 * RESAMPLED:g} % of the motion and {NOISY:g} times its noise; leave that part of the record '
                              'out, or sample faster')
-        off = f'with an error of up to {100 * max(errors, default=0):.2g} % of the largest displacement'
-        if left_out:
-            notes.append(f'points left out because too many of their samples are missing: {_listed(left_out)}')
-        if filled:
-            notes.append(f'{filled} missing samples of {len(errors) - splined} points are interpolated, {off}')
-        if splined:
-            notes.append(f'{splined} of {len(found)} points were not sampled at equal times: resampled to steps of '
-                         f'{dt / units.s:.4g} s, {off}')
-    parts = next(iter(found.values()))
+        notes += _told(found, left_out, times[1] - times[0])
+    parts = next(iter(found.values())).motions
     return ({name: points[name] for name in found},
-            {part: np.stack([motions[part] for motions in found.values()], axis=1) for part in parts})
+            {part: np.stack([one.motions[part] for one in found.values()], axis=1) for part in parts})
+
+
+def _nearest(times, point):
+    """The samples of a point that are nearest to these times."""
+    dt = times[1] - times[0]
+    at = np.clip(np.searchsorted(point.times, times - dt / 2), 0, len(point.times) - 1)
+    return _Filled({part: u[at] for part, u in point.motions.items()}, abs(point.times[at] - times) > JITTER * dt)
+
+
+def _whole(times, points, found):
+    """Motions of the points that lack no sample; if there are none, of all points by a spline."""
+    from scipy.interpolate import CubicSpline
+
+    return [one.motions for one in found.values() if not one.lacks.any()] or [
+        {part: CubicSpline(point.times, u)(times) for part, u in point.motions.items()} for point in points.values()]
+
+
+def _told(found, left_out, dt):
+    """Notes on the points that were interpolated, and on those that could not be."""
+    repaired = [one for one in found.values() if one.lacks.any()]
+    off = f'with an error of up to {100 * max([0.0, *(one.error for one in repaired)]):.2g} % of the largest displacement'
+    splined = sum(one.uneven for one in repaired)
+    notes = []
+    if left_out:
+        notes.append(f'points left out because too many of their samples are missing: {_listed(left_out)}')
+    if missing := sum(one.lacks.sum() for one in repaired if not one.uneven):
+        notes.append(f'{missing} missing samples of {len(repaired) - splined} points are interpolated, {off}')
+    if splined:
+        notes.append(f'{splined} of {len(found)} points were not sampled at equal times: resampled to steps of '
+                     f'{dt / units.s:.4g} s, {off}')
+    return notes
 
 
 def _fastest(times, motions):
@@ -277,29 +308,44 @@ def _fastest(times, motions):
     return 2 * np.pi * np.fft.rfftfreq(len(times), times[1] - times[0])[power >= STRONG * power.max()].max()
 
 
-def _interpolated(times, wanted, point, measured, fastest):
-    """Motions of a point with the `wanted` samples filled in; their error and the allowed one, relative to the largest motion."""
-    from scipy.fft import dct
+def _interpolated(times, point, near, fastest):
+    """A point with the samples that it lacks filled in; with all of them, if it was sampled at other times."""
+    if not near.lacks.any():
+        return near
+    places = (point.times - times[0]) / (times[1] - times[0])
+    uneven = bool(abs(places - np.rint(places)).max() > 2 * JITTER)  # not gaps, but other times
+    wanted = near.lacks | uneven
+    largest = max(abs(u).max() for u in near.motions.values()) or 1.0
+    tried = [_by_spline(times, point, near.motions, wanted, fastest, degree) for degree in DEGREES if degree < len(point.times)]
+    if not tried:  # too few samples
+        return replace(near, error=np.inf)
+    noise = min(_noise(motions) for motions, *_ in tried) / largest  # what a spline gets wrong can only add to it
+    errors = [float(np.hypot(off, noise * carried).max()) if off.max() < FOLLOWED else np.inf for _, off, carried in tried]
+    best = int(np.argmin(errors))
+    return _Filled(tried[best][0], wanted, errors[best], max(RESAMPLED, NOISY * noise), uneven)
+
+
+def _by_spline(times, point, measured, wanted, fastest, degree):
+    """Motions with the `wanted` samples from a spline; its error for the fastest wave, and how much of white noise it carries."""
     from scipy.interpolate import make_interp_spline
 
-    t, largest = point.times, max(abs(u).max() for u in measured.values()) or 1.0
+    t = point.times
     wave, white = np.exp(1j * fastest * t), np.random.default_rng(0).normal(size=(len(t), NOISES))
-    known, found = np.column_stack([*point.motions.values(), wave.real, wave.imag, white]), []
-    for degree in (degree for degree in DEGREES if degree < len(t)):
-        values = make_interp_spline(t, known, degree)(times[wanted])
-        off = abs(values[:, -NOISES - 2] + 1j * values[:, -NOISES - 1] - np.exp(1j * fastest * times[wanted]))
-        carried = np.sqrt(np.mean(values[:, -NOISES:] ** 2, axis=1))
-        motions = {part: u.copy() for part, u in measured.items()}
-        for k, u in enumerate(motions.values()):
-            u[wanted] = values[:, k]
-        beyond = [np.asarray(dct(u, norm='ortho'))[3 * len(times) // 4 :] for u in motions.values()]  # where only noise is
-        found.append((motions, off, carried, np.sqrt(max(np.mean(one**2) for one in beyond)) / largest))
-    if not found:  # too few samples
-        return measured, np.inf, 0.0
-    noise = min(one for *_, one in found)  # what a spline gets wrong can only add to it
-    error, best = min((float(np.hypot(off, noise * carried).max()) if off.max() < FOLLOWED else np.inf, k)
-                      for k, (_, off, carried, _) in enumerate(found))
-    return found[best][0], error, max(RESAMPLED, NOISY * noise)
+    known = np.column_stack([*point.motions.values(), wave.real, wave.imag, white])
+    values = make_interp_spline(t, known, degree)(times[wanted])
+    off = abs(values[:, -NOISES - 2] + 1j * values[:, -NOISES - 1] - np.exp(1j * fastest * times[wanted]))
+    motions = {part: u.copy() for part, u in measured.items()}
+    for k, u in enumerate(motions.values()):
+        u[wanted] = values[:, k]
+    return motions, off, np.sqrt(np.mean(values[:, -NOISES:] ** 2, axis=1))
+
+
+def _noise(motions):
+    """Noise of a sample, from the highest quarter of the frequencies, where only noise is."""
+    from scipy.fft import dct
+
+    beyond = [np.asarray(dct(u, norm='ortho'))[3 * len(u) // 4 :] for u in motions.values()]
+    return np.sqrt(max(np.mean(one**2) for one in beyond))
 
 
 def _listed(names):

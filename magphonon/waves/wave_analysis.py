@@ -307,23 +307,28 @@ def _analysed(motions, dt, steps, cell, q, source):
     """The waves in each of the `motions`, shape (frames, points) by name; q is their wavevector at xi = 2 pi."""
     largest = {name: abs(without_drift(u)).max() for name, u in motions.items()}
     moving = [name for name in motions if largest[name] > REST_FRACTION * max(largest.values())]
-    moving = moving or motions  # a row at rest is refused by the map
-    maps = {name: wavenumber_frequency(motions[name], dt, steps) for name in moving}
-    strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
-    least = LEAST_POWER * maps[strongest_first[0]].peak
+    maps = {name: wavenumber_frequency(motions[name], dt, steps) for name in moving or motions}  # which refuses a row at rest
+    least = LEAST_POWER * max(found.peak for found in maps.values())
     branches = {(model, name): branch(cell, q, mode, model) for model in MODELS for name, mode in BRANCHES.items()}
-    found = []
-    for name in strongest_first:
-        if maps[name].peak > least:
-            crest = None  # no ridge is a result too: the wave decays
-            with suppress(ValueError):
-                crest = ridge(maps[name])
-            found.append(Wave(name, maps[name], branches, q, crest, source))
-    if source == 'row' or not any(wave.ridge for wave in found):
-        return found
+    strongest_first = sorted((name for name in maps if maps[name].peak > least), key=lambda name: -maps[name].peak)
+    found = [Wave(name, maps[name], branches, q, _crest(maps[name]), source) for name in strongest_first]
+    return _blurred(found, cell, q)
+
+
+def _crest(spectrum):
+    """The ridge of a map; None, which is a result too, where the wave decays."""
+    with suppress(ValueError):
+        return ridge(spectrum)
+    return None
+
+
+def _blurred(waves, cell, q):
+    """The waves; those of a point source with the distance at which oblique waves may blend with each ridge."""
+    if not any(wave.ridge and wave.source != 'row' for wave in waves):
+        return waves
     stationary = [stationary_waves(cell, q, model) for model in MODELS]
     return [replace(wave, blur=np.max([blur(*one, wave.ridge) for one in stationary], axis=0)) if wave.ridge else wave
-            for wave in found]
+            for wave in waves]
 
 
 @dataclass(frozen=True)

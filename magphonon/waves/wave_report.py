@@ -84,7 +84,12 @@ def _doubts(records):
                   'within two bins of a ridge merges with it into one peak. Their distance is then part of the uncertainty.',
                   f'It is the largest part for {"; ".join(beside)}.',
                   'A row of sources sends a single wave and leads to a smaller uncertainty.']
-    far = [misfit.bins > FAR_bins for wave in waves for misfit in wave.misfits.values()]
+    return [*lines, *_units_in_doubt(records, waves)]
+
+
+def _units_in_doubt(records, waves):
+    """Lines on ridges so far from all branches that a unit is probably wrong."""
+    lines, far = [], [misfit.bins > FAR_bins for wave in waves for misfit in wave.misfits.values()]
     if far and all(far):
         lines += ['', f'No ridge comes within {FAR_bins} bins of a branch: are the times in seconds, and do the row and the '
                       'lattice belong to the scene?']

@@ -230,11 +230,7 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     patch = _at_rest(patch)
     top = highest_frequency(patch)
     highest = fastest(top**2, patch.calc.turning)
-    if drive.omega > highest:
-        model = patch.calc.parameters.model
-        raise ValueError(f'the carrier of {units.hertz(drive.omega):.6g} Hz lies above the highest frequency of the '
-                         f'patch in the {model} model, {units.hertz(highest):.6g} Hz, where nothing propagates; lower it'
-                         + (' (the conventional model reaches higher)' if model == 'complete' else ''))
+    _refuse_above(drive.omega, highest, patch.calc.parameters.model)
     frame = 2 * np.pi / drive.omega / SAMPLES
     dt, order = STEP_FRACTION * 2 / top, 2
     if tolerance is not None:
@@ -257,6 +253,14 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     largest = max(np.linalg.norm(frame, axis=1).max() for record in (near, field) for frame in record.displacements)
     row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(seen, site.row)])
     return BurstRecord(row, field, float(largest))
+
+
+def _refuse_above(carrier, highest, model):
+    """Raise ValueError for a carrier above the highest frequency of a patch."""
+    if carrier > highest:
+        raise ValueError(f'the carrier of {units.hertz(carrier):.6g} Hz lies above the highest frequency of the '
+                         f'patch in the {model} model, {units.hertz(highest):.6g} Hz, where nothing propagates; lower it'
+                         + (' (the conventional model reaches higher)' if model == 'complete' else ''))
 
 
 def _at_rest(patch):

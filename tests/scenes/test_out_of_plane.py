@@ -66,7 +66,7 @@ def test_a_patch_moves_out_of_the_plane_too(tmp_path):
 
 
 @pytest.mark.parametrize(('kind', 'more', 'words'), [
-    ('fcc', '', 'the fcc lattice has no plane'),
+    ('fcc', '', 'fcc has no plane'),
     ('triangular', BURST, 'cannot be computed out of the plane'),
 ])
 def test_what_cannot_be_computed_out_of_the_plane_is_refused(tmp_path, kind, more, words):

@@ -201,5 +201,5 @@ def test_the_command_takes_the_plane_by_itself(tmp_path, capsys, monkeypatch):
     for name in ('field.npz', 'field.png', 'at_50_Hz.png', 'ridges.csv', 'ridges.txt'):
         assert (tmp_path / 'out' / f'spectrum_plane_{name}').is_file()
     assert main(['fit', 'out/spectrum_plane_ridges.csv', '--bands', 'lattice_9.toml']) in (0, 1)
-    assert main(['spectrum', '--verbose', 'plane.csv', 'lattice_9.toml', '--at', '5000', '-o', 'out']) == 2
+    assert main(['spectrum', '--verbose', 'plane.csv', 'lattice_9.toml', '--at', '5000', '-o', 'other']) == 2
     assert 'half the sampling rate' in capsys.readouterr().err

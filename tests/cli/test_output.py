@@ -1,4 +1,4 @@
-"""What a command refuses, in words that name the key, the option or the file; and output that nobody can read."""
+"""Results that are no numbers are not written, output that nobody can read, and a measurement that is given twice."""
 
 import os
 import subprocess
@@ -11,64 +11,8 @@ from scene_files import ready_scene
 
 from magphonon.bands.zone import ZoneMap
 from magphonon.cli.main import main
-from magphonon.errors import finite, positive, whole
 from magphonon.files import write_columns
 from magphonon.response.frf import FrequencyResponse
-
-
-@pytest.mark.parametrize(('arguments', 'words'), [
-    (['bnads', 'x.toml'], "there is no command 'bnads'; did you mean 'bands'?"),
-    (['scene', 'protoype'], "did you mean 'prototype'?"),
-    (['Bands'], "did you mean 'bands'?"), (['zzz'], "there is no command 'zzz'; the commands are bands, burst"),
-    (['dispersion'], "did you mean 'bands'?"), (['bands', 'ideal', '--outptu', 'x'], "did you mean '--output'?"),
-    (['check', 'ideal', 'dust'], "takes no further argument 'dust'"), (['check', ''], "'' names no file"),
-    (['bands', 'ideal', '-o', ''], '-o names no directory'), (['bands', 'ideal', '--output=--'], '-o names no directory'),
-    (['bands', 'ideal', '--style', '\x1b[31m'], "'\\x1b[31m' holds a control character"),
-    (['check', 'a\0b'], 'a control character')])
-def test_arguments(arguments, words, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    try:
-        assert main(arguments) == 2
-    except SystemExit as ended:  # argparse's way out
-        assert ended.code == 2  # noqa: PT017
-    assert words in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(('command', 'changes', 'scene', 'words'), [
-    ('check', {'side_m = 0.3 ': 'side_m = 0.005 '}, 'bench',
-     'patch.side_m = 0.005, lattice.spacing_m = 0.01: the patch holds 1 particles, none of them inside its rim; make it larger'),
-    ('frf', {'spacing_m = 0.01 ': 'spacing_m = 0.012 ', 'side_m = 0.3 ': 'side_m = 0.006 '}, 'bench',
-     'patch.side_m = 0.006, lattice.spacing_m = 0.012: the patch holds 1 particles'),
-    ('burst', {'cells_1 = 60 ': 'cells_1 = 2 ', 'cells_2 = 60 ': 'cells_2 = 2 '}, 'ideal',
-     'patch.cells_1 = 2, patch.cells_2 = 2, lattice.spacing_m = 1.0: the patch holds 4 particles'),
-    ('check', {'side_m = 0.3 ': 'side_m = 300.0 '}, 'bench',
-     'patch.side_m = 300.0, lattice.spacing_m = 0.01: the patch of 1.4e+09 cells is too large'),
-    ('bands', {'supercell = [3, 3]': 'supercell = [2, 2]'}, 'bench',
-     'bands.supercell = [2, 2]: the supercell (2, 2, 1) repeats every 20 mm'),
-    ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e300'}, 'bench',
-     'law: b must be a positive number in N mm^a, not inf; check units and exponents of law.b_N_m_a = 1.6209e+300, law.a = 4.58'),
-    ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e90'}, 'bench',
-     'law, foundation and lattice.mass_kg give frequencies of about 6e+51 Hz; check their units and exponents (law.b_N_m_a = ')])
-def test_refusals_name_the_keys(command, changes, scene, words, scene_file, tmp_path, capsys):
-    arguments = [command, str(scene_file(changes, scene))]
-    assert main(arguments + ([] if command == 'check' else ['-o', str(tmp_path / 'out')])) == 2
-    assert words in capsys.readouterr().err
-    assert not (tmp_path / 'out').exists()
-
-
-@pytest.mark.parametrize('value', [2**53 + 2, 10**400, -(10**400), 10**5000, np.float64(-2.5), True, 'four', np.nan, [1]],
-                         ids=range(9))
-def test_numbers_are_taken_or_refused_by_name_in_few_words(value):
-    for check in (positive, whole):
-        try:
-            assert check('b', value) == value
-        except ValueError as error:
-            assert str(error).startswith('b must be a ')  # noqa: PT017  one of both may happen
-            assert 'np.' not in str(error)  # noqa: PT017
-            assert len(str(error)) < 400  # noqa: PT017
-    with pytest.raises(ValueError, match=r'b\[0\] is inf|b must hold numbers'):
-        finite('b', [10**400])
 
 
 def test_speeds_that_are_no_numbers_have_words(tmp_path, capsys):
@@ -120,15 +64,6 @@ def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monke
     assert said.startswith('magphonon: response would be ')
     assert said.endswith(f'check units and exponents, first of all in the law, in {file}\n')
     assert list(tmp_path.iterdir()) == [file]
-
-
-def test_a_date_of_the_shell_that_is_none(monkeypatch, capsys):
-    monkeypatch.setenv('SOURCE_DATE_EPOCH', 'abc')
-    assert main(['bands', '--verbose', 'ideal']) == 2
-    assert capsys.readouterr().err == ('magphonon: SOURCE_DATE_EPOCH of the shell must be whole seconds since 1970, not '
-                                       "'abc'; correct or unset it\n")
-    monkeypatch.setenv('SOURCE_DATE_EPOCH', '0')
-    assert main(['check', '--verbose', 'ideal']) == 0
 
 
 # --- output that nobody reads ----------------------------------------------------------------------------------------
