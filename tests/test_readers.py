@@ -240,6 +240,11 @@ SCANS = {  # and names of its points and its direction, or None
     'time_s,point,v_y [m/s]\n0,1,1\n0.1,1,2\n0.3,1,1\n': None,
     'time_s,Stroke [mm]\n0,1\n1,2\n': None,  # one point is no scan
     'time_s,f_N,P1 [mm],P2 [mm]\n0,0.1,1,2\n1,0.2,2,3\n': None,
+    **{f'{header}\n' + 3 * f'{",".join("1" * (1 + header.count(",")))}\n': None for header in (
+        'time_s,point,u_y', 'time,point,u_y_m', 'time_s,point,v_y_mm', 'time_s,u_y_m,other', 'time_s,point,speed',
+        'time_s,u_y_m,u_y_mm', 'particle,point,u_y_m,time_s', 'point,u_x_m,v_y_m_per_s,time_s', 'point,u_x_m,u_m,time_s')},
+    **{'time_ms,point,u_x_m,u_y_m\n' + rows.replace('k', '1') + rows.replace('k', '2'): None  # columns without numbers
+       for rows in ('k,1,nan,1e-6\n', 'k,1,,1e-6\n', 'k,1,1e-6,\nk.5,1,,1e-6\n')},
 }
 
 
