@@ -43,7 +43,8 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     --------
     >>> import tempfile
     >>> from ase.io import read, write
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices, restored
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stiffness import restored
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)
     >>> energy, file = cell.get_potential_energy(), tempfile.mkdtemp() + '/cell.traj'
