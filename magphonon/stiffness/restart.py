@@ -3,9 +3,9 @@
 ASE writes `calc.todict()` with the atoms to .traj files and databases.  It contains everything that the forces depend on,
 including rest positions, anchors and bonds::
 
-    atoms = magphonon.restored(ase.io.read('relaxed.traj'))
+    atoms = magphonon.stiffness.restored(ase.io.read('relaxed.traj'))
 
-    atoms = magphonon.restored(ase.db.connect('lattices.db').get(1))
+    atoms = magphonon.stiffness.restored(ase.db.connect('lattices.db').get(1))
 """
 
 from __future__ import annotations
