@@ -56,7 +56,7 @@ def _bands(folder, save, scene, tolerances, verbose):
     from ..design.uncertainty import frequency_spread
     from ..plotting.axes import point_name
     from ..plotting.response import plot_band_ribbons, plot_contributions
-    from .neighbours import REPORT, Case
+    from .neighbours import neighbours, too_few
 
     atoms = scene.perfect_cell()
     path = path_of(atoms, scene.band_path())
@@ -87,8 +87,8 @@ def _bands(folder, save, scene, tolerances, verbose):
     points = {name: path.special_points[name] for name, _ in labels}
     within = {label: 1.96 * float(std / value) for label, std, value in zip(labels, few.std, few.values, strict=True)}
     agrees, checked = _monte_carlo(scene, path, tolerances, few, labels)
-    near = ' '.join(REPORT.told(Case(scene, points, within=within), verbose))
-    return [first, *(lines if verbose else []), *(checked if verbose or not agrees else []), *filter(None, [near])]
+    near = neighbours(scene, points, within=within) if verbose else too_few(scene, points, within)
+    return [first, *(lines if verbose else []), *(checked if verbose or not agrees else []), *near]
 
 
 def _special_points(atoms, path, tolerances):
