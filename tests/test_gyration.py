@@ -36,7 +36,6 @@ from magphonon.dynamics import Diverged, Harmonic, highest_frequency
 from magphonon.plotting import mode_frames, plot_shape
 from magphonon.response import (
     Dof,
-    compared,
     receptance,
 )
 from magphonon.stiffness import LinearSystem
@@ -546,7 +545,7 @@ def test_scenes_refuse_what_knows_no_gyration(tmp_path):
         read_scene(tmp_path / 'scene.toml')
 
 
-def test_shapes_are_filmed_drawn_and_compared_with_their_phases(tmp_path):
+def test_shapes_are_filmed_and_drawn_with_their_phases():
     rng = np.random.default_rng(14)
     patch = drawn(rng, guided=False)
     found = modes(patch)
@@ -562,12 +561,6 @@ def test_shapes_are_filmed_drawn_and_compared_with_their_phases(tmp_path):
     for (x, y), u, v, orbit in zip(arrows.XY, arrows.U, arrows.V, orbits, strict=True):
         np.testing.assert_allclose(orbit[0], [x + u, y + v])
         np.testing.assert_allclose(orbit.mean(axis=0), [x, y], atol=0.05 * np.ptp(orbit))  # one of 49 points is there twice
-    for measured, alike in (shape * np.exp(0.7j), True), (shape.conj(), False):  # the latter turns the other way
-        rows = [f'one,{x},{y},{ux.real},{ux.imag},{uy.real},{uy.imag}' for (x, y, _), (ux, uy) in zip(
-            patch.positions, measured, strict=True)]
-        (tmp_path / 'shape.csv').write_text('\n'.join(['mode,x_mm,y_mm,u_x,u_x_im,u_y,u_y_im', *rows]))
-        mac = compared(tmp_path / 'shape.csv', patch, found).mac[0, 5]
-        assert abs(mac - 1) < 1e-12 if alike else mac < 0.9
 
 
 @pytest.mark.slow

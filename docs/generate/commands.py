@@ -25,7 +25,6 @@ EXAMPLES = {
     'reproduce': ['magphonon reproduce chain -o out'],
     'scene': ['magphonon scene'],
     'spectrum': ['magphonon spectrum scan.csv wave.toml'],
-    'uncertainty': ['magphonon uncertainty oscillator'],
 }
 GIVEN = {
     'burst': '`wave.toml` is the scene `prototype` with one burst and a smaller patch: '

@@ -87,10 +87,19 @@ found = modes(scene.atoms())
 # %%
 # How well?
 # ---------
-# The frequencies are off the truth by what the photo does not show: the strength of each magnet and the stiffness of each pillar.
-# If the photo were taken as the positions of the feet, the magnets would be relaxed twice.  The errors of the lowest modes, which
-# lie beside the hole, would then be larger:
+# ``mode_scatter`` computes the standard deviations of the frequencies, to first order in the deviations of the sites.  The
+# position is that measured in the photo.
 
+from magphonon.design import mode_scatter
+
+scatter = Scatter(position=0.02 * u.mm, strength=0.025, stiffness=0.05)
+std = u.hertz(mode_scatter(scene.atoms(), scatter, found, at_rest=True).std)
+for k in range(4):
+    print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} +- {std[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
+
+# %%
+# If the photo were taken as the positions of the feet, the magnets would be relaxed twice.  The errors of the lowest modes,
+# which lie beside the hole, would then exceed these standard deviations:
 for k in range(4):
     print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
 

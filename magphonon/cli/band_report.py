@@ -24,12 +24,14 @@ from ..stability.buckling import common_spring, common_support, critical_foundat
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
+from . import neighbours
 from .neighbours import omitted, speeds
 
 if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
     from phonopy import Phonopy
 
+    from ..design.uncertainty import Spread
     from ..scenes.scene import Scene
 
 ZERO_FRACTION = 1e-5
@@ -50,6 +52,7 @@ class Case:
     bands: dict[str, Bands]
     phonon: Phonopy | None = None  # None where it is not installed, and where forces depend on the velocity
     lossy: Bands | None = None
+    spread: Spread | None = None
 
     @property
     def path(self) -> BandPath:
@@ -129,6 +132,24 @@ def frequencies(case: Case) -> Iterator[str]:
         lowest = case.bands['complete'].frequencies_Hz.min()
         but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
         yield f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}'
+
+
+@REPORT.check
+def tolerances(case: Case) -> Finding | None:
+    """The standard deviations of the frequencies at special points; always printed, because the scene asks for them."""
+    if case.spread is None:
+        return None
+    points, stds = points_on(case.path), {'all': case.spread.std, **case.spread.contributions}
+    lines, within = ['standard deviations due to [uncertainty] (Hz): in all, and by each cause alone'], {}
+    lines += [f'{"":18}' + ''.join(f'{name:>{max(len(name) + 2, 12)}}' for name in stds)]
+    for name, point in points.items():
+        at = abs(case.path.kpts - point).max(axis=1).argmin()
+        for branch, (value, std) in enumerate(zip(case.spread.values[at], case.spread.std[at], strict=True), 1):
+            lines.append(f'{f"  {name}, branch {branch}":18}' + ''.join(
+                f'{units.hertz(each[at, branch - 1]):{max(len(cause) + 2, 12)}.3g}' for cause, each in stds.items()))
+            within |= {(name, branch): 1.96 * float(std / value)} if value > 0 else {}
+    few = neighbours.REPORT.find('not_enough', neighbours.Case(case.scene, points, within=within)).words
+    return Finding(case.spread, '\n'.join([*lines, *filter(None, [few])]), fault=True)
 
 
 @REPORT.remark

@@ -1,4 +1,5 @@
-"""`magphonon bands SCENE`: bands of a scene, by the Bloch matrix and by phonopy.
+"""`magphonon bands SCENE`: bands of a scene, by the Bloch matrix and by phonopy; with [uncertainty], as ribbons of two standard
+deviations.
 
 The exit status is 1 if phonopy's bands are not those of the Bloch matrix. It is 0 even if the lattice buckles; "magphonon check"
 reports that with status 1.
@@ -27,13 +28,14 @@ def run(options: Namespace) -> int:
     from .band_report import REPORT, Case
 
     scene = read_scene(options.scene)
-    with answering(options, scene, 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
+    with answering(options, scene, 'bands.*', 'bands_*.*', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
         atoms, path, plan = scene.perfect_cell(), scene.band_path(), scene.wanted('bands')
         bands, phonon = _bands(scene, atoms, path)
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
-        _draw(save, scene, bands)
-        case = Case(scene, atoms, bands, phonon, lossy)
+        spread = None if scene.uncertainty is None else _spread(scene, path, folder)
+        _draw(save, scene, bands, spread)
+        case = Case(scene, atoms, bands, phonon, lossy, spread)
         told += REPORT.told(case, options.verbose)
     return int(REPORT.find('two_roads', case).fault)
 
@@ -54,6 +56,20 @@ def _bands(scene, atoms, path):
         given = scene.wanted('bands').supercell or scene.supercell()
         raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
     return bands | {'phonopy': phonopy_bands(phonon, path, vectors=True)}, phonon
+
+
+def _spread(scene, path, folder):
+    """Standard deviations of the bands of the complete model due to [uncertainty], written into the folder."""
+    from ..design.uncertainty import frequency_spread
+
+    counted = scene.counted()
+    spread = frequency_spread(counted.perfect_cell(), path.kpts, scene.uncertainty.tolerances(counted))
+    spread.save(folder / 'bands_spread.npz')
+    branches = range(1, spread.values.shape[1] + 1)
+    write_columns(folder / 'bands_spread.csv', ['path_rad_per_m', *(f'std_{branch}_Hz' for branch in branches)],
+                  [path.get_linear_kpoint_axis()[0] * units.m, *units.hertz(spread.std.T)],
+                  missing=[f'std_{branch}_Hz' for branch in branches])  # a frequency of zero has no slope
+    return spread
 
 
 def _save(folder, bands, phonon):
@@ -77,13 +93,16 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands):
+def _draw(save, scene, bands, spread):
     from ..bands.zone import PLANAR
     from ..plotting.bands import name_branches, plot_bands
+    from ..plotting.response import plot_band_ribbons
     from ..plotting.zone import plot_zone
     from ..scenes.laws import ALL
 
-    ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
+    complete = 'complete, $D^0+D^*$'
+    ax = plot_bands(bands['complete'], label=complete) if spread is None else plot_band_ribbons(bands['complete'], spread,
+                                                                                                label=complete)
     if 'conventional' in bands:
         plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
     if 'phonopy' in bands:

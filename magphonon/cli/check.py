@@ -22,8 +22,7 @@ JUDGED = 20_000
 """Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
-         'burst': 'response.propagation.propagate',
-         'uncertainty': 'design.uncertainty.frequency_spread', 'explore': 'stability.buckling.critical_foundation'}
+         'burst': 'response.propagation.propagate', 'explore': 'stability.buckling.critical_foundation'}
 """The tool that each command calls first: a command supports what this tool declares."""
 
 

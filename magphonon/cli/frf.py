@@ -30,7 +30,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
-    from .modes import unused
     from .neighbours import omission
 
     scene = read_scene(options.scene)
@@ -39,7 +38,7 @@ def run(options: Namespace) -> None:
         first, lines = _responses(scene, plan, folder, save)
         lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
         told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save),
-                 *filter(None, [unused(scene).words]), *omission(scene, options.verbose)]
+                 *omission(scene, options.verbose)]
 
 
 def _measured(scene, options):
@@ -74,7 +73,7 @@ def _responses(scene, plan, folder, save):
         highest.append(f'{units.hertz(plan.omega[k]):.4g} Hz ({abs(result.response[k]) / unit:.3g}{" m/N" * pushed})')
         natural, told = _natural(system, plan.omega)
         axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
-        lines += ['', model, *told, *(_scattered(scene, system, plan.omega) if len(natural) else []), *_peaks(result, unit)]
+        lines += ['', model, *told, *_peaks(result, unit)]
     write_columns(folder / 'frf.csv', names, columns)
     save(axes[0].figure, 'frf')
     return f'The response is highest at {highest[0]} with D*, at {highest[1]} without it.', lines
@@ -130,22 +129,6 @@ def _natural(system, omega):
     drawn = '' if inside <= MOST_TICKS else ', too many to be drawn'
     return natural, [f'  natural frequencies: {size} from {low:.6g} to {high:.6g} Hz, {inside} of them from {f[0]:g} to '
                      f'{f[1]:g} Hz{drawn}']
-
-
-def _scattered(scene, system, omega):
-    """The lowest natural frequencies in the range, with their standard deviations due to [uncertainty]."""
-    from ..design.scatter import mode_scatter
-    from ..response.normal_modes import Modes, local_modes
-
-    scatter, _ = scene.known_of_structure
-    if not scatter:
-        return []
-    found = local_modes(system, omega[[0, -1]])
-    if not len(found.omega):
-        return []
-    spread = mode_scatter(system, scatter, Modes(found.omega[:SHOWN_PEAKS], found.shapes[:SHOWN_PEAKS]))
-    shown = ', '.join(f'{f:.5g} +- {std:.2g}' for f, std in zip(*map(units.hertz, spread), strict=True))
-    return [f'  the lowest natural frequencies in this range, with standard deviations due to [uncertainty]: {shown} Hz']
 
 
 def _peaks(result, unit):

@@ -31,7 +31,7 @@ SHARED = 'arguments', 'band_report', 'fit_report', 'fitted', 'main', 'neighbours
 COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
 """The commands: each is a module beside this one, with its HELP, `add_arguments(parser)` and `run(options)`."""
 SYNONYMS = {'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
-            'tolerances': 'uncertainty', 'shapes': 'modes'}
+            'tolerances': 'bands', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
 CYCLES = 50_000, 5, 5
 """Thresholds of Python's garbage collector: with its own 700 a burst spends a tenth of its time on collection, a workflow a

@@ -18,7 +18,6 @@ from .arguments import add_output, add_scene, add_style, answering, left_out
 
 if TYPE_CHECKING:
     from ..bands.bands import Bands
-    from ..response.measured_shapes import Comparison
     from ..response.normal_modes import Localisation, Modes
     from ..scenes.scene import Scene
     from ..stiffness.rest import LinearSystem
@@ -33,9 +32,6 @@ OUTSIDE = 1e-4
 """Distance of a local mode from the bands, as a fraction of the highest frequency: the bands may be wider between
 points of the mesh."""
 
-DRAWN, MOST_DRAWN = 40, 600
-"""Number of patches drawn at random with the scatter of [uncertainty], and largest number of free directions of one."""
-
 MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
 LOWEST = 60  # number of the lowest modes of a larger patch
@@ -46,9 +42,6 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_style(parser)
     parser.add_argument('--animate', metavar='MODE', type=int,
                         help='write a film of this mode of the patch, by its number in modes.csv')
-    parser.add_argument('--compare', metavar='TABLE',
-                        help='compare measured shapes, a table with the columns mode,frequency_Hz,x_mm,y_mm,u_x,u_y, with the '
-                        'modes of the patch')
 
 
 def run(options: Namespace) -> None:
@@ -56,10 +49,10 @@ def run(options: Namespace) -> None:
 
     scene = read_scene(options.scene)
     lattice, patch, left = _lattice_and_patch(scene)
-    for option in ('animate', 'compare'):
-        if patch is None and (given := getattr(options, option)) is not None:
-            raise ValueError(f'--{option} {given}: the scene has no patch whose modes could be computed; add a table [patch]')
-    with answering(options, scene, 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*') as (folder, save, told):
+    if patch is None and options.animate is not None:
+        raise ValueError(f'--animate {options.animate}: the scene has no patch whose modes could be computed; add a table '
+                         '[patch]')
+    with answering(options, scene, 'modes.*', 'modes_lattice.*', 'mode_*.gif') as (folder, save, told):
         case = Case(scene, left, lattice, patch, options)
         if lattice is not None:
             _write_lattice(folder, case)
@@ -144,17 +137,6 @@ class Case:
         from ..response.normal_modes import localisation
 
         return localisation(self.found, self.system)
-
-    @cached_property
-    def spread(self) -> tuple[dict[str, NDArray[np.float64]], float]:
-        return _spread(self.scene, self.system, self.found)
-
-    @cached_property
-    def comparison(self) -> Comparison | None:
-        from ..response.measured_shapes import compared
-
-        table = self.options.compare
-        return None if table is None else compared(table, self.system.atoms, self.found)
 
     @cached_property
     def local(self) -> list[int]:
@@ -252,34 +234,12 @@ def most_local(case: Case) -> Finding | None:
     """The most local modes; always printed if some lie outside the bands, or if there are no bands."""
     if case.patch is None or not (case.local or not len(case.ranges)):
         return None
-    lines, extent, std = ['the most local ones:'], case.extent, case.spread[0].get('std_Hz')
+    lines, extent = ['the most local ones:'], case.extent
     for k in case.shown:
-        uncertain = '' if std is None else f' +- {std[k]:.2g}'
         centre = _place(case.system.atoms, extent.centre[k], case.defects)
-        lines.append(f'  mode {k + 1}: {case.found.frequencies_Hz[k]:.6g}{uncertain} Hz, {extent.participation[k]:.3g} '
+        lines.append(f'  mode {k + 1}: {case.found.frequencies_Hz[k]:.6g} Hz, {extent.participation[k]:.3g} '
                      f'particles take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
     return Finding(case.shown, '\n'.join(lines), fault=True)
-
-
-@REPORT.check
-def scatter(case: Case) -> Finding | None:
-    """An explanation of the +- values, and whether structures drawn at random buckle."""
-    if case.patch is None or not case.spread[0]:
-        return None
-    columns, lost = case.spread
-    words = '  +- is the standard deviation due to all tolerances in [uncertainty], to first order'
-    if 'drawn_std_Hz' in columns:
-        words = ('  +- is the larger of two standard deviations of the frequency: one follows to first order from the '
-                 f'scatter of the sites, the other comes from the same mode in {round(DRAWN * (1 - lost))} structures drawn at '
-                 'random. Both are in modes.csv')
-    unstable = f'\nUNSTABLE: {100 * lost:.2g} % of the structures drawn buckle' if lost else ''
-    return Finding(lost, words + unstable, fault=bool(unstable))
-
-
-@REPORT.check
-def unused_tolerances(case: Case) -> Finding | None:
-    """Which tolerances do not act on the modes of a patch."""
-    return None if case.patch is None else unused(case.scene)
 
 
 @REPORT.remark
@@ -309,25 +269,11 @@ def other_neighbours(case: Case) -> list[str] | None:
 
 
 @REPORT.check
-def measured(case: Case) -> Finding | None:
-    """The computed mode most similar to each measured shape; always printed, because the user asked for it."""
-    found = None if case.patch is None else case.comparison
-    return None if found is None else Finding(found, '\n'.join(matches(found, case.found)), fault=True)
-
-
-@REPORT.check
 def others(case: Case) -> Finding:
     """How the omitted neighbours would change the frequencies of the lattice."""
     from .neighbours import omitted
 
     return Finding() if case.scene.finite else omitted(case.scene)
-
-
-def unused(scene: Scene) -> Finding:
-    """Tolerances of [uncertainty] that modes and responses of a structure cannot use."""
-    names = scene.known_of_structure[1]
-    return Finding(len(names), f'Not used here: the tolerances of {", ".join(names)}; "magphonon uncertainty" '
-                   'propagates them to bands and responses.' if names else '', fault=bool(names))
 
 
 def _of_no_stiffness(omega):
@@ -356,25 +302,6 @@ def _modes(system, ranges):
     return Modes(omega[new], np.concatenate([lowest.shapes, *(found.shapes for found in between)])[new]), False
 
 
-def _spread(scene, system, found):
-    """Columns of modes.csv with standard deviations due to [uncertainty]; and the share of random structures that buckle."""
-    from ..design.scatter import mode_scatter, sampled_modes
-
-    scatter, _ = scene.known_of_structure
-    if not scatter:
-        return {}, 0.0
-    first = units.hertz(mode_scatter(system, scatter, found).std)
-    if system.directions > MOST_DRAWN or not scatter.std.any():  # deviations that all sites share mix no modes
-        return {'std_Hz': first}, 0.0
-    drawn = sampled_modes(system.atoms, scatter, DRAWN)
-    lost = float(np.isnan(drawn[:, 0]).mean())
-    if lost > 0.5:
-        return {'std_Hz': first}, lost
-    drawn = units.hertz(drawn[~np.isnan(drawn[:, 0])])
-    about = np.sqrt(np.mean((drawn - found.frequencies_Hz) ** 2, axis=0))  # scatter shifts the mean, too, to second order
-    return {'std_Hz': np.fmax(first, about), 'first_order_std_Hz': first, 'drawn_std_Hz': about}, lost
-
-
 def _shifted(case, every, how):
     """Lines with the shifts of modes if more neighbours count; a mode is identified by the similarity of its shape."""
     from scipy.spatial import KDTree
@@ -394,38 +321,12 @@ def _shifted(case, every, how):
     return [f'  {how} would shift: {"; ".join(told)}']
 
 
-def matches(comparison, found) -> list[str]:
-    """A line for each measured shape: the computed mode that matches, and others that look the same at the measured points."""
-    from ..response.measured_shapes import FAR
-
-    f = found.frequencies_Hz
-    lines = ['measured shapes (a MAC of 1 means the same shape; the columns of mac.csv have this order):']
-    for name, omega, mac, least, best in zip(comparison.names, comparison.omega, comparison.mac, comparison.least,
-                                             comparison.best, strict=True):
-        measured, alike = units.hertz(omega), np.flatnonzero(mac > least)
-        known = not np.isnan(measured)
-        what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
-        off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
-        if mac[best] > least:
-            far = bool(abs(f[best] - measured) > FAR * measured)  # False if unknown
-            others = [f'{k + 1} ({f[k]:.4g} Hz)' for k in alike[np.argsort(-mac[alike])] if k != best][:SHOWN]
-            lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
-                         + (', too far apart in frequency for one mode: are u_x and u_y exchanged, or is the law wrong?' * far)
-                         + (f'; at so few points mode {", ".join(others)} looks the same (aliasing): measure particles between '
-                            'them' if others else ''))
-        else:
-            lines.append(f'{what}no mode matches; the most similar is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC '
-                         f'{mac[best]:.3f}, but with this number of measured directions a match needs {least:.3f}')
-    return lines
-
-
-def _write_table(file, extent, spread):
+def _write_table(file, extent):
     axes = 'xyz'[: extent.along.shape[1]]
     names = ['mode', 'frequency_Hz', 'participating_particles', 'localisation_length_m', *(f'centre_{x}_m' for x in axes),
              *(f'share_along_{x}' for x in axes)]
-    write_columns(file, [*names, *spread], [np.arange(len(extent.omega)) + 1, extent.frequencies_Hz, extent.participation,
-                                            extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T,
-                                            *spread.values()])
+    write_columns(file, names, [np.arange(len(extent.omega)) + 1, extent.frequencies_Hz, extent.participation,
+                                extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T])
 
 
 def _place(atoms, centre, defects):
@@ -462,19 +363,12 @@ def _draw_lattice(save, case):
 
 def _write(folder, save, case):
     """Write tables and pictures of the modes of the patch, and a film of one mode."""
-    from ..plotting.modes import plot_comparison
-
     filmed, f = case.options.animate, case.found.frequencies_Hz
     if filmed is not None and not 1 <= filmed <= len(f):
         raise ValueError(f'--animate must be the number of a mode, 1 to {len(f)}, not {filmed}')
     case.extent.save(folder / 'modes.npz')
-    _write_table(folder / 'modes.csv', case.extent, case.spread[0])
+    _write_table(folder / 'modes.csv', case.extent)
     _draw(save, case)
-    if case.comparison is not None:
-        mac = case.comparison.mac
-        names = ['mode', 'frequency_Hz', *(f'mac_{k + 1}' for k in range(len(mac)))]
-        write_columns(folder / 'mac.csv', names, [np.arange(len(f)) + 1, f, *mac])
-        save(plot_comparison(case.comparison, case.found).figure, 'mac')
     if filmed is not None:
         _film(folder, case, filmed)
 

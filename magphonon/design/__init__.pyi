@@ -12,14 +12,13 @@ from .objectives import (
     Worst as Worst,
     band_gap as band_gap,
 )
-from .scatter import ModeScatter as ModeScatter, SiteScatter as SiteScatter, mode_scatter as mode_scatter
+from .scatter import ModeScatter as ModeScatter, mode_scatter as mode_scatter
 from .sensitivities import (
     LawDerivative as LawDerivative,
     StiffnessDerivative as StiffnessDerivative,
     exponent_change as exponent_change,
     force_change as force_change,
     frequency_sensitivities as frequency_sensitivities,
-    response_sensitivities as response_sensitivities,
     spacing_change as spacing_change,
 )
 from .site_designs import (
@@ -38,9 +37,7 @@ from .transfer_fits import (
     fit_transfer as fit_transfer,
 )
 from .uncertainty import (
-    ResponseSpread as ResponseSpread,
     Spread as Spread,
     Tolerances as Tolerances,
     frequency_spread as frequency_spread,
-    response_spread as response_spread,
 )

@@ -18,91 +18,30 @@ Any number J, at any frequency, wavevector or time, depends on the lattice throu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from ..errors import PhysicsError, not_negative, one_of
 from ..lattices.bonds import Bonds
-from ..response.frf import Dof, resolvents
-from ..response.normal_modes import Modes, modes, natural_frequencies
+from ..response.normal_modes import Modes, modes
 from ..stiffness.bond import Model, model_stiffness, stiffness_change
-from ..stiffness.defects import Scatter, scattered, varied_sites
+from ..stiffness.defects import Scatter
 from ..stiffness.factors import inverse
-from ..stiffness.relaxation import relaxed
-from ..stiffness.rest import LinearSystem, freedom
+from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
 from .sensitivities import exponent_change, force_change
 
-SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
-ALIKE = (*SITES, 'scale')  # those that all sites may have in common: the scale is that of all lengths, by a ruler
-ROWS = {'mass': slice(1), 'strength': slice(1, 2), 'stiffness': slice(2, 3), 'position': slice(3, 6)}
-"""Where the derivatives by each quantity stand among all: the three logarithms, then the three coordinates."""
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
 FULL = 0.1  # share of nonzero entries above which a matrix is treated as a full one
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
-
-
-@dataclass(frozen=True)
-class SiteScatter:
-    """Standard deviations of the quantities of each site, relative except for positions, and of quantities that all sites share.
-
-    All of them scatter independently.
-
-    Attributes
-    ----------
-    mass : float
-        Standard deviation of the mass of each particle.
-    strength : float
-        Standard deviation of the strength of each magnet; the force between two magnets is proportional to both strengths.
-    stiffness : float
-        Standard deviation of the stiffness of the foundation under each particle.
-    position : float
-        Standard deviation of each coordinate in mm: of the feet of the pillars and of held particles, or of measured positions.
-    at_rest : bool
-        Whether the positions were measured at rest, so that they do not follow strengths and springs.
-    alike : dict of str to float
-        Relative standard deviations of 'mass', 'strength', 'stiffness' and 'scale' (of all lengths) that are common to all sites.
-    """
-
-    mass: float = 0.0
-    strength: float = 0.0
-    stiffness: float = 0.0
-    position: float = 0.0
-    at_rest: bool = False
-    alike: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name in ROWS:
-            not_negative(f'scatter of the {name}', getattr(self, name))
-        for name, value in self.alike.items():
-            not_negative(f'scatter of the {one_of("a quantity of all sites", name, ALIKE)} of all sites', value)
-
-    def __bool__(self) -> bool:
-        """Whether anything scatters."""
-        return bool(self.std.any() or any(self.alike.values()))
-
-    @property
-    def std(self) -> NDArray[np.float64]:
-        """Standard deviations of the logarithms of mass, strength and stiffness, and of the three coordinates, shape (6,)."""
-        return np.array([self.mass, self.strength, self.stiffness, *3 * [self.position]])
-
-    @property
-    def std_alike(self) -> NDArray[np.float64]:
-        """Standard deviations of quantities that all sites share, shape (4,)."""
-        return np.array([self.alike.get(name, 0.0) for name in ALIKE])
-
-
-NO_SCATTER = SiteScatter()
 
 
 @dataclass(frozen=True)
@@ -241,15 +180,9 @@ class SiteSlopes:
         Their shape is (6, particles).  The displacements x and y respect the constraints; the inertia is
         `-omega^2 + i omega gamma`, in rad^2/ms^2.
         """
-        return self.each_and_alike(x, y, inertia)[0]
-
-    def each_and_alike(self, x: NDArray[Any], y: NDArray[Any],
-                       inertia: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Derivatives by the quantities of each site, and by the logarithms of those that all sites share (ALIKE), shape (4,)."""
         found, places = self.of(form(self.system.calc.bonds, x[..., None], y[..., None], inertia)), np.zeros((3, len(x)), complex)
         places[: x.shape[1]] = found['foot'].T
-        each = np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])
-        return each, np.append(each[: len(SITES)].sum(axis=1), found['spacing'])
+        return np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])
 
 
 def full_or_sparse(A: sparse.csr_array) -> Any:
@@ -272,7 +205,8 @@ class ModeScatter(NamedTuple):
 
 
 @takes(*LIKE)
-def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int | Modes | None = None) -> ModeScatter:
+def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter, count: int | Modes | None = None,
+                 at_rest: bool = False) -> ModeScatter:
     """Natural frequencies of a structure, and their standard deviations from one specimen to the next, to first order.
 
     For a periodic cell the modes are the waves whose displacements are equal in all cells. Band edges of a supercell of N
@@ -282,75 +216,36 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
     ----------
     atoms : ase.Atoms
         At rest, with PairCalculator.
-    scatter : SiteScatter
+    scatter : magphonon.stiffness.Scatter
+        Standard deviations of each site: of the logarithms of mass, strength and spring, and of the position of the foot of its
+        pillar, or of the particle itself if it is held.
     count : int or Modes, optional
         Number of lowest modes to use, or a `Modes` object; by default all modes.
+    at_rest : bool
+        Whether the positions were measured at rest, as in a photo, so that they do not follow strengths and springs, and
+        `scatter.position` is the standard deviation of these measurements.
 
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.design import SiteScatter, mode_scatter
+    >>> from magphonon.design import mode_scatter
+    >>> from magphonon.stiffness import Scatter
     >>> cells = lattices.triangular(1.0, 1.0).repeat((3, 3, 1))
     >>> cells.calc = MagneticRepulsion(cells, InversePower(1.0, 4.0), foundation=1.0)
-    >>> omega, std = mode_scatter(cells, SiteScatter(stiffness=0.06), count=1)  # of each of nine pillars
+    >>> omega, std = mode_scatter(cells, Scatter(stiffness=0.06), count=1)  # of each of nine pillars
     >>> round(float(std[0] / omega[0]), 6)  # 0.06/2/sqrt(9)
     0.01
     """
     system = LinearSystem.of(atoms)
     found = count if isinstance(count, Modes) else modes(system, count)
-    squares, slopes = found.omega * abs(found.omega), SiteSlopes(system, scatter.at_rest)
+    squares, slopes = found.omega * abs(found.omega), SiteSlopes(system, at_rest)
+    std = np.array([scatter.mass, scatter.strength, scatter.stiffness, *3 * [scatter.position]])
     variance = np.empty(len(squares))
     ends = np.flatnonzero(np.diff(squares) > CROSSING * abs(squares).max()) + 1
     for alike in np.split(np.arange(len(squares)), ends):
         shapes = found.shapes[alike]
-        W = [slopes.each_and_alike(x, y, -squares[alike].mean()) for x in shapes for y in shapes]
-        variance[alike] = sum(scatter.std**2 @ (each.real**2).sum(1) + scatter.std_alike**2 @ all_.real**2
-                              for each, all_ in W) / len(alike)
+        W = [slopes(x, y, -squares[alike].mean()).real for x in shapes for y in shapes]
+        variance[alike] = sum(std**2 @ (each**2).sum(axis=1) for each in W) / len(alike)
     with np.errstate(divide='ignore', invalid='ignore'):
-        std = np.sqrt(variance) / (2 * abs(found.omega))
-    return ModeScatter(found.omega, np.where(abs(squares) <= CROSSING * abs(squares).max(), np.nan, std))
-
-
-def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0) -> NDArray[np.float64]:
-    """Natural frequencies in rad/ms of `count` structures whose sites are drawn at random, to check `mode_scatter`.
-
-    Each comes to rest again, or stays where it is if the positions were measured at rest.  Shape (count, modes), ascending; NaN
-    for a structure that buckles.
-    """
-    drawn, sites = [], Scatter(scatter.position, scatter.strength, scatter.mass, scatter.stiffness)
-    for k in range(count):
-        sample: Any = _scaled(scattered(atoms, sites, seed + k), scatter, np.random.default_rng([seed + k, len(ALIKE)]))
-        try:
-            if scatter.at_rest:
-                sample.calc = sample.calc.balanced(np.flatnonzero(freedom(sample)[0]))
-            else:
-                sample = relaxed(sample).atoms
-            drawn.append(natural_frequencies(sample))
-        except PhysicsError:
-            drawn.append(np.full(LinearSystem.of(atoms).directions, np.nan))
-    return np.array(drawn)
-
-
-def _scaled(atoms, scatter, rng):
-    """The structure with random factors that are the same for all sites."""
-    factors = dict(zip(ALIKE, np.exp(scatter.std_alike * rng.standard_normal(len(ALIKE))), strict=True))
-    return varied_sites(atoms, **{name: np.full(len(atoms), factors[name]) for name in SITES},
-                        moved=(factors['scale'] - 1) * atoms.positions * [1, 1, 0]) if any(scatter.alike.values()) else atoms
-
-
-def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64],
-                     damping: ArrayLike, at_rest: bool = False) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Derivatives of a frequency response by the logarithms of mass, strength and spring, and by the position, of each site.
-
-    The arguments are those of `magphonon.response.frf.harmonic_response`, the Dof where the response is seen, and `at_rest` as
-    in SiteScatter.  The derivatives have the shape (6, particles, frequencies) and are in mm, or in mm per mm for positions.
-    Those by the logarithms of quantities that all sites share follow, shape (4, frequencies).
-    """
-    system = LinearSystem.of(atoms)
-    n, slopes, rate = len(system), SiteSlopes(system, at_rest), np.asarray(damping)
-    both = np.stack([answer.force(n).ravel(), np.asarray(force, dtype=complex).ravel()], axis=1)
-    each, alike = np.empty((6, n, len(omega)), complex), np.empty((len(ALIKE), len(omega)), complex)
-    for k, G in enumerate(resolvents(system, omega, damping)):
-        x, y = G(both).T.reshape(2, n, 3)[..., : system.dim]
-        each[..., k], alike[:, k] = slopes.each_and_alike(-x, y, -(omega[k] ** 2) + 1j * omega[k] * rate)
-    return each, alike
+        uncertain = np.sqrt(variance) / (2 * abs(found.omega))
+    return ModeScatter(found.omega, np.where(abs(squares) <= CROSSING * abs(squares).max(), np.nan, uncertain))

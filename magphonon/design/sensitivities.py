@@ -25,7 +25,6 @@ from scipy import sparse
 from ..bands.bloch import bloch_modes
 from ..interactions.law_cards import LawDerivative, exponent_change as exponent_change, screening_change as screening_change
 from ..interactions.pair_laws import PairLaw, continues, higher_derivatives
-from ..response.frf import resolvents
 from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.factors import inverse
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
@@ -168,41 +167,6 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
         slopes = dsquares / (2 * abs(omega))
     slopes[:, still] = np.where(abs(dsquares[:, still]) <= ZERO_FRACTION**2 * highest**2, 0.0, np.nan)
     return omega, slopes
-
-
-@takes(*LIKE)
-def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega: NDArray[np.float64], damping: ArrayLike,
-                           changes: Collection[StiffnessDerivative]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Steady displacements under a harmonic force, and their derivatives with respect to the logarithms of parameters.
-
-    Parameters
-    ----------
-    atoms, force, omega, damping
-        As for `magphonon.response.frf.harmonic_response`.
-    changes : sequence of StiffnessDerivative
-
-    Returns
-    -------
-    u : ndarray of complex, shape (frequencies, particles, 3)
-        In mm.
-    slopes : ndarray of complex, shape (changes, frequencies, particles, 3)
-        `du/d ln p` in mm.
-    """
-    system = LinearSystem.of(atoms)
-    n, to_space = len(system), sparse.kron(sparse.eye_array(len(system)), sparse.eye_array(3, system.dim), format='csr')
-    M, gamma = np.repeat(system.masses, 3), np.repeat(np.broadcast_to(damping, n), 3)
-    dH = [to_space @ H @ to_space.T for H in hessian_changes(system, changes)]
-    F = np.asarray(force, dtype=complex).reshape(3 * n)
-    u = np.empty((len(omega), n, 3), dtype=complex)
-    slopes = np.empty((len(changes), len(omega), n, 3), dtype=complex)
-    for k, G in enumerate(resolvents(system, omega, damping)):
-        inertia = (-omega[k] ** 2 + 1j * omega[k] * gamma) * M
-        x = G(F)
-        u[k] = x.reshape(n, 3)
-        pushes = [-(H @ x + change.mass * inertia * x) for H, change in zip(dH, changes, strict=True)]
-        if pushes:
-            slopes[:, k] = G(np.transpose(pushes)).T.reshape(-1, n, 3)
-    return u, slopes
 
 
 @takes(*LIKE)

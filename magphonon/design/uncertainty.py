@@ -1,30 +1,23 @@
-"""Uncertainty of frequencies and responses from the tolerances of parameters: to first order, and by Monte Carlo sampling.
+"""Uncertainty of bands from the tolerances of parameters, to first order.
 
-With the covariance C of the relative changes dp/p and the slopes S = d value/d ln p, the variance is `S^T C S`.  The parameters
+With the covariance C of the relative changes dp/p and the slopes S = d omega/d ln p, the variance is `S^T C S`.  The parameters
 are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike. Individual deviations are
-treated in `magphonon.design.scatter`; for the response of a structure their squares are summed and added to the variance.
+treated in `magphonon.design.scatter`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag
-from tqdm import tqdm
 
-from ..bands.bloch import bloch_modes
-from ..errors import finite, whole
-from ..response.frf import Dof
+from ..errors import finite
 from ..results import Saved
 from ..stiffness.bond import Model
-from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
-from .scatter import ALIKE, NO_SCATTER, ROWS, SiteScatter, response_scatter
-from .sensitivities import StiffnessDerivative, frequency_sensitivities, response_sensitivities
+from .sensitivities import StiffnessDerivative, frequency_sensitivities
 
 ROUND_OFF = 1e-12
 
@@ -39,37 +32,29 @@ class Tolerances:
         Each parameter by name, and what it changes (`magphonon.design.sensitivities`).
     covariance : ndarray, shape (parameters, parameters)
         Covariance of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
-    scatter : SiteScatter
-        Additional independent deviations of each site; none by default.
     """
 
     changes: dict[str, StiffnessDerivative]
     covariance: np.ndarray
-    scatter: SiteScatter = NO_SCATTER
 
     def __post_init__(self) -> None:
         n = len(self.changes)
         C = finite('covariance', self.covariance, (n, n))
-        if not (n or self.scatter):
-            raise ValueError('neither parameters nor sites have a tolerance; give at least one tolerance')
+        if not n:
+            raise ValueError('no parameter has a tolerance; give at least one')
         if not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C).min(initial=0) < -ROUND_OFF * np.trace(C):
             raise ValueError(f'covariance must be symmetric without negative eigenvalues, with a row for each of the {n} '
                              f'parameters, not {C.tolist()}; check the correlations')
         object.__setattr__(self, 'covariance', C)
 
-    def samples(self, count: int, seed: int = 0) -> NDArray[np.float64]:
-        """Random factors of the parameters, log-normal because they are positive, shape (count, parameters)."""
-        rng = np.random.default_rng(seed)
-        return np.exp(rng.multivariate_normal(np.zeros(len(self.changes)), self.covariance, whole('count', count)))
-
 
 @dataclass(frozen=True)
 class Spread(Saved, kind='uncertainties', units={
     'names': ('', 'parameters'), 'covariance': ('', 'parameters', 'parameters'),
-    'values': ('rad/ms for frequencies, mm for amplitudes', '...'),
-    'slopes': ('that of the values, for each relative change', 'parameters', '...'),
+    'values': ('rad/ms', '...'),
+    'slopes': ('rad/ms for each relative change', 'parameters', '...'),
 }, missing=('slopes',)):
-    """Frequencies or amplitudes, and their uncertainty to first order in the tolerances.
+    """Frequencies, and their uncertainty to first order in the tolerances.
 
     Attributes
     ----------
@@ -78,9 +63,9 @@ class Spread(Saved, kind='uncertainties', units={
     covariance : ndarray, shape (parameters, parameters)
         Covariance of the relative changes of the parameters.
     values : ndarray, shape (...)
-        Frequencies in rad/ms, or amplitudes in mm.
+        Frequencies in rad/ms.
     slopes : ndarray, shape (parameters, ...)
-        `d value/d ln p` in the unit of the values.
+        `d omega/d ln p` in rad/ms.
     """
 
     names: tuple[str, ...]
@@ -90,7 +75,7 @@ class Spread(Saved, kind='uncertainties', units={
 
     @property
     def std(self) -> NDArray[np.float64]:
-        """Standard deviations in the unit of the values, shape (...)."""
+        """Standard deviations in rad/ms, shape (...)."""
         return _std(self.covariance, self.slopes)
 
     @property
@@ -105,34 +90,6 @@ class Spread(Saved, kind='uncertainties', units={
         members = [np.flatnonzero(group == g) for g in dict.fromkeys(group)]
         return {', '.join(self.names[p] for p in who): _std(self.covariance[np.ix_(who, who)], self.slopes[who])
                 for who in members}
-
-
-@dataclass(frozen=True)
-class ResponseSpread(Spread, kind='uncertainties of a response', units={
-    'names': ('', 'parameters'), 'covariance': ('', 'parameters', 'parameters'), 'values': ('mm', 'frequencies'),
-    'slopes': ('mm for each relative change', 'parameters', 'frequencies'),
-    'turns': ('rad for each relative change', 'parameters', 'frequencies'),
-}):
-    """Amplitudes of a response, and their uncertainty.
-
-    Attributes
-    ----------
-    turns : ndarray, shape (parameters, frequencies)
-        Slopes of the phase, `d arg(u)/d ln p` in radians.
-    """
-
-    turns: np.ndarray
-
-    @property
-    def second_order(self) -> NDArray[np.float64]:
-        """Standard deviation that the second order adds to the amplitude, shape (frequencies,), in mm.
-
-        Near a resonance u = u0/(1 + z) with a small complex z, linear in the parameters.  At the peak z is imaginary, and the
-        amplitude |u0| (1 - |z|^2/2) has no slope.  If z is normal with the variance s^2, the mean is lower by s^2/2 and the
-        standard deviation is s^2/sqrt(2), relative to |u0|.
-        """
-        square = (self.std / self.values) ** 2 + _std(self.covariance, self.turns) ** 2
-        return self.values * square / np.sqrt(2)
 
 
 def _std(covariance, slopes):
@@ -172,49 +129,3 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     """
     omega, slopes = frequency_sensitivities(atoms, q, tolerances.changes.values(), model)
     return Spread(tuple(tolerances.changes), tolerances.covariance, omega, slopes)
-
-
-@takes(*LIKE)
-def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Dof, omega: NDArray[np.float64], damping: ArrayLike,
-                    tolerances: Tolerances) -> ResponseSpread:
-    """Amplitude of a frequency response and its uncertainty.
-
-    Parameters
-    ----------
-    atoms, force, omega, damping
-        As for `magphonon.response.frf.harmonic_response`.
-    answer : Dof
-        Where the response is seen.
-    tolerances : Tolerances
-
-    Returns
-    -------
-    ResponseSpread
-        Spread of |u|, shape (frequencies,), in mm. Each quantity that scatters from site to site counts as one more parameter,
-        'each mass' and so on, whose slope is the root of the sum of squares over the sites.
-    """
-    u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
-    u, du = answer.seen(u), answer.seen(du)
-    slopes, turns = np.real(u.conj() * du) / abs(u), np.imag(du / u)
-    names, C, scatter = tuple(tolerances.changes), tolerances.covariance, tolerances.scatter
-    own_std = {name: getattr(scatter, name) for name in ROWS if getattr(scatter, name)}
-    if scatter:
-        own = response_scatter(atoms, force, answer, omega, damping, scatter.at_rest)
-        common = [ALIKE.index(name) for name in scatter.alike]
-        sites = [np.stack([*(np.linalg.norm(each[ROWS[name]], axis=(0, 1)) for name in own_std), *alike[common]])
-                 for each, alike in ([np.real(u.conj() * part) / abs(u) for part in own], [np.imag(part / u) for part in own])]
-        slopes, turns = (np.concatenate(pair) for pair in zip((slopes, turns), sites, strict=True))
-        names = (*names, *(f'each {name}' for name in own_std), *scatter.alike)
-        C = np.asarray(block_diag(C, np.diag(np.square([*own_std.values(), *scatter.alike.values()]))))
-    return ResponseSpread(names, C, abs(u), slopes, turns)
-
-
-def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike, tolerances: Tolerances, count: int,
-                        seed: int = 0) -> NDArray[np.float64]:
-    """Frequencies of `count` lattices whose parameters are drawn at random, to check the linear propagation.
-
-    `build` takes a dict from parameter name to factor and returns the cell with its PairCalculator.  The result has the shape
-    (count, wavevectors, modes) and is in rad/ms.
-    """
-    draws = tqdm(tolerances.samples(count, seed), desc='samples', delay=2, disable=None)
-    return np.array([bloch_modes(build(dict(zip(tolerances.changes, factors, strict=True))), q)[0] for factors in draws])

@@ -517,7 +517,7 @@ def _log_law(law: PairLaw, r0: float) -> Callable:
 
 
 def scene_entry(fit: Fit) -> str:
-    """The tables [law] and [uncertainty] of a scene file, TOML in SI units, as `magphonon uncertainty` reads them.
+    """The tables [law] and [uncertainty] of a scene file, TOML in SI units.
 
     Examples
     --------
@@ -535,8 +535,8 @@ def scene_entry(fit: Fit) -> str:
                                   for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
         f'shells = "auto"   # as many as the frequencies need, within the {reach:.3g} spacings that the table reaches', '',
         '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
-        f'forces_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
-        f'correlation_forces_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
+        f'force_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
+        f'correlation_force_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
 
 
 def shells_within(reach: float) -> int:

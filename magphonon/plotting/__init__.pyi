@@ -15,16 +15,13 @@ from .bands import (
 from .density import plot_density as plot_density
 from .fits import plot_band_fits as plot_band_fits, plot_fit as plot_fit
 from .modes import (
-    plot_comparison as plot_comparison,
     plot_extents as plot_extents,
     plot_mode as plot_mode,
     plot_shape as plot_shape,
 )
 from .response import (
     plot_band_ribbons as plot_band_ribbons,
-    plot_contributions as plot_contributions,
     plot_response as plot_response,
-    plot_response_ribbon as plot_response_ribbon,
     plot_transfer as plot_transfer,
 )
 from .structures import plot_lattice as plot_lattice, plot_patch as plot_patch

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..bands.bands import Bands
-    from ..response.measured_shapes import Comparison
-    from ..response.normal_modes import Localisation, Modes
+    from ..response.normal_modes import Localisation
 
 ARROW = 0.39  # longest arrow of a mode shape of a lattice in bond lengths
 # Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
@@ -153,27 +152,6 @@ def plot_extents(extent: Localisation, *, ax: Axes | None = None, bands: Sequenc
     ax.set(ylabel='particles that take part', yscale='log', ylim=(0.8, 1.5 * extent.participation.max()))
     if own:
         legend_above(ax)
-    return ax
-
-
-@in_house_style
-def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = None) -> Axes:
-    """Draw the MAC of measured shapes (rows) with the most similar computed ones (columns); matches are framed."""
-    ax = new_axes() if ax is None else ax
-    shown = np.unique(np.column_stack([found.best, np.argsort(found.mac, axis=1)[:, -2:]]))
-    picture = ax.imshow(found.mac[:, shown], cmap='Greys', vmin=0, vmax=1, aspect='auto')
-    rows = np.flatnonzero(found.mac[np.arange(len(found.best)), found.best] > found.least)
-    columns = np.searchsorted(shown, found.best[rows])
-    ax.plot(columns, rows, 's', markersize=9, markerfacecolor='none', color=COLOURS[1], label='match')
-    frequencies = units.hertz(found.omega)
-    measured = [name if np.isnan(f) else f'{name}: {f:.4g} Hz' for name, f in zip(found.names, frequencies, strict=True)]
-    ax.set_xticks(range(len(shown)), [f'{k + 1}: {f:.4g} Hz' for k, f in zip(shown, computed.frequencies_Hz[shown], strict=True)],
-                  rotation=90)
-    ax.set_yticks(range(len(measured)), measured)
-    ax.set(xlabel='computed mode', ylabel='measured mode')
-    ax.figure.colorbar(picture, ax=ax, label='MAC')
-    if len(rows):
-        ax.legend(loc='lower left', bbox_to_anchor=(0, 1), frameon=False)
     return ax
 
 

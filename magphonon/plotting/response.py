@@ -1,4 +1,4 @@
-"""Frequency responses, and ribbons of uncertainty around bands and responses, drawn in SI."""
+"""Frequency responses, and ribbons of uncertainty around bands, drawn in SI."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
-from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_axes, new_figure
+from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_figure
 from .bands import plot_bands
 
 if TYPE_CHECKING:
@@ -21,11 +21,8 @@ if TYPE_CHECKING:
     from ..response.frf import FrequencyResponse
     from ..response.transfer_functions import TransferFunction
 
-PRINTED = {'youngs_modulus': "Young's modulus", 'a': 'exponent $a$', 'b': 'strength $b$'}
-"""Names of parameters that say more than their keys."""
 HALF_WIDTH = 2  # half width of a ribbon in standard deviations; it contains 95 of 100 lattices
 RIBBON = rf'$\pm{HALF_WIDTH}\sigma$'
-HATCHES = ('', '////', '....', 'xxxx', '----')  # hatches by which bars can be distinguished in grey
 NATURAL = 'natural frequencies'
 MOST_ROWS = 4  # number of transfer functions that are drawn
 MOST_BARS = 8  # largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom
@@ -47,57 +44,6 @@ def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, l
         ribbons = [k for k, name in enumerate(names) if name == RIBBON]  # each after its curve
         legend_above(ax, ncols=2, handles=[(handles[k], handles[k - 1]) for k in ribbons],
                      labels=[f'{names[k - 1]}, {RIBBON}' for k in ribbons])
-    return ax
-
-
-@in_house_style
-def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, *, ax: Axes | None = None, label: str | None = None,
-                         **line: Any) -> Axes:
-    """Draw the amplitude of a response at the angular frequencies `omega`, with a ribbon of two standard deviations."""
-    if ax is None:
-        ax = new_axes()
-        ax.set_prop_cycle(color=COLOURS)
-        ax.set(ylabel='displacement per force (m/N)', yscale='log')
-    f, unit = units.hertz(omega), units.m / units.N
-    (curve,) = ax.plot(f, spread.values / unit, label=label, **line)
-    low, high = spread.values - HALF_WIDTH * spread.std, spread.values + HALF_WIDTH * spread.std
-    floor = spread.values.min() / 2  # a ribbon wider than the value it surrounds has no lower edge on a logarithmic axis
-    ax.fill_between(f, np.maximum(low, floor) / unit, high / unit, color=curve.get_color(), alpha=0.3, linewidth=0,
-                    label=label and RIBBON)
-    ax.set_ylim(bottom=floor / unit)
-    ax.set_xlim(f[0], f[-1])
-    label_frequencies(ax.xaxis)
-    if label is not None:
-        legend_above(ax)
-    return ax
-
-
-@in_house_style
-def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None = None) -> Axes:
-    """Draw bars of the standard deviation that each parameter alone causes (correlated ones together), and of the total.
-
-    Parameters
-    ----------
-    spread : Spread
-        Spread of frequencies, shape (frequencies,).
-    labels : sequence of str
-        Names of these frequencies.
-    ax : matplotlib.axes.Axes, optional
-    """
-    rows: dict[str, NDArray[np.float64]] = {'all together': spread.std}
-    rows |= dict(sorted(spread.contributions.items(), key=lambda row: row[1].max()))
-    ax = new_axes(height=0.5 + 0.15 * len(labels) + 0.11 * (len(labels) + 1) * len(rows)) if ax is None else ax
-    height, y = 0.8 / len(labels), np.arange(len(rows))
-    for k, (label, hatch) in enumerate(zip(labels, (HATCHES * len(labels))[: len(labels)], strict=True)):
-        share = 100 * np.array([std[k] for std in rows.values()]) / abs(spread.values[k])
-        bars = ax.barh(y + 0.4 - (k + 0.5) * height, share, height, color=COLOURS[k % len(COLOURS)], alpha=0.75,
-                       hatch=hatch, edgecolor='white', label=f'{label}, {abs(spread.values[k]) / (2 * np.pi) / units.Hz:.4g} Hz')
-        ax.bar_label(bars, fmt='%.2g', padding=2, fontsize='small')
-    ax.set_yticks(y, [', '.join(PRINTED.get(part, part.replace('_', ' ')) for part in name.split(', ')) for name in rows])
-    ax.tick_params(axis='y', length=0)
-    ax.set_xlabel('standard deviation (% of the frequency)')
-    ax.margins(x=0.1, y=0.02)
-    legend_above(ax, ncols=1)
     return ax
 
 

@@ -7,7 +7,6 @@ from .frf import (
     receptance as receptance,
     series_response as series_response,
 )
-from .measured_shapes import Comparison as Comparison, compared as compared
 from .normal_modes import (
     Localisation as Localisation,
     Modes as Modes,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from ase import Atoms
@@ -24,8 +25,13 @@ from .fields import unit_of
 from .laws import KINDS, TableLaw
 from .scene import Scene
 from .structures import FileLattice
-from .tolerances import LARGEST_TOLERANCE, PLACES, exponent_at, varied
+from .tolerances import LARGEST_TOLERANCE, exponent_at
 
+PLACES = {
+    **{name: ('law', one.key) for kind in KINDS.values() for name, one in kind.parameters.items() if one.power or one.change},
+    'stiffness': ('foundation', 'stiffness_N_per_m'), 'stiffness_y': ('foundation', 'stiffness_y_N_per_m'),
+    'youngs_modulus': ('foundation', 'pillar', 'youngs_modulus_Pa')}
+"""Place in a scene of each parameter that a fit may vary."""
 FITTED = {name: kind for name, kind in KINDS.items() if kind.strength in PLACES}
 """The kinds of laws whose strength, and shape if they have one, may be fitted."""
 SPRINGS = {'foundation': 'stiffness', 'foundation_x': 'stiffness', 'foundation_y': 'stiffness_y'}
@@ -129,12 +135,8 @@ class BandFits:
         """
         if self.scene.uncertainty is None or 'force' not in self.names or 'force' in self.priors:
             return None
-        known, law = self.scene.uncertainty.tolerances(self.scene), self.scene.law.potential()
-        L = self.scene.lattice.spacing_m * u.m
-        slopes = np.array([0.0 if change.law is None or name == 'spacing' else change.law.dphi(L) / law.dphi(L)
-                           for name, change in known.changes.items()])
-        sigma, value = float(np.sqrt(slopes @ known.covariance @ slopes)), value_of(self.scene, 'force')
-        return (value, value * sigma) if sigma else None
+        percent, value = self.scene.uncertainty.force_percent, value_of(self.scene, 'force')
+        return None if percent is None else (value, value * percent / 100)
 
     def fitted(self, model: Model = 'complete') -> Scene:
         """The scene with the parameters of the fit; its law is a table if the fitted law is not an exact inverse power."""
@@ -391,3 +393,24 @@ def with_table(scene: Scene, r: NDArray[np.float64], f: NDArray[np.float64]) -> 
     own, columns = scene.law, {'distances_m': (r / u.m).tolist(), 'forces_N': (f / u.N).tolist()}
     table = TableLaw.model_validate({'kind': 'table', 'shells': own.asked, **columns})
     return scene.model_copy(update={'law': table.with_shells(own.shells, own.reach)})
+
+
+def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
+    """The scene with parameters multiplied by `factors`, a dict of their names; 1 + delta changes an exponent by delta."""
+    for name, factor in factors.items():
+        if name == EXPONENT:
+            law: Any = scene.law  # a table
+            factor, name = (np.array(law.distances_m) / scene.lattice.spacing_m) ** (1 - factor), 'forces'
+        place = ('law', 'calibration', 'force_N') if name == 'force' and scene.law.kind == 'magnets' else PLACES[name]
+        scene = _multiplied(scene, place, factor)
+    return scene
+
+
+def _multiplied(table, place, factor):
+    key, *rest = place
+    value = getattr(table, key)
+    if rest:
+        value = _multiplied(value, rest, factor)
+    else:
+        value = tuple((factor * np.array(value)).tolist()) if isinstance(value, tuple) else factor * value
+    return table.model_copy(update={key: value})

@@ -28,7 +28,6 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from .. import units as u
 from ..bands.force_constants import enough_cells
 from ..bands.neighbours import ConvergedShells, converged_shells, whole_reach
-from ..design.scatter import NO_SCATTER, SiteScatter
 from ..errors import PhysicsError
 from ..files import whole_file
 from ..lattices.bonds import bonds_within
@@ -181,11 +180,6 @@ class Scene(Table):
     def finite(self) -> bool:
         """Whether the scene is a structure from a file that is not periodic in any direction."""
         return self.lattice.finite
-
-    @property
-    def known_of_structure(self) -> tuple[SiteScatter, list[str]]:
-        """The part of [uncertainty] that applies to the modes of a structure, and the tolerances that do not."""
-        return (NO_SCATTER, []) if self.uncertainty is None else self.uncertainty.of_structure(self)
 
     @property
     def special_points(self) -> dict[str, NDArray[np.float64]]:

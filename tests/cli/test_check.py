@@ -148,7 +148,7 @@ def test_faults_are_told_without_being_asked_for(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('name', 'refused'), [
-    ('prototype', set()), ('gyro', {'uncertainty', 'explore'})])
+    ('prototype', set()), ('gyro', {'explore'})])
 def test_commands_that_do_not_take_a_structure_are_named(name, refused):
     """As these commands refuse it when they are run: the declarations of their tools are asked."""
     words = ' '.join(refusals(read_scene(name).perfect_cell()))

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from magphonon.cli.arguments import drawing
 from magphonon.cli.main import main
 
-DRAWING = ('bands', 'burst', 'fit', 'frf', 'modes', 'spectrum', 'uncertainty')
+DRAWING = ('bands', 'burst', 'fit', 'frf', 'modes', 'spectrum')
 
 
 @pytest.mark.parametrize('command', DRAWING)

@@ -12,12 +12,10 @@ from magphonon.design.sensitivities import (
     exponent_change,
     force_change,
     frequency_sensitivities,
-    response_sensitivities,
     screening_change,
     spacing_change,
 )
 from magphonon.interactions.pair_laws import Tabulated
-from magphonon.response.frf import harmonic_response
 
 STEP = 1e-5  # of central differences: STEP^2 times a third derivative of some 100 is 1e-8
 Q = np.array([[0, 0, 0], [0.11, 0.07, 0], [0.5, 0, 0], [1 / 3, 1 / 3, 0], [0.3, -0.2, 0]])  # Gamma, M, K, and between
@@ -118,23 +116,3 @@ def test_branches_that_cross_keep_their_own_slopes(mixed, monkeypatch):
     order = [0, 1] if abs(found - smooth).max() < abs(found - smooth[:, ::-1]).max() else [1, 0]
     assert_allclose(found[:, order], smooth, atol=1e-5 * abs(smooth).max())
     assert abs(smooth[:, 0] - smooth[:, 1]).max() > 0.02 * abs(smooth).max()  # by the exponent: a mixture has neither's
-
-
-def test_response_slopes_are_those_of_patches_built_anew():
-    omega = np.linspace(0.05, 1.2, 7)
-
-    def patch(**factors):
-        atoms = lattices.hexagon(lattice(**factors), 2.01 * START['spacing'] * factors.get('spacing', 1))
-        atoms.calc = MagneticRepulsion(atoms, LAWS['inverse power'](
-            {name: value * factors.get(name, 1) for name, value in START.items()}), foundation=START['k'] * factors.get('k', 1))
-        return atoms
-
-    force = np.zeros((len(patch()), 3))
-    force[len(force) // 2] = 1e-3, 2e-3, 0
-    changes = changes_of()
-    u, slopes = response_sensitivities(patch(), force, omega, 0.05, changes.values())
-    assert_allclose(u, harmonic_response(patch(), force, omega, 0.05).response, rtol=1e-13)
-    for name, slope in zip(changes, slopes, strict=True):
-        step = 1e-6  # resonance is steep
-        up, down = (harmonic_response(patch(**{name: 1 + e}), force, omega, 0.05).response for e in (step, -step))
-        assert_allclose(slope, (up - down) / (2 * step), atol=1e-6 * abs(slope).max(), err_msg=name)

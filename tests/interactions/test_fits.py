@@ -228,7 +228,7 @@ def test_the_entry_of_a_scene_is_the_fit():
     law, told = entry['law'], entry['uncertainty']
     at = law['distances_m'].index(L0 / u.m)
     assert law['forces_N'][at] == pytest.approx(fit.force, rel=1e-6)
-    assert told['forces_percent'] / 100 * 1.959964 == pytest.approx(fit.half_widths[0], rel=1e-5)
+    assert told['force_percent'] / 100 * 1.959964 == pytest.approx(fit.half_widths[0], rel=1e-5)
     assert told['exponent'] * 1.959964 == pytest.approx(fit.half_widths[2], rel=1e-5)
     assert local_exponent(fit.law, L0) == pytest.approx(fit.exponent, rel=1e-4)  # a spline through the curve
 

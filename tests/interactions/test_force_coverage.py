@@ -116,7 +116,7 @@ def test_forces_of_drawn_magnets_with_drawn_faults():
 
 
 def predicted(folder, lattice, fit, springs, shells='"auto"'):
-    """What `magphonon uncertainty` states at three points, in rad/ms, and whether it says that more neighbours matter."""
+    """What `[uncertainty]` states at three points, in rad/ms, and whether it says that more neighbours matter."""
     entry = scene_entry(fit).replace('shells = "auto"', f'shells = {shells}')
     (file := folder / 'lattice.toml').write_text(
         f'title = "drawn"\n[lattice]\nkind = "{lattice}"\nspacing_m = {fit.spacing / 1e3}\nmass_kg = {MASS}\n{entry}'

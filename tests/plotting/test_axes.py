@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 from cells import prototype
@@ -14,7 +13,7 @@ from magphonon.interactions.force_tables import Forces
 from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.fits import plot_fit
 from magphonon.plotting.modes import plot_mode
-from magphonon.plotting.response import plot_response, plot_response_ribbon
+from magphonon.plotting.response import plot_response
 from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.response.frf import FrequencyResponse
 
@@ -69,15 +68,6 @@ def test_the_legend_names_natural_frequencies_only_if_some_are_drawn():
     assert legend_of(axes[0]) == ['complete']
     plot_response(result, [0.15, 0.25], axes=axes, label='conventional')
     assert legend_of(plot_response(result, [0.2], axes=axes, label='third')[0]).count('natural frequencies') == 1
-
-
-def test_the_ribbon_of_a_response_has_the_units_of_its_line():
-    spread = SimpleNamespace(values=np.array([3.0, 4.0, 3.0]), std=np.array([0.25, 0.5, 0.25]))  # mm, under 1 N
-    ax = plot_response_ribbon(np.array([0.1, 0.2, 0.3]), spread)
-    np.testing.assert_allclose(ax.lines[0].get_ydata(), [3e-3, 4e-3, 3e-3])
-    x, y = ax.collections[0].get_paths()[0].vertices.T
-    np.testing.assert_allclose([x.min(), x.max()], np.array([0.1, 0.3]) * 1e3 / (2 * np.pi))
-    np.testing.assert_allclose([y.min(), y.max()], [2.5e-3, 5e-3])  # two standard deviations to each side
 
 
 def test_measured_forces_stand_on_the_curve_in_metres_and_newtons():

@@ -270,7 +270,7 @@ def test_losses_of_a_scene_reach_every_command_or_are_refused(tmp_path, capsys):
     saved = Bands.load(tmp_path / 'out/bands_damped.npz')
     assert np.allclose(saved.decay, 0.05)
     assert saved.frequencies_Hz[-1, 0] == pytest.approx(shear, rel=1e-9)
-    with pytest.raises(ValueError, match='one damping'):
+    with pytest.raises(ValueError, match='uncertainty: tolerances are those of the bands'):
         Scene.model_validate(OF_A_FILE | {'uncertainty': {'stiffness_percent': 1.0}}, context={'folder': tmp_path})
 
 

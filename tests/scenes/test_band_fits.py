@@ -442,7 +442,7 @@ def test_intervals_allow_for_the_exponent_of_a_table(n, tmp_path):
     for _ in range(n):
         truth = {'force': rng.uniform(0.15, 0.4), 'a': rng.uniform(3.5, 5), 'foundation': rng.uniform(15, 30)}
         points, a = measured(rng, truth, (0, 1)), truth['a'] + 0.4 * rng.normal()
-        for k, known in enumerate(('[uncertainty]\nforces_percent = 8\nexponent = 0.4\n\n', '')):
+        for k, known in enumerate(('[uncertainty]\nforce_percent = 8\nexponent = 0.4\n\n', '')):
             fits = fit_bands(scene_of_table(tmp_path, 0.2, a, known), points)
             assert fits.names == ('force', 'foundation')
             held[k] += list(holds(fits, truth).values())
@@ -454,7 +454,7 @@ def test_intervals_allow_for_the_exponent_of_a_table(n, tmp_path):
     (0.25, 0.3, 'deviations apart.\n'), (0.36, 0.001, 'One of the two is wrong')])
 def test_the_force_of_a_table_is_compared_with_that_of_the_ridges(tmp_path, stated, steep, apart):
     """The scene has a table of 0.25 N or 0.36 N +- 8 % at 10 mm; the ridges are of 0.25 N."""
-    scene = scene_of_table(tmp_path, stated, TRUTH['a'], f'[uncertainty]\nforces_percent = 8\nexponent = {steep}\n\n')
+    scene = scene_of_table(tmp_path, stated, TRUTH['a'], f'[uncertainty]\nforce_percent = 8\nexponent = {steep}\n\n')
     found = fit_bands(scene, measured(np.random.default_rng(6), TRUTH, (0, 1)))
     assert found.stated == pytest.approx((stated, 0.08 * stated), rel=1e-3)
     told = band_report(found, len(found.points), []) + '\n'

@@ -144,8 +144,6 @@ def test_pillars_with_mass(scene_file):
     assert_allclose(scene.atoms().get_masses(), expected, rtol=1e-12)
     assert_allclose(scene.patch_atoms().get_masses(), expected, rtol=1e-12)
     assert expected / 0.707 == pytest.approx(1.27, abs=0.005)
-    with pytest.raises(ValueError, match=r'foundation\.pillar\.density_kg_per_m3: \[uncertainty\] treats pillars'):
-        read_scene(scene_file({'foundation.pillar.density_kg_per_m3': 2700, 'uncertainty': {'mass_kg': 1e-5}}))
 
 
 @pytest.mark.parametrize('shells', [2, 5, 'auto', 'all'])

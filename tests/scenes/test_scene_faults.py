@@ -143,7 +143,7 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'law': HERTZ, 'lattice.spacing_m': 0.101}, 'lattice.spacing_m = '),
     ({'law': HERTZ | {'poisson_ratio': 0.6}}, 'law.poisson_ratio must be at most 0.5, not 0.6'),
     ({'lattice.relative_masses': [1.0, 2.0]}, 'lattice.relative_masses must hold 1 numbers'),
-    ({'uncertainty': {'a_percent': 450.0}}, 'uncertainty.a_percent = 450.0 is '),
+    ({'uncertainty': {'mass_percent': 450.0}}, 'uncertainty.mass_percent must lie between 0 and 50, not 450.0'),
     *(({'law': None, wrong: {}} if wrong == 'laws' else {key: None, wrong: 1.0}, f'did you mean {meant!r}?')
       for key, wrong, meant in (('lattice.spacing_m', 'lattice.spacing_mm', 'spacing_m'), ('law.shells', 'law.shels', 'shells'),
                                 ('lattice', 'latice', 'lattice'), ('law.b_N_m_a', 'law.b', 'b_N_m_a'),

@@ -13,10 +13,10 @@ from magphonon import (
     lattices,
     relaxed,
 )
-from magphonon.design import SiteScatter, mode_scatter
+from magphonon.design import mode_scatter
 from magphonon.dynamics import refusal
 from magphonon.interactions import PairInteraction, UprightMagnets, Yukawa
-from magphonon.stiffness import cauchy_stress
+from magphonon.stiffness import Scatter, cauchy_stress
 from magphonon.stiffness.bond import Central, interaction_of, stiffness_change
 
 C = 2000.0  # mu0 m^2/(4 pi), mJ mm^3
@@ -147,7 +147,7 @@ def test_tools_that_were_for_central_forces_answer_for_any(law):
     assert cauchy_stress(cell)[0, 0] == pytest.approx(stress, rel=1e-6)
     supercell = cell.repeat((3, 3, 1))
     supercell.calc = cell.calc.on(supercell)
-    _, std = mode_scatter(supercell, SiteScatter(strength=0.01))
+    _, std = mode_scatter(supercell, Scatter(strength=0.01))
     assert np.isfinite(std).all()
 
 
