@@ -55,11 +55,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *,
     counted, end = f'{counted}: farther ones would shift', '' if known else ASSUMED
     if not shifts:
         return [f'{counted} no frequency at {", ".join(points)} by more than {100 * TOLERANCE:g} %{end}.']
-    least = sorted((abs(shift.relative) for shift in shifts), reverse=True)[:MOST_SHOWN][-1]
-    shown = [f'{shift.place} by {shift.size}' for shift in shifts if abs(shift.relative) >= least]
-    others = max((abs(shift.relative) for shift in shifts if abs(shift.relative) < least), default=0.0)
-    rest = f'; other branches by up to {100 * others:.2g} %' if others else ''
-    said = [f'{counted} {"; ".join(shown)}{rest}{end}.', *_too_few(scene, shifts, within or {})]
+    said = [f'{counted} {_listed(shifts)}{end}.', *_too_few(scene, shifts, within or {})]
     if not known:
         said.append('Measure the force at larger distances, or give the shape of the magnets.')
     elif isinstance(scene.law.asked, int):
@@ -142,6 +138,14 @@ def _shifts(scene, points):
                         f'up to {100 * x:+.2g} %')
                 shifts.append(Shift(x, name, k + 1, f'{branch} {k + 1} at {name}', size))
     return shifts, found.known
+
+
+def _listed(shifts):
+    """The largest shifts one by one, and a bound of the others."""
+    least = sorted((abs(shift.relative) for shift in shifts), reverse=True)[:MOST_SHOWN][-1]
+    shown = [f'{shift.place} by {shift.size}' for shift in shifts if abs(shift.relative) >= least]
+    others = max((abs(shift.relative) for shift in shifts if abs(shift.relative) < least), default=0.0)
+    return '; '.join([*shown, *([f'other branches by up to {100 * others:.2g} %'] if others else [])])
 
 
 def _too_few(scene, shifts, within):
