@@ -16,6 +16,8 @@ GROUPED = re.compile(r"[-+\d.,eE'\u2019 ]*\d[-+\d.,eE'\u2019 ]*")  # a number, p
 COMMENT = '#%'  # begins a line that is a comment
 PREAMBLE = 200
 """Number of lines in which the header is sought: instruments write their settings above it."""
+LACKS = 'lacks the column'
+"""Words of the error for a table of another kind."""
 UNIT = re.compile(r'(.*?)\s*(?:\[(.*)\]|\((.*)\)|/(.*)|\bin\s+(\S+))')
 """A name with its unit: r [mm], r (mm), r / mm, r in mm."""
 WORDS = {
@@ -48,12 +50,12 @@ class Asked:
     --------
     >>> from magphonon.headers import Asked
     >>> from magphonon.quantities import FORCE, LENGTH
-    >>> Asked({'r': LENGTH, 'f': FORCE}, [('r',), ('f',)], {}).heading('Kraft [mN]')
+    >>> Asked({'r': LENGTH, 'f': FORCE}, ['r', 'f'], {}).heading('Kraft [mN]')
     Heading(name='Kraft [mN]', quantity='f', unit='mN')
     """
 
     columns: Mapping[str, Mapping[str, float]]
-    needed: Sequence[tuple[str, ...]]
+    needed: Collection[str | tuple[str, ...]]
     points: Mapping[str, float]
 
     def heading(self, name: str, below: str = '') -> Heading:
@@ -61,18 +63,25 @@ class Asked:
         match = UNIT.fullmatch(name)
         if match and below:  # then what stands below is no line of units
             return Heading(name)
-        own, unit = (match[1], next(filter(None, match.groups()[1:]), '')) if match else (name, below)
+        own, unit = (match[1], ''.join(filter(None, match.groups()[1:]))) if match else (name, below)
         word = re.sub(r'\W+', '_', own.lower()).strip('_')
-        known = [(quantity, quantity) for quantity in self.columns]
-        known += [(quantity, other) for quantity in self.columns for other in WORDS.get(quantity, ())]
-        for quantity, other in known:
+        for quantity, other in self._words():
             if (spelt := _unit_of(name, other, word, unit, self.columns[quantity])) is not None:
                 return Heading(name, quantity, spelt)
-        if unit:
-            meant, spelt = [quantity for quantity, other in known if word == other], named_unit(unit, self.points)
-            return Heading(name, meant[0]) if meant else Heading(name, spelt and f'*{own}', spelt)
-        begun = [quantity for quantity, units in self.columns.items() if units and f'{word}_'.startswith(f'{quantity}_')]
-        return Heading(name, max(begun, key=len, default=None))
+        return self._unknown(name, own, word, unit)
+
+    def _words(self):
+        """Yield the quantities with their names: first their own, then those that instruments give them."""
+        yield from ((quantity, quantity) for quantity in self.columns)
+        yield from ((quantity, other) for quantity in self.columns for other in WORDS.get(quantity, ()))
+
+    def _unknown(self, name, own, word, unit):
+        """The heading of a column in no unit of a quantity: of one point, of a quantity in an unknown unit, or of neither."""
+        if not unit:
+            begun = [quantity for quantity, units in self.columns.items() if units and f'{word}_'.startswith(f'{quantity}_')]
+            return Heading(name, max(begun, key=len, default=None))
+        meant, spelt = [quantity for quantity, other in self._words() if word == other], named_unit(unit, self.points)
+        return Heading(name, meant[0]) if meant else Heading(name, spelt and f'*{own}', spelt)
 
     def headings(self, names: Sequence[str], below: Sequence[str] = ()) -> list[Heading]:
         """What each name in the header means."""
@@ -81,7 +90,8 @@ class Asked:
     def lacking(self, heads: Collection[Heading]) -> list[tuple[str, ...]]:
         """What is needed, and is in none of these columns."""
         known = {head.quantity for head in heads if head.unit is not None}
-        return [one for one in self.needed if not known.intersection(one)]
+        needed = [one if isinstance(one, tuple) else (one,) for one in self.needed]
+        return [one for one in needed if not known.intersection(one)]
 
     def names(self, quantity: str) -> list[str]:
         """Names of a column that holds this quantity."""
@@ -94,6 +104,9 @@ class Asked:
     def by_quantity(self, path: Any, heads: Sequence[Heading], others: bool, layout: str) -> dict[str, Heading]:
         """The heading of each quantity; ValueError for a quantity in two columns, and an unknown unit or name."""
         told: dict[str, Heading] = {}
+        for either in self.lacking([head._replace(unit='') for head in heads]):  # of an unknown unit is said below
+            raise ValueError(f'{path} {LACKS} {self.names(either[0])[0]} (its header is '
+                             f'{shown(",".join(head.name for head in heads))}){layout}')
         for head in heads:
             if head.quantity is None:
                 if not others:
@@ -107,9 +120,6 @@ class Asked:
                 raise ValueError(f'{path}: the columns {shown(told[head.quantity].name)} and {shown(head.name)} say the same; '
                                  'keep one of them')
             told[head.quantity] = head
-        for either in self.lacking(told.values()):
-            raise ValueError(f'{path} lacks the column {self.names(either[0])[0]} (its header is '
-                             f'{shown(",".join(head.name for head in heads))}){layout}')
         return told
 
 
@@ -126,16 +136,21 @@ def divided(path: Any, text: str, asked: Asked) -> tuple[list[Heading], str, lis
     lines = [(n, line.strip(' ')) for n, line in enumerate(text.splitlines(), 1) if line.strip(' \t;,')]
     if not lines:
         raise ValueError(f'{path} is empty')
-    names = [split(line) for _, line in lines[: PREAMBLE + 1]] + [[]]
-    for k, own in enumerate(names[:-1]):
-        for below in (names[k + 1], []):
-            heads = asked.headings(own, below) if len(below) in (0, len(own)) and not any(map(NUMBER.match, below)) else []
-            if heads and not asked.lacking(heads):
+    names = [split(line) for _, line in lines[: PREAMBLE + 1]]
+    for k, (own, below) in enumerate(zip(names, [*names[1:], []], strict=True)):
+        for units in (below, []) if _are_units(below, own) else ([],):
+            heads = asked.headings(own, units)
+            if not asked.lacking(heads):
                 _refuse_rows(path, lines[:k], names, heads)
                 _refuse_other_headers(path, lines[k + 1 :], heads, asked)
-                rows = [one for one in lines[k + 1 + bool(below) :] if one[1][0] not in COMMENT]
+                rows = [one for one in lines[k + 1 + bool(units) :] if one[1][0] not in COMMENT]
                 return heads, separator(lines[k][1]), rows
-    return max((asked.headings(own) for own in names[:-1]), key=_likeness), '', []
+    return max(map(asked.headings, names), key=_likeness), '', []
+
+
+def _are_units(below, names):
+    """Whether a line below the names may be one of units."""
+    return len(below) == len(names) and not any(map(NUMBER.match, below))
 
 
 def _likeness(heads):

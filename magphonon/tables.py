@@ -69,8 +69,8 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
     Other names are refused unless `others`; in a unit of `points`, such a column belongs to one point and is called '*name'.
     `layout` tells users what the table should look like; `held` is the content of the file, if it is already known.
     """
-    layout = f'; {layout}' if layout else ''
-    asked = Asked(columns, [one if isinstance(one, tuple) else (one,) for one in needed], points or {})
+    layout = layout and f'; {layout}'
+    asked = Asked(columns, needed, points or {})
     text = content(path, most) if held is None else held
     if not isinstance(text, str):
         raise ValueError(f'{path} holds records of an instrument and no table{layout}')
@@ -92,10 +92,9 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
 
 def _cells(path, rows, sign, heads, told):
     """The words in the column of each quantity."""
-    signs = [one for one in (sign, *'\t;, ') if one in rows[0][1]]
-    sign = next((one for one in signs if len(split(rows[0][1], one)) == len(heads)), [*signs, ','][0])
-    reader = csv.reader((line for _, line in rows), delimiter=sign, skipinitialspace=True, strict=True)
     places, kept = {q: heads.index(head) for q, head in told.items()}, []
+    reader = csv.reader((line for _, line in rows), delimiter=_separator(rows[0][1], sign, len(heads)), skipinitialspace=True,
+                        strict=True)
     try:
         for row in reader:
             if reader.line_num > len(kept) + 1:
@@ -107,6 +106,12 @@ def _cells(path, rows, sign, heads, told):
     except csv.Error as error:
         raise ValueError(f'line {rows[len(kept)][0]} of {path}: {error}; complete or delete it') from None
     return {q: [row[k].strip() for row in kept] for q, k in places.items()}
+
+
+def _separator(first, sign, count):
+    """What separates the cells of the rows: that of the header, or another that gives so many cells in the `first` row."""
+    signs = [one for one in (sign, *'\t;, ') if one in first]
+    return next((one for one in signs if len(split(first, one)) == count), [*signs, ','][0])
 
 
 def _numbers(path, name, cells, rows, blank, signs):

@@ -25,16 +25,21 @@ def read_datasets(path: str | PathLike[str]) -> list[dict[str, Any]]:
 
     if len(END.findall(Path(path).read_bytes())) % 2:  # pyuff would leave the last dataset out
         raise ValueError(f'{path} ends within a dataset; copy or export it again')
-    sets = pyuff.UFF(str(path)).read_sets()
-    sets = [sets] if isinstance(sets, dict) else list(sets)
+    file = pyuff.UFF(str(path))
+    sets = [file.read_sets(k) for k in range(file.get_n_sets())]
     for one in sets:
-        if one['type'] == FUNCTION and len(one['data']) != one.get('num_pts', len(one['data'])):
+        if one['type'] == FUNCTION and len(one['data']) != one['num_pts']:
             raise ValueError(f'{path}: the function of node {one["rsp_node"]} has {len(one["data"])} of its {one["num_pts"]} '
                              'values; export it again')
-    systems = {int(system) for one in sets if one['type'] in NODES for system in np.atleast_1d(one['disp_cs'])}
-    if len(systems) > 1 or (systems != {0} and {one['type'] for one in sets}.intersection(AXES)):
-        raise ValueError(f'{path} gives nodes axes of their own (dataset 18); export it with the axes of the whole structure')
+    _refuse_turned(path, sets)
     return sets
+
+
+def _refuse_turned(path, sets):
+    """Raise ValueError if nodes measure along axes of their own."""
+    systems = np.unique([number for one in sets if one['type'] in NODES for number in np.atleast_1d(one['disp_cs'])] or [0])
+    if len(systems) > 1 or (systems[0] and {one['type'] for one in sets}.intersection(AXES)):
+        raise ValueError(f'{path} gives nodes axes of their own (dataset 18); export it with the axes of the whole structure')
 
 
 def node_places(path: Any, sets: Sequence[Mapping[str, Any]]) -> tuple[float, dict[int, tuple[float, float]]]:

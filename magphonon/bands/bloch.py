@@ -69,22 +69,25 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     ((2, 2), (2, 2, 1, 2))
     """
     system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
-    calc: Any = system.atoms.calc
-    count = every = system.directions
-    alone = len(system) == 1 and every == 2 == system.dim and calc.pairwise and not vectors and not system.turning
-    parts = _of_one_particle(system, q, model) if alone else _by_lapack(system, q, model, vectors)
-    if branches is not None:
-        count = whole('branches', branches)
-        if count > every:
-            raise ValueError(f'the cell has only {every} branches, not {count}; ask for fewer')
-        if len(q) and calc.pairwise and not system.turning and _inverse_pays(every, count):
-            parts = _lowest_by_inverse(system, q, model, count, vectors)
-    squares, columns = zip(*parts, strict=True)
+    count = system.directions if branches is None else whole('branches', branches)
+    if count > system.directions:
+        raise ValueError(f'the cell has only {system.directions} branches, not {count}; ask for fewer')
+    squares, columns = zip(*_solved(system, q, model, count, vectors), strict=True)
     omega = signed_root(np.concatenate(squares)[:, :count])
     if not vectors:
         return omega, None
     modes = np.concatenate([part[..., :count].swapaxes(1, 2) for part in columns])
     return omega, modes.reshape(*omega.shape, len(system), system.dim)
+
+
+def _solved(system, q, model, count, vectors):
+    """Yield squares of frequencies and modes, of all branches or of `count` of them, by the method that is fastest."""
+    plain = system.atoms.calc.pairwise and not system.turning
+    if plain and len(q) and count < system.directions and _inverse_pays(system.directions, count):
+        return _lowest_by_inverse(system, q, model, count, vectors)
+    if plain and not vectors and len(system) == 1 and system.directions == 2 == system.dim:
+        return _of_one_particle(system, q, model)
+    return _by_lapack(system, q, model, vectors)
 
 
 def branch_names(particles: int) -> tuple[str, ...]:

@@ -8,19 +8,14 @@ foundation.  Each scan is analysed on its own; `magphonon fit --bands` takes the
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import units
-from ..findings import Finding, Findings
 from .arguments import add_output, add_scene, add_style, answering
-
-if TYPE_CHECKING:
-    from ..scenes.scene import Scene
 
 HELP = 'dispersion points from a scan of the vibrometer, drawn over the bands of a scene'
 
@@ -47,86 +42,61 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
+    from ..waves.fields import is_field
+    from ..waves.scan_tables import read_places, read_scan
 
     scene, stems = read_scene(options.scene), [Path(table).stem for table in options.tables]
     for stem in stems:
         if stems.count(stem) > 1:
             raise ValueError(f'two of the scans are called {stem}, so their results would have the same name; rename one of them')
-    ridges = []
+    places, cell, ridges = options.geometry and read_places(options.geometry), scene.perfect_cell(), []
     with answering(options, scene, *(f'spectrum_{stem}_*' for stem in stems)) as (folder, save, told):
         for table, stem in zip(options.tables, stems, strict=True):
             options.table = table  # errors name this table
-            if _analysed(options, scene, folder, save, told):
+            scan = read_scan(table)
+            scan = scan.placed(places) if places else scan
+            analyse = _field if scan.places is not None and is_field(np.asarray(scan.places), cell) else _row
+            try:
+                shown = analyse(options, scene, cell, scan, folder, save)
+            except ValueError as error:
+                raise ValueError(f'{table}: {error}') from None
+            text = '\n'.join(_report(scene, shown, verbose=True)) + '\n'
+            (folder / f'spectrum_{stem}_ridges.txt').write_text(text, encoding='utf-8')
+            told += _report(scene, shown, options.verbose)
+            if shown.q is not None:
                 ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
     if ridges:
         print(f'"magphonon fit {" ".join(ridges)} --bands {options.scene}" fits the lattice to the ridges')
 
 
-def _analysed(options, scene, folder, save, told):
-    """Write what the scan `options.table` shows, add it to the lines to print, and return whether the scan has ridges."""
-    from ..waves.fields import is_field
-    from ..waves.scan_tables import read_places, read_scan
+class Shown(NamedTuple):
+    """What a scan shows: lines that answer, notes on how it was read, a text on its ridges, and their wavevectors."""
 
-    scan = read_scan(options.table)  # its messages name the table
-    if options.geometry is not None:
-        scan = scan.placed(read_places(options.geometry))
-    cell = scene.perfect_cell()
-    plane = scan.places is not None and is_field(np.asarray(scan.places), cell)
-    try:
-        if options.at is not None and not plane:
-            raise ValueError('--at needs points that cover the plane, but these lie on one or a few rows')
-        case = (_field if plane else _row)(options, scene, cell, scan, folder, save)
-    except ValueError as error:
-        raise ValueError(f'{options.table}: {error}') from None
-    name = f'spectrum_{Path(options.table).stem}_ridges.txt'  # distinct from results of `burst` and of other scans
-    (folder / name).write_text('\n'.join(REPORT.told(case, verbose=True)) + '\n', encoding='utf-8')
-    told += REPORT.told(case, options.verbose)
-    return case.asked is not None
-
-
-@dataclass(frozen=True)
-class Case:
-    """Results of a scan: notes on how it was read, the answer, all lines on its ridges, and the wavevectors of these."""
-
-    scene: Scene
-    name: str
-    notes: list[str]
     answer: list[str]
+    notes: list[str]
     text: str
-    asked: dict[str, NDArray[np.float64]] | None
+    q: NDArray[np.float64] | None  # shape (points, 3)
 
 
-REPORT = Findings()
-
-
-@REPORT.answer
-def ridges(case: Case) -> list[str]:
-    """The branches that the ridges agree with."""
-    return case.answer or [f'{case.name}: no ridge']
-
-
-@REPORT.remark
-def scan(case: Case) -> list[str]:
-    """Notes on how the scan was read, and the distance of every ridge from every branch."""
-    return ['', case.scene.title, *case.notes, '', case.text]
-
-
-@REPORT.check
-def others(case: Case) -> Finding:
-    """How the omitted neighbours would change the frequencies at the ridges."""
+def _report(scene, shown, verbose):
+    """Lines on a scan, and how the omitted neighbours would change the frequencies at its ridges."""
     from .neighbours import omitted
 
-    return omitted(case.scene, case.asked)
+    others = omitted(scene, None if shown.q is None else {'the ridges': shown.q})
+    told = ['', scene.title, *shown.notes, '', shown.text] if verbose else []
+    return [*shown.answer, *told, *([others.words] if others.words and (verbose or others.fault) else [])]
 
 
 def _row(options, scene, cell, scan, folder, save):
-    """Analyse a row of points: write its files and pictures, and return its `Case`."""
+    """Analyse a row of points, and write its files and pictures."""
     from ..plotting.waves import plot_wave
     from ..waves.ridge_tables import write_ridges
     from ..waves.rows import row_of
     from ..waves.wave_analysis import scan_waves
     from ..waves.wave_report import agreements, report
 
+    if options.at is not None:
+        raise ValueError('--at needs points that cover the plane, but these lie on one or a few rows')
     row, name = None, Path(options.table).stem
     source = options.source or (scene.burst.source if scene.burst else 'point')
     if scan.places is None:
@@ -141,12 +111,12 @@ def _row(options, scene, cell, scan, folder, save):
     notes = [f'{Path(options.table).name}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
              *scan.notes]
     q = [wave.wavevector * wave.ridge.xi[:, None] / (2 * np.pi) for wave in found if wave.ridge is not None]
-    records = {name: found}
-    return Case(scene, name, notes, agreements(records), report(records), {'the ridges': np.concatenate(q)} if q else None)
+    answer = agreements({name: found}) or [f'{name}: no ridge']
+    return Shown(answer, notes, report({name: found}), np.concatenate(q) if q else None)
 
 
 def _field(options, scene, cell, scan, folder, save):
-    """Analyse points that cover the plane: write their files and pictures, and return their `Case`."""
+    """Analyse points that cover the plane, and write their files and pictures."""
     from ..bands.bands import band_path
     from ..plotting.fields import plot_field, plot_field_at
     from ..waves.fields import field_at, field_map, field_of, field_ridges
@@ -158,17 +128,18 @@ def _field(options, scene, cell, scan, folder, save):
     found = field_map(field, cell, path)
     found.save(folder / f'spectrum_{name}_field.npz')
     try:
-        points, text = (points := field_ridges(field, cell, path, name, options.source)), field_report(points, cell)
+        points = field_ridges(field, cell, path, name, options.source)
+        text = field_report(points, cell)
+        answer = f'{len(points)} points on {len(points.names)} ridges: {", ".join(points.names)}'
         write_points(folder / f'spectrum_{name}_ridges.csv', points)
-        first = [f'{name}: {len(points)} points on {len(points.names)} ridges: {", ".join(points.names)}']
     except ValueError as error:
-        points, text, first = None, f'no ridges: {error}', [f'{name}: no ridges: {error}']
+        points, text, answer = None, f'no ridges: {error}', f'no ridges: {error}'
     save(plot_field(found, path, cell, points), f'spectrum_{name}_field')
     if options.at is not None:
         omega = 2 * np.pi * options.at * units.Hz
         save(plot_field_at(field, cell, omega, field_at(field, cell, omega)), f'spectrum_{name}_at_{options.at:g}_Hz')
     notes = [f'{Path(options.table).name}: {len(scan.times)} frames', *scan.notes, *field.notes]
-    return Case(scene, name, notes, first, text, {'the ridges': points.q} if points else None)
+    return Shown([f'{name}: {answer}'], notes, text, points.q if points else None)
 
 
 def _particles(scene):

@@ -43,8 +43,11 @@ def checked_laws(laws: Laws) -> Laws:
         for missing in [name for name in methods if not callable(getattr(law, name, None))][:1]:
             raise ValueError(f'the law {law!r} lacks the method {missing}; see magphonon.interactions.PairLaw, and '
                              'PairInteraction for forces that are not along the line between two particles')
-    if not isinstance(laws, Mapping):
-        return laws
+    return _by_kinds(laws) if isinstance(laws, Mapping) else laws
+
+
+def _by_kinds(laws):
+    """The laws with each pair of kinds in ascending order."""
     ordered = {}
     for pair, law in laws.items():
         if not (isinstance(pair, tuple) and len(pair) == 2 and all(isinstance(kind, (int, np.integer)) for kind in pair)):
@@ -176,18 +179,24 @@ def law_from_dict(saved: dict[str, Any]) -> Law:
         raise ValueError(f"a saved law must be a dict with 'law', the name of the law, and its parameters, not {shown(saved)}")
     parameters = dict(saved)
     name = parameters.pop('law')
-    if 'text' in parameters:
-        raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(_own())}, nor a dataclass of numbers in a '
-                         'module, and its formula is not in the file; give the law itself, fromdict(parameters, laws=law)')
-    kind: Any = _named(name if isinstance(name, str) and ':' in name else one_of('the law', name, _own()))
-    if kind is None:
-        raise ValueError(f'the law {shown(name)} is in no module that is imported; import its module first, or give the law '
-                         'itself, fromdict(parameters, laws=law)')
+    kind = _kind_of(name, parameters)
     needed = [field.name for field in fields(kind) if field.init]
     if set(parameters) != set(needed):
         raise ValueError(f'a saved {name} must have {" and ".join(needed)}, not {", ".join(map(str, parameters)) or "nothing"}')
     return kind(**{key: law_from_dict(value) if isinstance(value, dict) else _numbers(f'{name}.{key}', value)
                    for key, value in parameters.items()})
+
+
+def _kind_of(name, parameters) -> Any:
+    """The class of a saved law."""
+    if 'text' in parameters:
+        raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(_own())}, nor a dataclass of numbers in a '
+                         'module, and its formula is not in the file; give the law itself, fromdict(parameters, laws=law)')
+    kind = _named(name if isinstance(name, str) and ':' in name else one_of('the law', name, _own()))
+    if kind is None:
+        raise ValueError(f'the law {shown(name)} is in no module that is imported; import its module first, or give the law '
+                         'itself, fromdict(parameters, laws=law)')
+    return kind
 
 
 def _is_law(value):

@@ -144,6 +144,13 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     r = table['r'] if 'r' in table else _distances(table, contact)
     way = table.get('direction', '')
     table.refuse('direction', np.array([word not in DIRECTIONS for word in way]), 'be approach or return')
+    _refuse_impossible(table, r, contact)
+    return Forces(r, table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in way]),
+                  np.asarray(table.get('pair', ''), str))
+
+
+def _refuse_impossible(table, r, contact):
+    """Raise ValueError that says all that is wrong with the sizes of distances, forces and uncertainties."""
     least = max(DISTANCES_m[0], contact / u.m)
     faults = [
         _fault(table, 'r' if 'r' in table else 'gap', r / u.m, 'm', (least, DISTANCES_m[1]),
@@ -156,11 +163,9 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
         faults.append(f'the distances are {r.min() / u.m:g} to {r.max() / u.m:g} under the header {table.named("r")}; if '
                       'they are millimetres, head the column r_mm')
     if any(faults):
-        raise ValueError(f'{path}: {"; also: ".join(filter(None, faults))}')
+        raise ValueError(f'{table.path}: {"; also: ".join(filter(None, faults))}')
     if not np.sum(table['f'] / r) > 0:  # the near ones count most
-        raise ValueError(f'{path}: the forces are negative, but repulsion counts as positive: change their sign')
-    return Forces(r, table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in way]),
-                  np.asarray(table.get('pair', ''), str))
+        raise ValueError(f'{table.path}: the forces are negative, but repulsion counts as positive: change their sign')
 
 
 def _distances(table, contact):

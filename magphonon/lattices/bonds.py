@@ -168,11 +168,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
     extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
     reach = (1.8 + min(shells, 3) / 2) * lengths_of(others).min()  # the first shells of the common lattices, and the next one
-    held = np.zeros(len(atoms), bool)
-    for constraint in atoms.constraints:
-        if isinstance(constraint, FixAtoms):
-            held[constraint.index] = True
-    held &= ~held.all()
+    held = _held(atoms)
     while True:
         i, j, _, lengths = pairs = pairs_within(atoms, reach)
         both = held[i]
@@ -183,12 +179,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
         if len(last) > shells or (complete and len(last) == shells):
-            if (split := _unclear(atoms, distances, gaps, last, shells)) is not None:
-                raise ValueError(
-                    f'the shells of neighbours are not clear: one ends at {distances[split]:.9g} mm, and the next distance is '
-                    f'{distances[split + 1]:.9g} mm, {100 * gaps[split]:.2g} % longer; if rounded or measured positions split '
-                    'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or set the largest distance with cutoff= '
-                    f'({_widest_gap(atoms, distances[split]):.4g} mm lies in the widest gap)')
+            _refuse_unclear(atoms, distances, gaps, last, shells)
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
             return _in_shells(pairs, both, end), end
         if complete:
@@ -196,6 +187,25 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
                 return _in_shells(pairs, both, reach), reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} wanted; lower the number')
         reach = 1.5 * reach + 1e-6 * extent  # the second term: if particle 0 coincides with another one, the reach starts at zero
+
+
+def _held(atoms):
+    """Which particles FixAtoms holds, unless it holds all of them."""
+    held = np.zeros(len(atoms), bool)
+    for constraint in atoms.constraints:
+        if isinstance(constraint, FixAtoms):
+            held[constraint.index] = True
+    return held & ~held.all()
+
+
+def _refuse_unclear(atoms, distances, gaps, last, shells):
+    """Raise ValueError if rounding may have split the last shell."""
+    if (split := _unclear(atoms, distances, gaps, last, shells)) is not None:
+        raise ValueError(
+            f'the shells of neighbours are not clear: one ends at {distances[split]:.9g} mm, and the next distance is '
+            f'{distances[split + 1]:.9g} mm, {100 * gaps[split]:.2g} % longer; if rounded or measured positions split '
+            'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or set the largest distance with cutoff= '
+            f'({_widest_gap(atoms, distances[split]):.4g} mm lies in the widest gap)')
 
 
 def clear_shells(atoms: Atoms, distances: NDArray[np.float64], counts: Iterable[int]) -> list[int]:
@@ -469,18 +479,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     n = len(atoms)
     listed = {}
     for pair in pairs:
-        try:
-            i, j, shift = (*pair, (0, 0, 0)) if len(pair) == 2 else pair
-            i, j, sx, sy, sz = map(operator.index, (i, j, *shift))
-        except (TypeError, ValueError):
-            raise ValueError(f'a bond is (i, j) or (i, j, shift) in whole numbers, as (0, 1, (1, 0, 0)), not {pair!r}') from None
-        shift = sx, sy, sz
-        if not (0 <= i < n and 0 <= j < n):
-            raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}; particles are counted from 0')
-        if i == j and shift == (0, 0, 0):
-            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another particle, or the shift of its image')
-        if any(shift[k] and not atoms.pbc[k] for k in range(3)):
-            raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic; keep its shift 0 there')
+        i, j, shift = _bond(pair, n, atoms.pbc)
         reverse = (j, i, tuple(-k for k in shift))
         if (i, j, shift) in listed or reverse in listed:
             raise ValueError(f'bond {tuple(pair)} is listed twice; list each pair once, from either end')
@@ -492,6 +491,23 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     lengths = lengths_of(vectors)
     _refuse_coincident(i, j, lengths, lengths.max())
     return Bonds(i, j, shift, vectors, n)
+
+
+def _bond(pair, n, pbc):
+    """Particles and shift of a listed bond between two of n particles."""
+    try:
+        i, j, shift = (*pair, (0, 0, 0)) if len(pair) == 2 else pair
+        i, j, *shift = map(operator.index, (i, j, *shift))
+        x, y, z = shift
+    except (TypeError, ValueError):
+        raise ValueError(f'a bond is (i, j) or (i, j, shift) in whole numbers, as (0, 1, (1, 0, 0)), not {pair!r}') from None
+    if not (0 <= i < n and 0 <= j < n):
+        raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}; particles are counted from 0')
+    if i == j and not any(shift):
+        raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another particle, or the shift of its image')
+    if np.any(np.array(shift)[~np.asarray(pbc)]):
+        raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic; keep its shift 0 there')
+    return i, j, (x, y, z)
 
 
 def bonds_of(atoms: Atoms, bonds: Bonds | Iterable[Any] | None, shells: int, cutoff: float | None) -> Bonds:

@@ -48,6 +48,17 @@ def mode_frames(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) 
     return np.real(np.multiply.outer(np.exp(-2j * np.pi * np.arange(frames) / frames), shape * amplitude / largest))
 
 
+def _moving(films, particles):
+    """Displacements of all films, shape (films, frames, particles, 2 or 3), and the largest of them."""
+    u = np.array([finite('displacements', film) for film in films.values()])
+    if u.ndim != 4 or u.shape[2] != particles or u.shape[3] not in (2, 3):
+        raise ValueError(f'displacements must have the shape (frames, {particles}, 2 or 3), not {u.shape[1:]}')
+    largest = max(np.linalg.norm(moment, axis=1).max() for film in u for moment in film)
+    if not largest:
+        raise ValueError('nothing moves in any frame; there is nothing to film')
+    return u, largest
+
+
 def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | Mapping[str, ArrayLike],
             times: ArrayLike | None = None, *,
             magnification: float | None = None, title: str = '', fps: float = 12, site: BurstSetup | None = None,
@@ -88,14 +99,9 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike | 
     from matplotlib.animation import FuncAnimation
 
     path, films = Path(path), displacements if isinstance(displacements, Mapping) else {'': displacements}
-    u = np.array([finite('displacements', film) for film in films.values()])
-    if u.ndim != 4 or u.shape[2] != len(atoms) or u.shape[3] not in (2, 3):
-        raise ValueError(f'displacements must have the shape (frames, {len(atoms)}, 2 or 3), not {u.shape[1:]}')
+    u, largest = _moving(films, len(atoms))
     moments = None if times is None else finite('times', times, u.shape[1:2])
     positive('fps', fps, '1/s')
-    largest = max(np.linalg.norm(moment, axis=1).max() for film in u for moment in film)
-    if not largest:
-        raise ValueError('nothing moves in any frame; there is nothing to film')
     bond = repulsion_of(atoms).bonds.lengths.min()
     factor = LONGEST * bond / largest if magnification is None else positive('magnification', magnification)
     writer = _writer(path, fps)

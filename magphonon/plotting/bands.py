@@ -184,14 +184,19 @@ def name_branches(ax: Axes, bands: Bands) -> None:
         named = [k for k in _thinned(np.flatnonzero(~np.isin(of_branch, list(used))), TRIED)
                  if left < x[k] - long[of_branch[k]] / 2 and x[k] + long[of_branch[k]] / 2 < right]
         for away in np.outer(BESIDE, (-1, 1)) * (high - low):
-            places = [(min(y - low, high - y, _distance(curves, x[k], long[of_branch[k]], y)), k, y)
-                      for k in named for y in f[k] + away]
-            room, k, y = max(places, default=(0.0, 0, 0.0))
+            places = {(k, y): (x[k], long[of_branch[k]], y) for k in named for y in f[k] + away}
+            room, (k, y) = _roomiest(curves, places, low, high)
             if room > CLEAR * (high - low):
                 ax.text(x[k], y, of_branch[k], ha='center', va='center', path_effects=halo(1.5))
                 used.add(of_branch[k])
                 curves.append(np.array([x[k] + np.linspace(-0.5, 0.5) * long[of_branch[k]], np.full(50, y)]))
                 break
+
+
+def _roomiest(curves, places, low, high):
+    """The largest distance of a name from the curves and the border, among places (x, length, y) by any key, and its key."""
+    rooms = ((min(y - low, high - y, _distance(curves, x, long, y)), key) for key, (x, long, y) in places.items())
+    return max(rooms, default=(0.0, (0, 0.0)))
 
 
 def _distance(curves, x, long, y):

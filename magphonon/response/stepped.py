@@ -7,6 +7,7 @@ response.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -98,21 +99,25 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
         for what in _differing(structures[0], atoms):
             raise ValueError(f'structure {which} differs from structure 0 in its {what}: all replicas must share one law, model '
                              'and cell; run this structure separately')
-    calcs, first = [atoms.calc for atoms in structures], np.cumsum([0, *(len(atoms) for atoms in structures)])
-    rest = Atoms(numbers=np.concatenate([calc.reference.numbers for calc in calcs]), pbc=structures[0].pbc,
-                 positions=np.concatenate([calc.reference.positions for calc in calcs]),
+    calcs, first = [atoms.calc for atoms in structures], np.cumsum([0, *map(len, structures)])
+    rest = Atoms(numbers=_each(calcs, 'reference.numbers'), positions=_each(calcs, 'reference.positions'),
                  masses=np.concatenate([atoms.get_masses() for atoms in structures]),
-                 tags=np.concatenate([calc.reference.get_tags() for calc in calcs]),
+                 tags=np.concatenate([calc.reference.get_tags() for calc in calcs]), pbc=structures[0].pbc,
                  cell=structures[0].cell if structures[0].pbc.any() else None)
-    i, j = (np.concatenate([getattr(calc.bonds, end) + shift for calc, shift in zip(calcs, first, strict=False)]) for end in 'ij')
-    images, vectors = (np.concatenate([getattr(calc.bonds, name) for calc in calcs]) for name in ('shift', 'vectors'))
+    before = np.repeat(first[:-1], [len(calc.bonds.i) for calc in calcs])  # particles before those of each bond
+    bonds = Bonds(_each(calcs, 'bonds.i') + before, _each(calcs, 'bonds.j') + before, _each(calcs, 'bonds.shift'),
+                  _each(calcs, 'bonds.vectors'), len(rest))
     many = rest.copy()
-    many.positions = np.concatenate([atoms.positions for atoms in structures])
+    many.positions = _each(structures, 'positions')
     many.set_momenta(np.concatenate([atoms.get_momenta() for atoms in structures]))
     many.set_constraint(_joined([atoms.constraints for atoms in structures], first))
-    sites = calcs[0].sites.joined([calc.sites for calc in calcs[1:]])
-    many.calc = calcs[0].changed(rest, Bonds(i, j, images, vectors, len(rest)), sites)
+    many.calc = calcs[0].changed(rest, bonds, calcs[0].sites.joined([calc.sites for calc in calcs[1:]]))
     return many
+
+
+def _each(objects, name):
+    """The attribute of all objects, one after the other."""
+    return np.concatenate([attrgetter(name)(one) for one in objects])
 
 
 def _differing(one, other):

@@ -194,41 +194,47 @@ def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = '
 
 def _table(path, held, estimator):
     table = read_table(path, **ASKED, held=held)
-    if 'time' in table and 'drive' in table and 'answer' in table:
+    if {'time', 'drive', 'answer'} <= table.columns.keys():
         return [_from_records(table, estimator, *one) for one in _by_place(table)]
-    parts = [name for name in ('re', 'im', 'amplitude') if name in table]
-    if 'frequency' not in table or parts not in (['re', 'im'], ['amplitude']) or (parts == ['amplitude']) != ('phase' in table):
+    parts = {'frequency', 're', 'im', 'amplitude', 'phase'} & table.columns.keys()
+    if parts not in ({'frequency', 're', 'im'}, {'frequency', 'amplitude', 'phase'}):
         raise ValueError(f'{path} holds neither transfer functions nor records; {LAYOUT}')
-    endings = {table.told[name].unit for name in (*parts, *(['sigma'] if 'sigma' in table else []))}
-    if len(endings) > 1:
-        raise ValueError(f'{path}: {table.named(*parts)} and sigma must have the same unit')
-    (ending,) = endings
-    if 'amplitude' in table:
-        if (table['amplitude'] < 0).any():
-            raise ValueError(f'{path}: {table.named("amplitude")} is negative; was it exchanged with {table.named("phase")}?')
-        h = table['amplitude'] * np.exp(1j * table['phase'])
-    else:
-        h = table['re'] + 1j * table['im']
-    return [TransferFunction(name, table['frequency'][rows], h[rows], table['sigma'][rows] if 'sigma' in table else None,
-                             ORDERS.get(ending, 0), answer, drive, shaken=not ending)
-            for name, rows, answer, drive in _by_place(table, shaken=not ending)]
+    sizes = [name for name in ('re', 'im', 'amplitude', 'sigma') if name in table]
+    if len({table.told[name].unit for name in sizes}) > 1:
+        raise ValueError(f'{path}: {table.named(*sizes)} must have the same unit')
+    per = table.told[sizes[0]].unit
+    table.refuse('amplitude', table.get('amplitude', 0.0) < 0, 'not be negative (was it exchanged with the phase?)')
+    h = table['re'] + 1j * table['im'] if 're' in table else table['amplitude'] * np.exp(1j * table['phase'])
+    sigma = table.columns.get('sigma')
+    return [TransferFunction(name, table['frequency'][rows], h[rows], sigma if sigma is None else sigma[rows],
+                             ORDERS.get(per, 0), answer, drive, shaken=not per)
+            for name, rows, answer, drive in _by_place(table, shaken=not per)]
 
 
 def _by_place(table, shaken=False):
     """Yield name, rows, and place and direction of answer and drive of each function in a table; None for a place not given."""
-    places = []
-    for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive_deg')):
-        given = [name for name in names if name in table]
-        if 0 < len(given) < 3 and not (shaken and given == ['drive_deg']):
-            raise ValueError(f'{table.path} has only {table.named(*given)}; a measured point needs '
-                             'x_m, y_m and direction_deg, a force drive_x_m, drive_y_m and drive_deg')
-        places.append(np.stack([table.get(name, 0.0) for name in names], axis=1) if given else None)
-    keys = np.concatenate([np.zeros((len(table), 1)), *(place for place in places if place is not None)], axis=1)
-    for key in dict.fromkeys(map(tuple, keys.tolist())):
-        rows = np.flatnonzero((keys == key).all(axis=1))
-        answer, drive = (None if place is None else place[rows[0]] for place in places)
-        at = '' if answer is None else f', ({answer[0]:g}, {answer[1]:g}) mm, {answer[2] / u.deg:.4g} degrees'
-        yield f'{table.path}{at}', rows, answer, drive
+    answer = _places(table, 'x', 'y', 'direction')
+    drive = _places(table, *(['drive_deg'] if shaken and 'drive_x' not in table else ['drive_x', 'drive_y', 'drive_deg']))
+    keys = np.column_stack([np.zeros(len(table)), *(place for place in (answer, drive) if place is not None)])
+    _, of = np.unique(keys, axis=0, return_inverse=True)
+    for group in dict.fromkeys(of.ravel().tolist()):
+        rows = np.flatnonzero(of.ravel() == group)
+        name = table.path
+        if answer is not None:
+            x, y, angle = answer[rows[0]]
+            name = f'{table.path}, ({x:g}, {y:g}) mm, {angle / u.deg:.4g} degrees'
+        yield str(name), rows, *(None if place is None else place[rows[0]] for place in (answer, drive))
+
+
+def _places(table, *names):
+    """Place and direction in each row, x, y and the angle, shape (rows, 3); None if the table has no such columns."""
+    given = [name for name in names if name in table]
+    if not given:
+        return None
+    if len(given) < len(names):
+        raise ValueError(f'{table.path} has only {table.named(*given)}; a measured point needs x_m, y_m and direction_deg, a '
+                         'force drive_x_m, drive_y_m and drive_deg')
+    return np.column_stack([*[np.zeros(len(table))] * (3 - len(names)), *(table[name] for name in names)])
 
 
 def _from_records(table, estimator, name, rows, place, source):
@@ -269,28 +275,27 @@ def _function(path, one, metre, newton, places):
     """The transfer function of a dataset in a file whose units of length and force are 1/metre and 1/newton."""
     name = f'{path}, node {one["rsp_node"]}, direction {one["rsp_dir"]}'
     what, per = one['ordinate_spec_data_type'], one['orddenom_spec_data_type']
-    shaken = what == per
-    if what not in QUANTITIES or one['abscissa_spec_data_type'] not in (0, FREQUENCY_AXIS) or per not in (what, 0, *FORCES):
+    shaken, order = what == per, QUANTITIES.get(what, 0)
+    if what not in QUANTITIES or per not in (what, 0, *FORCES) or one['abscissa_spec_data_type'] not in (0, FREQUENCY_AXIS):
         raise ValueError(f'{name}, is not a displacement, velocity or acceleration per force or per motion of the bench (types '
                          f'{what} and {per}); export it as one of these')
     if not np.imag(one['data']).any():
         raise ValueError(f'{name}, has no imaginary part; export complex functions')
-    motions = {name: factor for name, (factor, order) in MOTIONS.items() if order == QUANTITIES[what]}
-    own = u.m * u.s ** -QUANTITIES[what] / metre
+    motions = {name: factor for name, (factor, own) in MOTIONS.items() if own == order}
+    own = u.m * u.s**-order / metre
     under = unit_of_label(path, one, 'orddenom', *((motions, own) if shaken else (FORCE, u.N / newton)))
     ratios = {f'{a}_per_{b}': x / y * under for a, x in motions.items() for b, y in FORCE.items()}  # in one label
     unit = unit_of_label(path, one, 'ordinate', motions | ratios, own) / under
     hertz = unit_of_label(path, one, 'abscissa', FREQUENCY | {'rad/s': 1 / u.s}, FREQUENCY['Hz'])
-    answer = _end(path, one, 'rsp', places)
-    drive = None if shaken and int(one['ref_node']) not in places else _end(path, one, 'ref', places)
+    drive = _end(path, one, 'ref', places, needed=not shaken)
     return TransferFunction(name, hertz * np.asarray(one['x'], float), unit * np.asarray(one['data'], complex), None,
-                            0 if shaken else QUANTITIES[what], answer, drive, shaken=shaken)
+                            0 if shaken else order, _end(path, one, 'rsp', places), drive, shaken=shaken)
 
 
-def _end(path, one, end, places):
-    """Place and direction of one end of a function: x, y and the angle; None if the file has no geometry."""
+def _end(path, one, end, places, needed=True):
+    """Place and direction of one end of a function: x, y and the angle; None if the file has no geometry, or not of this end."""
     node, direction = int(one[f'{end}_node']), int(one[f'{end}_dir'])
-    if not places:
+    if not places or not (needed or node in places):
         return None
     if node not in places:
         raise ValueError(f'{path}: node {node} is not in its geometry (datasets 15 and 2411); export it again')

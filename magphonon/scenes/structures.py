@@ -30,7 +30,7 @@ from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
 from ..tables import read_table
-from .fields import Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
+from .fields import Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
 COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'held': PURE, 'mass': MASS, 'strength': PURE,
@@ -45,8 +45,6 @@ NEAREST_m = 1e-6, 1e6
 OF_ASE = {'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
           'stiffness_N_per_m': 'stiffness, in N/mm'}
 """Columns of tables, and what a file that ASE reads has in their place."""
-PACKAGE_UNIT_m = 1e-3
-"""The unit of length of this package's own Atoms, mm."""
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of the value of its neighbours')]
 SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of the value of its neighbours')]
 NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of the value of its neighbours')]
@@ -88,16 +86,11 @@ class FileLattice(Table):
     kind: Literal['file']
     file: Text = Field(description='the file with the particles, beside the scene: a table .csv with the columns x_m,y_m and, '
                        'where wanted, held,mass_kg,strength,stiffness_N_per_m,relative_damping (or x_mm, mass_g and so on; '
-                       'x_px,y_px of a photo), or any file that ASE reads',
+                       'x_px,y_px of a photo), or any file that ASE reads, in mm and g',
                        examples=['particles.csv'])
-    length_unit_m: Annotated[Positive, within(1e-12, 1e6, 'metres')] = Field(
-        PACKAGE_UNIT_m, description='the length in m of one unit in an ASE file; files that Python wrote with this package '
-        'are in mm, with masses in g', examples=[0.001])
     mass_kg: Mass | None = Field(None, description='the mass of every particle in kg, where the file has none', examples=[0.0007])
     cell_m: Points | None = Field(None, description='the one or two lattice vectors [x, y] of a table .csv in m; without them '
                                   'the table is a finite structure', examples=[[[0.01, 0.0], [0.0, 0.01]]])
-    planar: Flag = Field(False, description='true if the third vector of an ASE file is not a period, as for a layer in a .cif',
-                         examples=[True])
     cutoff_m: Length | None = Field(None, description='the distance within which particles interact, in place of shells of '
                                     'neighbours, which irregular positions do not have', examples=[0.012])
     positions: Annotated[Literal['anchors', 'rest'], BeforeValidator(partial(one_of, '', choices=('anchors', 'rest')))] | None = (
@@ -133,7 +126,7 @@ class FileLattice(Table):
                 if atoms.has(name):
                     raise ValueError(f'{path} has the column {name}, which only tables .csv may have; in a file of ASE it is '
                                      f'{instead}')
-            return self._in_mm(atoms)
+            return atoms
         except OSError as error:
             raise ValueError(f'.file: {path} cannot be read ({error.strerror}); it is looked for beside the scene') from None
         except ValueError as error:
@@ -157,9 +150,6 @@ class FileLattice(Table):
 
     def _with_cell(self, atoms: Atoms) -> Atoms:
         """The particles of a table with the lattice vectors of the scene; further vectors complete the cell in space."""
-        if self.planar or self.length_unit_m != PACKAGE_UNIT_m:
-            raise ValueError('the columns of a table .csv name their units, and the table is planar; remove length_unit_m and '
-                             'planar')
         extent = float(np.linalg.norm(np.ptp(atoms.positions, axis=0))) or u.m
         vectors = np.array(self.cell_m or np.zeros((0, 2))) * u.m
         if len(vectors) > 2:
@@ -173,16 +163,6 @@ class FileLattice(Table):
         cell[2, 2] = 2 * np.linalg.norm(cell[0])  # phonopy wants three vectors
         atoms.set_cell(cell)
         atoms.pbc = [True, len(vectors) == 2, False]
-        return atoms
-
-    def _in_mm(self, atoms: Atoms) -> Atoms:
-        factor = self.length_unit_m * u.m  # one, to the last bit, for mm
-        if factor != 1:
-            atoms.calc = None  # of other units
-            atoms.positions *= factor
-            atoms.set_cell(atoms.cell.array * factor)
-        if self.planar:
-            atoms.pbc[2] = False
         return atoms
 
     def _check(self) -> None:
@@ -203,9 +183,8 @@ class FileLattice(Table):
                              'particles')
         least, most = NEAREST_m
         if not least <= self.spacing_m <= most:
-            unit = 'it puts ' if Path(self.file).suffix.lower() == '.csv' else f'length_unit_m = {self.length_unit_m!r} makes '
-            raise ValueError(f'.file: {unit}the nearest particles {self.spacing_m:.3g} m apart; this must lie between {least:g} '
-                             f'and {most:g} m: check the unit of its lengths')
+            raise ValueError(f'.file: it puts the nearest particles {self.spacing_m:.3g} m apart; this must lie between '
+                             f'{least:g} and {most:g} m: check the unit of its lengths')
 
     def cell(self) -> Atoms:
         """The particles, `ase.Atoms` in mm and g, with their constraints but without a calculator."""

@@ -411,23 +411,28 @@ def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[
     mobile, dim = np.ones(len(atoms), bool), getattr(atoms.calc, 'dim', 2)
     barred = {}
     for constraint in atoms.constraints:
-        if type(constraint) not in (FixAtoms, FixedLine, FixedPlane):
-            raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are supported, not {constraint!r}')
-        if isinstance(constraint, FixAtoms):
+        blocked = _blocked(constraint, dim)
+        if blocked.trace() > dim - 0.5:  # all directions
             mobile[constraint.index] = False
             continue
-        d = np.where(abs(constraint.dir) > TILT, constraint.dir, 0.0)
-        if not d[:dim].any():  # it blocks no direction in the plane, or all of them
-            if isinstance(constraint, FixedLine):
-                mobile[constraint.index] = False
-            continue
-        if d[dim:].any() or set(constraint.index) & set(barred):
-            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that another constraint already guides')
-        d = d[:dim]
-        dd = np.outer(d, d)
-        barred |= dict.fromkeys(constraint.index.tolist(), np.eye(dim) - dd if isinstance(constraint, FixedLine) else dd)
-    guided = np.array([k for k in sorted(barred) if mobile[k] and barred[k].any()], int)
+        if blocked.any() and barred.keys() & set(constraint.index):
+            raise ValueError(f'{constraint!r} guides a particle that another constraint already guides')
+        barred |= dict.fromkeys(constraint.index.tolist() if blocked.any() else [], blocked)
+    guided = np.array([k for k in sorted(barred) if mobile[k]], int)
     return mobile, guided, np.array([barred[k] for k in guided]).reshape(-1, dim, dim)
+
+
+def _blocked(constraint, dim):
+    """The projector on the directions, of the first `dim` ones, that a constraint blocks."""
+    if isinstance(constraint, FixAtoms):
+        return np.eye(dim)
+    if type(constraint) not in (FixedLine, FixedPlane):
+        raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are supported, not {constraint!r}')
+    d = np.where(abs(constraint.dir) > TILT, constraint.dir, 0.0)
+    if d[:dim].any() and d[dim:].any():
+        raise ValueError(f'{constraint!r} guides a particle out of the plane')
+    dd = np.outer(d, d)[:dim, :dim]
+    return np.eye(dim) - dd if isinstance(constraint, FixedLine) else dd
 
 
 def refuse_held(forces: NDArray[Any], atoms: Atoms, what: str) -> None:

@@ -34,6 +34,18 @@ def to_dict(calc: Repulsion) -> dict[str, Any]:
 def from_dict(cls: type[Repulsion], parameters: dict[str, Any], laws: Laws | None) -> Any:
     """A calculator of a class from what `to_dict` returned, with other laws if they are given."""
     name = cls.__name__
+    given = _checked(cls, name, parameters)
+    names = *cls.saved, *(name for name in cls.seldom if name in given)
+    for none in [key for key in names if given[key] is None][:1]:
+        raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
+    reference = _reference_from_dict(given['reference'])
+    parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in names}
+    make: Any = cls
+    return make(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
+
+
+def _checked(cls, name, parameters):
+    """The parameters of a calculator of this class, in its units."""
     of = parameters.get('calculator') if isinstance(parameters, dict) else None
     if of is None:
         raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
@@ -42,13 +54,7 @@ def from_dict(cls: type[Repulsion], parameters: dict[str, Any], laws: Laws | Non
     given = _table(f'the saved {name}', parameters, ('units', 'reference', 'potential', *cls.saved))
     if given['units'] != UNITS:
         raise ValueError(f'the saved {name} has numbers in {shown(given["units"])}, not in {UNITS}; convert them first')
-    names = *cls.saved, *(name for name in cls.seldom if name in given)
-    for none in [key for key in names if given[key] is None][:1]:
-        raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
-    reference = _reference_from_dict(given['reference'])
-    parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in names}
-    make: Any = cls
-    return make(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
+    return given
 
 
 def _table(name, given, entries):

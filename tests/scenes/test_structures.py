@@ -142,25 +142,21 @@ def test_columns_of_a_table(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['p.extxyz', 'p.cif', 'p.vasp', 'p.json'])
-def test_files_of_ase_are_read_in_their_unit(name, tmp_path):
-    """A cubic crystal in decimetres; formats keep five to sixteen digits."""
+def test_files_of_ase_are_read_in_mm(name, tmp_path):
+    """A cubic crystal; formats keep five to sixteen digits."""
     cell = lattices.fcc(10.0, 0.7)
-    cell.set_cell(cell.cell.array / 100, scale_atoms=True)
     if name == 'p.cif':
         cell = cell.copy()
         cell.set_masses(None)
     ase.io.write(tmp_path / name, cell)
     masses = {} if name in ('p.extxyz', 'p.json') else {'mass_kg': 0.0007}
-    lattice = {'kind': 'file', 'file': name, 'length_unit_m': 0.1} | masses
+    lattice = {'kind': 'file', 'file': name} | masses
     scene = Scene.model_validate({'title': 'mine', 'lattice': lattice, 'law': LAW}, context={'folder': tmp_path})
     assert scene.lattice.spacing_m == pytest.approx(0.01, rel=1e-4)
     ready = lattices.fcc(10.0, 0.7)
     ready.calc = MagneticRepulsion(ready, InversePower(B, 4.5824))
     q = [[0.5, 0.5, 0.5]]
     assert_allclose(np.sort(bloch_modes(scene.atoms(), q)[0]), bloch_modes(ready, q)[0], rtol=2e-3)
-    with pytest.raises(ValueError, match='length_unit_m = 1e-10 makes the nearest particles 1e-11 m apart'):
-        Scene.model_validate({'title': 'mine', 'lattice': lattice | {'length_unit_m': 1e-10}, 'law': LAW},
-                             context={'folder': tmp_path})
 
 
 @pytest.mark.parametrize('column', ['held', 'mass_kg', 'stiffness_N_per_m'])
@@ -204,8 +200,6 @@ def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
     ('x_m,y_m\n0,0\n0,0\n', {'mass_kg': 1e-3}, 'it puts the nearest particles 0 m apart'),
     ('x_m,y_m,z_m\n0,0,0\n0.01,0,0.001\n', {'mass_kg': 1e-3}, 'planar particles must share one z'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'cell_m': [[1, 0], [0, 1], [1, 1]]}, 'cell_m must hold one or two'),
-    ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'planar': True}, 'remove length_unit_m and planar'),
-    ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'planar': 1}, 'planar must be true or false, not 1'),
 ])
 def test_unsuitable_tables_are_refused(text, lattice, message, tmp_path):
     (tmp_path / 'p.csv').write_text(text)

@@ -53,9 +53,9 @@ def test_free_directions_span_what_the_constraints_allow(seed):
 
 
 @pytest.mark.parametrize(('constraints', 'message'), [
-    ([FixedLine(2, (1, 0, 1))], 'out of the plane, or one that another'),
-    ([FixedPlane(2, (0, 1, 0.5))], 'out of the plane, or one that another'),
-    ([FixedLine([2, 3], (1, 0, 0)), FixedPlane([3, 4], (0, 1, 0))], 'out of the plane, or one that another'),
+    ([FixedLine(2, (1, 0, 1))], 'guides a particle'),
+    ([FixedPlane(2, (0, 1, 0.5))], 'guides a particle'),
+    ([FixedLine([2, 3], (1, 0, 0)), FixedPlane([3, 4], (0, 1, 0))], 'guides a particle'),
     ([FixBondLength(0, 1)], 'only FixAtoms, FixedLine and FixedPlane are supported'),
     ([FixAtoms(range(9))], 'hold every particle'),
 ])

@@ -203,18 +203,6 @@ def test_scattered_missing_samples_are_filled_in(step_ms, noise, tmp_path):
         assert np.sqrt(np.mean(np.concatenate(spline[:5]) ** 2)) > 10 * np.sqrt(np.mean(off[lacking] ** 2))
 
 
-@pytest.mark.parametrize(('rows', 'message'), [
-    ('{k},{p},nan,1e-6\n', 'the column u_x_m holds no number; remove it'),
-    ('{k},{p},,1e-6\n', 'the column u_x_m holds no number; remove it'),
-    ('{k},{p},1e-6,\n{k}.5,{p},,1e-6\n', 'has no point that was sampled at two times or more in every component'),
-])
-def test_columns_without_numbers_are_refused_in_words(rows, message, tmp_path):
-    text = ''.join(rows.format(k=k, p=p) for k in range(20) for p in range(9))
-    (tmp_path / 'scan.csv').write_text('time_ms,point,u_x_m,u_y_m\n' + text)
-    with pytest.raises(ValueError, match=message):
-        read_scan(tmp_path / 'scan.csv')
-
-
 @pytest.mark.parametrize(('u', 'fine'), [('1e300', False), ('1e-300', False), ('2e3', False), ('0', True), ('1e-12', True)])
 def test_motions_that_no_lattice_makes(u, fine, tmp_path):
     """Their squares, the power on a map, are infinite or zero."""
@@ -294,23 +282,6 @@ def test_rows_of_the_lattice_are_found_in_any_order_from_any_origin(degrees, pro
     if degrees == 0:
         with pytest.raises(ValueError, match='runs along R1, as do the fronts'):
             row.wavevector(prototype, 'row')
-
-
-@pytest.mark.parametrize(('header', 'message'), [
-    ('time_s,point,u_y', "'u_y' has no known unit; write u_y_m"),
-    ('time,point,u_y_m', "'time' has no known unit; write time_s"),
-    ('time_s,point,v_y_mm', "'v_y_mm' has no known unit; write v_y_m_per_s"),
-    ('time_s,u_y_m,other', 'lacks the column particle or x_m,y_m'),
-    ('time_s,point,speed', 'lacks the column u_x_m, u_y_m or u_m'),
-    ('time_s,u_y_m,u_y_mm', "'u_y_m' and 'u_y_mm' say the same"),
-    ('particle,point,u_y_m,time_s', 'the columns particle and point say the same'),
-    ('point,u_x_m,v_y_m_per_s,time_s', r'motion of several kinds \(u_x_m, v_y_m_per_s\)'),
-    ('point,u_x_m,u_m,time_s', 'with a direction or without'),
-])
-def test_headers_that_do_not_tell_the_motion_are_refused(header, message, tmp_path):
-    (tmp_path / 'scan.csv').write_text(f'{header}\n' + f'{",".join("1" * (1 + header.count(",")))}\n' * 2)
-    with pytest.raises(ValueError, match=message):
-        read_scan(tmp_path / 'scan.csv')
 
 
 @pytest.mark.parametrize(('nodes', 'label', 'length'), [(15, 'mm/s', 1.0), (2411, '', 1.0), (15, '', 1000.0)])
