@@ -10,7 +10,7 @@ from scene_files import ready_scene
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.bands import bloch_modes, sound_speeds
 from magphonon.cli.main import main
-from magphonon.cli.neighbours import neighbours, speeds
+from magphonon.cli.neighbours import neighbours, omission, speeds
 from magphonon.scenes.scene import scene_of
 from magphonon.stiffness import AllNeighbours
 
@@ -79,7 +79,7 @@ def test_what_is_said_of_how_many_count(name, changes, words):
     assert len(told) == bool(words)
     assert not words or re.search(words, told[0])
     if name in ('oscillator', 'steel', 'neighbours'):  # nothing matters
-        assert neighbours(scene_of(changed(name)), brief=True) == []
+        assert omission(scene_of(changed(name)), True) == []
 
 
 def lattice_text(tmp_path, shells, **tables):
