@@ -11,8 +11,9 @@ from itertools import combinations
 import numpy as np
 from ase import Atoms
 
-from magphonon import InversePower, PairCalculator, lattices, modes, relaxed
+from magphonon import InversePower, lattices, modes, relaxed
 from magphonon.plotting import legend_above, panels
+from magphonon.stiffness import PairCalculator
 
 k, kz, n = 1.0, 30.0, 19
 ions = Atoms(f'H{n}', lattices.hexagon(lattices.triangular(1.2, 1.0), side=2.4).positions, masses=np.ones(n))

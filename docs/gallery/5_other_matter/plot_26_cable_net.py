@@ -9,7 +9,8 @@ import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
 
-from magphonon import Cable, modes, units as u
+from magphonon import modes, units as u
+from magphonon.interactions import Cable
 from magphonon.plotting import legend_above, new_figure
 from magphonon.stiffness import net
 
