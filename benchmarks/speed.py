@@ -1,4 +1,4 @@
-"""What is fast, and by how much: `python benchmarks/speed.py [ROW ...] [--chart FILE.png]` measures and prints one table,
+"""What is fast, and by how much: `python benchmarks/speed.py [ROW ...]` measures and prints one table,
 and once more in the form of docs/measured.md.
 
 A line is a job and its peer, run in turns in one process, of which the least time of several rounds counts; a peer that is
@@ -317,7 +317,6 @@ def time_to_error(strain, n=100, duration=100 * u.ms):
     runs = [{(method, steps): run(method, steps) for method in counts for steps in counts[method]} for _ in range(3)]
     found = {method: [(min(each[method, steps][0] for each in runs), apart(runs[0][method, steps][1], exact)) for steps in own]
              for method, own in counts.items()}
-    found[LINEAR] = [(np.nan, apart(propagate(moving(atoms, displacements), [duration]).displacements[0], exact))]
     try:
         for steps in 500, 1000, 2000, 5000, 10_000:
             with lammps_stepper(start, displacements, (), 10, duration / steps) as stepper:
@@ -328,17 +327,13 @@ def time_to_error(strain, n=100, duration=100 * u.ms):
     return found
 
 
-LINEAR, SHORT = 'linear answer', 'order 6, tolerance 1e-4'
-CHARTED = {}
-"""What `time_to_error` found for each strain, for the chart; the error of the linear answer is in the chart alone."""
-
-
+SHORT = 'order 6, tolerance 1e-4'
 def motion():
     """100 ms of nonlinear motion at equal error: the fastest order against LAMMPS, whose steps are of order two."""
     for strain, wanted in (1e-4, (250, 500)), (1e-2, (250, 500)), (1e-1, (60, 150)):
-        CHARTED[strain] = found = time_to_error(strain)
+        found = time_to_error(strain)
         for error, goal in zip((1.5e-3, 2e-4), wanted, strict=True):
-            seconds = {name: at_error(runs, error) for name, runs in found.items() if name != LINEAR}
+            seconds = {name: at_error(runs, error) for name, runs in found.items() }
             own = min((name for name in seconds if name.startswith('order')), key=seconds.get)
             for peer in ('LAMMPS', 'order 2', 'order 6'):
                 if peer in seconds and peer != own:
@@ -569,51 +564,10 @@ LONG = {'patch 1e6', 'seldom 1e5', 'scattered 1e5', 'linear tools 1e5'}
 """Rows that are measured only if they are named: the others take less than eight minutes together."""
 
 
-STYLES = {'order 2': 'o-', 'order 4': 's-', 'order 6': '^-', SHORT: 'v-', 'LAMMPS': 'kx--'}
-
-
-def draw_motion(charted, file):
-    """Error against time for each strain."""
-    from matplotlib import pyplot as plt
-
-    figure, panels = plt.subplots(1, len(charted), figsize=(3.2 * len(charted), 3.2), sharey=True, layout='constrained')
-    for ax, (strain, found) in zip(np.atleast_1d(panels), charted.items(), strict=True):
-        for name, runs in found.items():
-            if name == LINEAR:
-                ax.axhline(runs[0][1], color='0.5', linestyle=':', label=f'{name} (propagate)')
-            else:
-                label = name.replace('order 2', 'order 2 (velocity Verlet)')
-                ax.loglog(*np.array(runs).T, STYLES[name], label=label, markersize=5)
-        ax.set(title=f'strain {strain:g}', xlabel='processor time (s)')
-        ax.tick_params(axis='x', which='minor', labelbottom=False)
-    np.atleast_1d(panels)[0].set_ylabel('error / largest displacement')
-    figure.legend(*np.atleast_1d(panels)[-1].get_legend_handles_labels(), loc='outside lower center', ncols=6, fontsize=8)
-    figure.suptitle('100 ms of 10 000 magnets: time to an error', fontsize=10)
-    figure.savefig(file, dpi=150)
-
-
-def draw(results, file):
-    """Ratios on a logarithmic axis, and what was wished for."""
-    from matplotlib import pyplot as plt
-
-    figure, ax = plt.subplots(figsize=(7, 0.8 + 0.22 * len(results)), layout='constrained')
-    y = np.arange(len(results))[::-1]
-    ratios = [result.ratio for result in results]
-    ax.hlines(y, 1, ratios, color='0.6', linewidth=2)
-    ax.plot(ratios, y, 'o', color='#0072b2', markersize=5, label='measured')
-    ax.plot([result.goal for result in results], y, 'k|', markersize=10, label='wanted')
-    ax.set_yticks(y, [f'{result.job} / {result.peer}' for result in results], fontsize=7)
-    ax.axvline(1, color='k', linewidth=0.5)
-    ax.set(xlabel='times as fast as the peer', xscale='log')
-    figure.legend(loc='outside upper right', ncols=2, fontsize=8)
-    figure.savefig(file, dpi=150)
-
-
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('rows', nargs='*', metavar='ROW',
                         help=f'of {", ".join(ROWS)}; by default all but {", ".join(sorted(LONG))}')
-    parser.add_argument('--chart', metavar='FILE.png')
     options = parser.parse_args()
     if unknown := set(options.rows) - set(ROWS):
         parser.error(f'no row {", ".join(map(repr, unknown))}; there are {", ".join(ROWS)}')
@@ -632,8 +586,4 @@ if __name__ == '__main__':
           f'{"; failed: " + ", ".join(failed) if failed else ""}\n')
     print('| job | takes | beside | takes | ratio | goal | error |\n|---|---|---|---|---|---|---|')
     print('\n'.join(result.row for result in results))
-    if options.chart and results:
-        draw(results, options.chart)
-        if CHARTED:
-            draw_motion(CHARTED, Path(options.chart).with_stem(Path(options.chart).stem + '_motion'))
     sys.exit(bool(failed))

@@ -16,6 +16,8 @@ GROUPED = re.compile(r"[-+\d.,eE'\u2019 ]*\d[-+\d.,eE'\u2019 ]*")  # a number, p
 COMMENT = '#%'  # begins a line that is a comment
 PREAMBLE = 200
 """Number of lines in which the header is sought: instruments write their settings above it."""
+LACKS = 'lacks the column'
+"""Words of the error for a table of another kind."""
 UNIT = re.compile(r'(.*?)\s*(?:\[(.*)\]|\((.*)\)|/(.*)|\bin\s+(\S+))')
 """A name with its unit: r [mm], r (mm), r / mm, r in mm."""
 WORDS = {
@@ -102,6 +104,9 @@ class Asked:
     def by_quantity(self, path: Any, heads: Sequence[Heading], others: bool, layout: str) -> dict[str, Heading]:
         """The heading of each quantity; ValueError for a quantity in two columns, and an unknown unit or name."""
         told: dict[str, Heading] = {}
+        for either in self.lacking([head._replace(unit='') for head in heads]):  # of an unknown unit is said below
+            raise ValueError(f'{path} {LACKS} {self.names(either[0])[0]} (its header is '
+                             f'{shown(",".join(head.name for head in heads))}){layout}')
         for head in heads:
             if head.quantity is None:
                 if not others:
@@ -115,9 +120,6 @@ class Asked:
                 raise ValueError(f'{path}: the columns {shown(told[head.quantity].name)} and {shown(head.name)} say the same; '
                                  'keep one of them')
             told[head.quantity] = head
-        for either in self.lacking(told.values()):
-            raise ValueError(f'{path} lacks the column {self.names(either[0])[0]} (its header is '
-                             f'{shown(",".join(head.name for head in heads))}){layout}')
         return told
 
 

@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 from ase import Atoms
-from ase.constraints import FixedLine
 
-from magphonon import DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
+from magphonon import DrivenVerlet, MagneticRepulsion, lattices, units
+from magphonon.dynamics import Harmonic, Recorder
 from magphonon.response.frf import harmonic_response, series_response
 from magphonon.response.normal_modes import modes
 from magphonon.response.stepped import impulse_response, steady_amplitudes
@@ -18,7 +18,6 @@ from magphonon.stiffness.rest import LinearSystem
 
 from .accuracy import Candidate, Chart, cheapest, measure, panels_of, spoken
 from .accuracy_transient import prototype
-from .frf import DAMPING, batch, oscillator
 from .rows import Check
 
 FREQUENCIES = np.linspace(20, 160, 400) * units.Hz  # from below the cut-off of 26.55 Hz to above the highest mode
@@ -58,11 +57,9 @@ class Shaken:
 
 
 def chart(quick):
-    """Error against time for one magnet, compared with its closed form, and for patches."""
+    """Error against time for patches."""
     budget = {'repeats': 2 if quick else 5, 'patience': 0.3 if quick else 1.0}
-    table = one_magnet('one magnet, 121 frequencies', quick, budget)
-    checks = [Check(f'frf, one magnet: {m.method}, error against the closed form', m.error, 0.0, 1e-12)
-              for m in table if m.method in ('modal sum', DIRECT)]
+    table, checks = [], []
     for n in [32] if quick else [32, 100]:
         panel = f'N = {n * n}, {len(FREQUENCIES)} frequencies'
         shaken = patch(n)
@@ -83,24 +80,6 @@ def whole(m):
     """The cost at all frequencies of methods that were run at every SAMPLE-th: each frequency is a run of its own."""
     return replace(m, setting=f'{m.setting}, {SAMPLE} x a sample', seconds=SAMPLE * m.seconds, median=SAMPLE * m.median,
                    cost={name: SAMPLE * count for name, count in m.cost.items()})
-
-
-def one_magnet(panel, quick, budget):
-    """The oscillator of the paper at theta0 = 0, guided along its vertical line."""
-    atoms = oscillator(0.0)
-    atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
-    omega = np.linspace(100, 400, 121) * units.rad / units.s
-    k, m = 20000 * units.N / units.m, 1 * units.kg
-
-    def closed(cost):
-        return 1 / (k - m * omega**2 + 1j * m * DAMPING * omega)
-
-    shaken = Shaken(atoms, 3, omega, DAMPING, 2 * np.sqrt(m / k), closed(None))
-    runs = {('closed form', 'exact'): closed}
-    runs |= {(DIRECT, 'SuperLU'): partial(direct, shaken, 1), ('modal sum', 'all modes'): partial(modal, shaken)}
-    runs |= {(STEPPED, f'dt = {dt:g} ms, all frequencies in one run'): partial(replicas, omega, dt * units.ms)
-             for dt in ((1.0, 0.5) if quick else (1.0, 0.25, 0.06))}
-    return measure([Candidate(*name, run, panel) for name, run in runs.items()], shaken.error, **budget)
 
 
 def patch(n):
@@ -180,29 +159,13 @@ def struck(shaken, dt, cost):
     return impulse_response(signal, recorder.interval * dt, IMPULSE, shaken.omega).response
 
 
-def replicas(omega, dt, cost):
-    """Response of one magnet from time steps, with a replica of the magnet for each frequency."""
-    atoms, particles = batch(np.zeros(1), np.zeros(len(omega), int), 'complete')
-    atoms.set_constraint([*atoms.constraints, FixedLine(particles, (0, 1, 0))])
-    drives = [Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
-    dyn = DrivenVerlet(atoms, dt, drives=drives, damping=DAMPING, engine='compiled')
-    recorder = Recorder(dyn, particles, interval=max(1, int(2 * FRAMES / dt)))
-    amplitudes, _ = steady_amplitudes(dyn, recorder, omega, axis=1, tolerance=3e-4)
-    cost['force evaluations'] = dyn.nsteps
-    return amplitudes / FORCE
-
-
 def reading(panels):
     """The conclusion of the chart for the largest patch, in words."""
     panel, table = list(panels.items())[-1]
-    magnet = next(iter(panels.values()))
     steps, struck = (min((m for m in table if m.method == name), key=lambda m: m.error) for name in (STEPPED, IMPULSIVE))
     best, tight = cheapest(table, steps.error), cheapest([m for m in table if m.method == SERIES], TIGHT)
     factors = next(m.seconds for m in table if m.method == DIRECT)
-    exact, many = cheapest(magnet, TIGHT), cheapest([m for m in magnet if m.method == STEPPED], 1e-2)
     return (f'At {panel}, time steps to the steady state take {spoken(steps.seconds)} s for an error of {steps.error:.0e}, and '
             f'time steps after one impulse {spoken(struck.seconds)} s for {struck.error:.0e}. With {best.method} it takes '
             f'{spoken(best.seconds)} s, {spoken(steps.seconds / best.seconds)} times less; an error of {tight.error:.0e} takes '
-            f'{spoken(tight.seconds)} s (by factorisations {spoken(factors)} s). '
-            f'For one magnet the closed form takes {spoken(exact.seconds)} s, all frequencies in one run of time steps '
-            f'{spoken(many.seconds)} s.')
+            f'{spoken(tight.seconds)} s (by factorisations {spoken(factors)} s).')

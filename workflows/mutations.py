@@ -126,7 +126,8 @@ def as_markdown(found):
         failed, every = counted or (None, None)
         return 'stops' if every is None else f'{failed} of {every} {words}' if every else ''
 
-    lines = ['| chapter | D* x 0.98 | force law x 0.9 | rows on outside references | D0 + D* in place of D0 |', f'|{5 * "---|"}']
+    lines = ['| chapter | D\\* x 0.98 | force law x 0.9 | of these, on outside references | D0 + D\\* in place of D0 |',
+             f'|{5 * "---|"}']
     for name, by in found.items():
         lines.append(f'| `{name}` | {cell(by["weak D*"].rows, "rows")} | {cell(by["weak law"].rows, "rows")} | '
                      f'{cell(by["weak law"].outside, "rows")} | {cell(by["no D0"].controls, "controls")} |')

@@ -57,7 +57,7 @@ of any unit of length."""
 
 
 @takes(*LIKE, 'all neighbours')
-def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, distance: float | None = None) -> Phonopy:
+def finite_displacements(atoms: Atoms, supercell: Sequence[int] | int | None = None, distance: float | None = None) -> Phonopy:
     """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
 
     phonopy can use the symmetry of the positions to save displacements. This is switched off, because the forces may have less
@@ -73,10 +73,10 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     ----------
     atoms : ase.Atoms
         One periodic cell with its PairCalculator or AllNeighbours; displacements start from the calculator's reference.
-    supercell : three ints, optional
-        Number of cells along each lattice vector, 1 along directions that are not periodic. By default the smallest supercell in
-        which no bond spans half of it. With AllNeighbours no supercell is large enough: the bands are then right at the
-        wavevectors that fit the supercell, and interpolated between them.
+    supercell : int or three ints, optional
+        Number of cells along each lattice vector, 1 along directions that are not periodic; one number counts for all others. By
+        default the smallest supercell in which no bond spans half of it. With AllNeighbours no supercell is large enough: the
+        bands are then right at the wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
         Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, or
         less if the stiffness changes over so short a length (`SHARES`), as between spheres that barely touch; for other laws
@@ -154,10 +154,13 @@ def enough_cells(calc: Repulsion) -> NDArray[np.int_]:
 
 def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
     """The `supercell` as three whole numbers, or ValueError if bonds could not be told apart in it."""
-    if np.shape(supercell) != (3,):
-        raise ValueError(f'supercell must be three numbers of cells, as (3, 3, 1), not {supercell!r}')
-    supercell = np.array([whole(f'supercell[{axis}]', n) for axis, n in enumerate(supercell)])
     pbc = calc.reference.pbc
+    if np.ndim(supercell) == 0:
+        supercell = np.where(pbc, whole('supercell', supercell), 1)
+    if np.shape(supercell) != (3,):
+        raise ValueError(f'supercell must be three numbers of cells along the lattice vectors, as (3, 3, 1), or one number, not '
+                         f'{supercell!r}')
+    supercell = np.array([whole(f'supercell[{axis}]', n) for axis, n in enumerate(supercell)])
     if (supercell[~pbc] > 1).any():
         raise ValueError(f'the supercell {_ints(supercell)} repeats a direction that is not periodic; '
                          f'give supercell={_ints(np.where(pbc, supercell, 1))}')
@@ -286,7 +289,8 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon import finite_displacements, read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import extracted_dstar
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> Dstar = extracted_dstar(finite_displacements(cell), cell)
@@ -313,7 +317,8 @@ def foundation_recovered(phonon: Phonopy) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> from magphonon import finite_displacements, read_scene, ready_scene, units as u
+    >>> from magphonon import finite_displacements, read_scene, units as u
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import foundation_recovered
     >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
     >>> round(float(foundation_recovered(phonon)[0, 0, 0]) / (u.N / u.m), 4)

@@ -25,7 +25,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     from ..bands.bands import analytic_bands
     from ..scenes.scene import read_scene
-    from .band_report import REPORT, Case
+    from .band_report import disagreement, report
 
     scene = read_scene(options.scene)
     with answering(options, scene, 'bands.*', 'bands_*.*', 'band.yaml', 'phonopy_*.yaml', 'zone.*') as (folder, save, told):
@@ -35,9 +35,8 @@ def run(options: Namespace) -> int:
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
         spread = None if scene.uncertainty is None else _spread(scene, path, folder)
         _draw(save, scene, bands, spread)
-        case = Case(scene, atoms, bands, phonon, lossy, spread)
-        told += REPORT.told(case, options.verbose)
-    return int(REPORT.find('two_roads', case).fault)
+        told += report(scene, atoms, bands, phonon, lossy, spread, options.verbose)
+    return int(bool(disagreement(scene, bands)))
 
 
 def _bands(scene, atoms, path):

@@ -59,20 +59,19 @@ def run(options: Namespace) -> None:
         places = patch.calc.reference.positions[site.row, :2].T / units.m
         write_columns(folder / 'row.csv', ['step', 'particle', 'x_m', 'y_m'], [range(len(site.row)), site.row, *places])
         write_ridges(folder / 'ridges.csv', records)
-        first, everything = _told(scene, cell, records, largest)
+        warnings, everything = _report(scene, cell, records, largest)
         (folder / 'ridges.txt').write_text('\n'.join(everything) + '\n', encoding='utf-8')
-        told += [*first, *(everything if options.verbose else []), *omission(scene, options.verbose)]
+        told += [*_conclusion(records), *(everything if options.verbose else warnings), *omission(scene, options.verbose)]
 
 
-def _told(scene, cell, records, largest):
-    """Lines with the conclusion of the bursts, warnings, and all ridges."""
+def _report(scene, cell, records, largest):
+    """Lines with warnings, and with all ridges and these warnings."""
     from ..waves.wave_report import report
 
     unstable, found = _unstable(cell), scene.relaxation()
-    amplitudes, decays = _amplitudes(cell, largest, loud=not unstable), _decays(scene.burst, cell, records)
-    loud = [line for line in amplitudes if 'WARNING' in line]
-    everything = [scene.title, *([] if found is None else [str(found)]), '', report(records), *amplitudes, *decays, *unstable]
-    return [*_conclusion(records), *loud, *filter(None, [*decays, *unstable])], everything
+    quiet, loud = _amplitudes(cell, largest, np.inf if unstable else _linear_range(cell))
+    warnings = [*loud, *_decays(scene.burst, cell, records), *unstable]
+    return warnings, [scene.title, *([] if found is None else [str(found)]), '', report(records), '', *quiet, *warnings]
 
 
 def _engine(options):
@@ -106,7 +105,7 @@ def _send(scene, k, cell, patch, engine):
     except Diverged as error:
         what = f'burst {scene.burst.names[k]}, {patch.calc.parameters.model} simulation'
         if unstable := _unstable(cell):
-            raise ValueError(f'{what}: at {error.time:g} ms particles leave their sites. ' + ' '.join(unstable[1:])) from error
+            raise ValueError(f'{what}: at {error.time:g} ms particles leave their sites. ' + ' '.join(unstable)) from error
         raise ValueError(f'{what}: it diverged at {error.time:g} ms (particle {error.particle}); lower burst.force_N') from error
     return patch, site, passage
 
@@ -141,41 +140,55 @@ def _draw(save, name, carrier, passages, found):
 
 def _conclusion(records):
     """Lines that say to which branches the ridges belong, and how far they are from the branches of each model."""
-    from ..waves.spectrum import RESOLVED
     from ..waves.wave_analysis import BRANCHES, MODELS
 
     lines, astray = [], 0
     for model in MODELS:
-        (other,) = {*MODELS} - {model}
         ridges = [wave for record, found in records.items() if record.endswith(f'_{model}') for wave in found if wave.ridge]
         astray += sum(not wave.agrees_with for wave in ridges)
         for name in BRANCHES:
-            here = [wave.misfits for wave in ridges if (model, name) in wave.agrees_with]
-            if here:
-                near, far = (sorted(misfits[which, name].bins for misfits in here) for which in (model, other))
-                away = ' to '.join(dict.fromkeys((f'{far[0]:.2f}', f'{far[-1]:.2f}')))
-                lines.append(f'{model} simulation: {len(here)} of its {len(ridges)} ridges follow{"s" * (len(here) == 1)} its '
-                             f'{name} branch to within {near[-1]:.2f} bins; that branch of the {other} model is {away} bins away'
-                             + ', too near to tell the models apart' * (far[0] <= RESOLVED))
+            lines += _following(ridges, model, name)
     lines += ['(one bin is the resolution in wavenumber: 2 pi divided by the number of sites in the row)'] * bool(lines)
     if astray:
         lines.append(f'{astray} of all ridges follow no branch; the report of --verbose lists possible reasons')
     return lines or ['no ridge: the waves decay, or are below the noise']
 
 
-def _amplitudes(cell, largest, loud):
+def _following(ridges, model, name):
+    """A line on the ridges of a simulation that follow one branch of its model, if there are any."""
+    from ..waves.spectrum import RESOLVED
+    from ..waves.wave_analysis import MODELS
+
+    here = [wave.misfits for wave in ridges if (model, name) in wave.agrees_with]
+    if not here:
+        return []
+    (other,) = {*MODELS} - {model}
+    near, far = (sorted(misfits[which, name].bins for misfits in here) for which in (model, other))
+    away = ' to '.join(dict.fromkeys((f'{far[0]:.2f}', f'{far[-1]:.2f}')))
+    return [f'{model} simulation: {len(here)} of its {len(ridges)} ridges follow{"s" * (len(here) == 1)} its {name} branch to '
+            f'within {near[-1]:.2f} bins; that branch of the {other} model is {away} bins away'
+            + ', too near to tell the models apart' * (far[0] <= RESOLVED)]
+
+
+def _linear_range(cell):
+    """The amplitude in mm up to which frequencies are those of small motion; infinite if it is not known."""
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR
 
-    spacing = cell.calc.bonds.lengths.min()
-    bound = np.inf if cell.calc.turning else frequency_shifts(cell).amplitude(LINEAR_ERROR)  # shifts of such waves are not known
-    lines = ['']
-    for record, u in largest.items():
-        lines.append(f'{record}: largest displacement {_metres(u)}, {u / spacing:.2%} of the spacing')
-        if loud and u > bound:
-            lines[-1] += (f'; WARNING: beyond the linear range: at {_metres(bound)} frequencies are already off by '
-                          f'{LINEAR_ERROR:.0%}; lower force_N')
-    return lines
+    return np.inf if cell.calc.turning else frequency_shifts(cell).amplitude(LINEAR_ERROR)
+
+
+def _amplitudes(cell, largest, bound):
+    """Lines with the largest displacements: those within the linear range, and with a warning those beyond it."""
+    from ..stability.verdicts import LINEAR_ERROR
+
+    return ([_amplitude(cell, record, u) for record, u in largest.items() if u <= bound],
+            [f'{_amplitude(cell, record, u)}; WARNING: beyond the linear range: at {_metres(bound)} frequencies are already off '
+             f'by {LINEAR_ERROR:.0%}; lower force_N' for record, u in largest.items() if u > bound])
+
+
+def _amplitude(cell, record, u):
+    return f'{record}: largest displacement {_metres(u)}, {u / cell.calc.bonds.lengths.min():.2%} of the spacing'
 
 
 def _metres(u):
@@ -196,7 +209,7 @@ def _decays(plan, cell, records):
                 if np.isfinite(reach):
                     lines.append(f'{name}_{model}: {carrier:g} Hz lies in a band gap along R2; the wave that decays most slowly '
                                  f'falls to 1/e in {reach:.3g} steps of the row')
-    return ['', *lines] if lines else []
+    return lines
 
 
 def _unstable(cell):
@@ -206,14 +219,14 @@ def _unstable(cell):
 
     if cell.calc.turning:
         judged = verdict(cell)
-        return [] if judged.stable else ['', f'UNSTABLE: {judged.finding("buckling").words}']
+        return [] if judged.stable else [f'UNSTABLE: {judged.finding("buckling").words}']
     needed, given = critical_foundation(cell, 'complete')[0], common_spring(cell)
     if on_the_verge(given, needed):
-        return ['', f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what is needed.']
+        return [f'On the verge of buckling: the foundation of {given / (units.N / units.m):.6g} N/m is just what is needed.']
     if given >= needed:
         return []
     needed, given = (k / (units.N / units.m) for k in (needed, given))
-    return ['', 'UNSTABLE: the static forces buckle this lattice. In the complete simulation the growth may hide the burst.',
+    return ['UNSTABLE: the static forces buckle this lattice. In the complete simulation the growth may hide the burst.',
             f'The lattice needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Lowering force_N does not help: the '
             'growth does not depend on the force.',
             'The conventional model does not show this.']

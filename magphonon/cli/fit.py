@@ -29,6 +29,7 @@ import numpy as np
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
+from ..headers import LACKS
 from ..readers import content
 from ..tables import MOST_BYTES
 from .arguments import add_force, add_style, add_verbose, drawing, force, length, ready_table, share
@@ -123,15 +124,18 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
     """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
     if file.endswith('.toml'):
         raise ValueError(f'{file} is a scene and holds no measurements')
+    content(file, MOST_BYTES)  # what cannot be read at all has one cause
     faults = []
     for kind, (module, reader) in KINDS.items():
         try:
             given = {'contact': contact} if kind == 'forces' else {}
             return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
         except ValueError as error:
-            faults.append(f'as {kind}: {error}')
-    content(file, MOST_BYTES)  # a file that cannot be read at all gives a single message
-    raise ValueError(f'{file} is no kind of record that can be read:\n  ' + '\n  '.join(faults))
+            faults.append(str(error))
+    for fault in (fault for fault in faults if LACKS not in fault):  # the columns are those of this kind
+        raise ValueError(fault)
+    raise ValueError(f'{file} holds no columns that are known; name those of forces r_mm,f_N, of ridges as spectrum writes them, '
+                     'of transfer functions frequency_Hz,re_m_per_N,im_m_per_N, of a scan time_s,point,u_x_m')
 
 
 def _columns(kind, record):

@@ -56,7 +56,7 @@ class Relaxation:
     shift, rms : float
         Largest and root mean square displacement of the free particles in mm.
     steps : int
-        Number of steps of the minimiser; 0 if the structure was already at a stable equilibrium.
+        Number of steps of the minimiser and of Newton's method; 0 if the structure was already at a stable equilibrium.
     saddles : int
         Number of unstable equilibria (saddles) that were passed.
     lowest : float
@@ -209,21 +209,22 @@ class _Descent:
         end = minimize(self.energy, y, jac=self.slope, hessp=lambda y, p: self.stiffness(y) @ p, method='trust-ncg',
                        options=options)
         self._refuse_strangers(end.x)
-        return (self._polished(end.x) if end.success else end.x), end.nit
+        y, polished = self._polished(end.x) if end.success else (end.x, 0)
+        return y, end.nit + polished
 
     def _polished(self, y):
-        """Newton steps, as long as they reduce the forces."""
+        """Newton steps, as long as they reduce the forces; also their number."""
         order = None  # of elimination, the same for all
-        for _ in range(POLISHES):
+        for taken in range(POLISHES):
             H = self.stiffness(y)
             regular = H + REGULAR * abs(H).sum(axis=1).max() * sparse.eye_array(len(y))
             solve = inverse(regular, order)
             order, better = solve.factors.order, y - solve(self.slope(y))
             del solve, regular  # the next factors take their memory
             if not self.residual(better) < self.residual(y):
-                break
+                return y, taken
             y = better
-        return y
+        return y, POLISHES
 
     def _refuse_strangers(self, y):
         """Refuse positions where the list of bonds is wrong: neighbours have separated, or other particles are too close."""

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from oracles import LATTICES, lattice, neighbour_vectors
 
-from magphonon import Cable, InversePower, PairCalculator, Spring, Yukawa, analytic_bands, finite_displacements, phonopy_bands
+from magphonon import InversePower, analytic_bands, finite_displacements, phonopy_bands
 from magphonon.bands import band_path
 from magphonon.bands.force_constants import default_distance
+from magphonon.interactions import Cable, Spring, Yukawa
 from magphonon.interactions.pair_laws import Hertz
+from magphonon.stiffness import PairCalculator
 
 OFF = [0.0, *(sign * 10.0**power for sign in (1, -1) for power in (-15, -12, -9, -7, -4, -1))]
 """Relative differences of the natural length from the length of the bonds: force of round-off, of compression, of tension."""
@@ -141,3 +143,11 @@ def test_the_law_decides_where_it_changes_over_a_short_length():
     assert abs(phonopy_bands(finite_displacements(cell), exact.path).omega - exact.omega).max() < 1e-7 * exact.omega.max()
     coarse = phonopy_bands(finite_displacements(cell, distance=2e-4), exact.path)
     assert abs(coarse.omega - exact.omega).max() > 1e-6 * exact.omega.max()
+
+
+def test_one_number_is_a_supercell_along_the_periodic_directions():
+    cell = lattice('triangular')
+    cell.calc = PairCalculator(cell, InversePower(6200.0, 4.5824), foundation=0.02)
+    assert np.array_equal(finite_displacements(cell, 4).force_constants, finite_displacements(cell, (4, 4, 1)).force_constants)
+    with pytest.raises(ValueError, match='along the lattice vectors'):
+        finite_displacements(cell, [[2, 0, 0], [1, 2, 0], [0, 0, 1]])

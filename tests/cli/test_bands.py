@@ -2,8 +2,11 @@
 
 import pytest
 
-from magphonon import Cable, PairCalculator, Spring, lattices, write_scene
+from magphonon import lattices
 from magphonon.cli.main import main
+from magphonon.interactions import Cable, Spring
+from magphonon.scenes import write_scene
+from magphonon.stiffness import PairCalculator
 
 
 @pytest.mark.parametrize(('law', 'rest', 'status'), [

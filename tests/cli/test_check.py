@@ -8,7 +8,7 @@ from scene_files import ready_scene
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
 from magphonon.bands.bloch import bloch_modes
-from magphonon.cli.check import Case, commands
+from magphonon.cli.check import refusals
 from magphonon.cli.main import main
 from magphonon.cli.neighbours import omission
 from magphonon.response.normal_modes import natural_frequencies
@@ -151,7 +151,7 @@ def test_faults_are_told_without_being_asked_for(tmp_path, capsys):
     ('prototype', set()), ('gyro', {'explore'})])
 def test_commands_that_do_not_take_a_structure_are_named(name, refused):
     """As these commands refuse it when they are run: the declarations of their tools are asked."""
-    words = commands(Case(read_scene(name))) or ''
+    words = ' '.join(refusals(read_scene(name).perfect_cell()))
     assert set(re.findall(r'"magphonon (\w+)"', words)) == refused
     assert words.count('Commands that do not support') == bool(refused)  # the reason is given once
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scene_files import ready_scene
 
 import magphonon
-from magphonon import Bands
+from magphonon.bands import Bands
 from magphonon.cli.main import main
 from magphonon.scenes.scene import read_scene, ready_scenes, reference
 

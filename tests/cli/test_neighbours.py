@@ -7,11 +7,12 @@ import tomllib
 import pytest
 from scene_files import ready_scene
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, sound_speeds, units as u
-from magphonon.bands import bloch_modes
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.bands import bloch_modes, sound_speeds
 from magphonon.cli.main import main
-from magphonon.cli.neighbours import neighbours, speeds
+from magphonon.cli.neighbours import neighbours, omission, speeds
 from magphonon.scenes.scene import scene_of
+from magphonon.stiffness import AllNeighbours
 
 TABLE = {'kind': 'table', 'distances_m': [0.008, 0.009, 0.01, 0.011, 0.012, 0.013, 0.014, 0.015], 'shells': 1,
          'forces_N': [1.07, 0.612, 0.377, 0.246, 0.167, 0.118, 0.0857, 0.0638]}
@@ -78,7 +79,7 @@ def test_what_is_said_of_how_many_count(name, changes, words):
     assert len(told) == bool(words)
     assert not words or re.search(words, told[0])
     if name in ('oscillator', 'steel', 'neighbours'):  # nothing matters
-        assert neighbours(scene_of(changed(name)), brief=True) == []
+        assert omission(scene_of(changed(name)), True) == []
 
 
 def lattice_text(tmp_path, shells, **tables):

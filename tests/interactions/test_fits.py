@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from magphonon import Cuboid, InversePower, Ring, magnet_law, units as u
+from magphonon import InversePower, magnet_law, units as u
 from magphonon.cli.fit_report import force_report
+from magphonon.interactions import Cuboid, Ring
 from magphonon.interactions.fits import (
     FamilyLaw,
     Fit,

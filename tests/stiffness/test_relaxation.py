@@ -138,3 +138,17 @@ def test_on_the_verge_of_buckling_the_words_are_right_and_the_advice_holds():
         assert more < 1e-6 * needed
         patch.calc.set(foundation=patch.calc.foundation + more)
         assert not relaxed(patch).needed
+
+
+@pytest.mark.parametrize('away', 10.0 ** np.arange(-9, -2))
+def test_the_force_that_is_reported_acts_at_the_positions_that_are_returned(away):
+    """Also from so near that the minimiser takes no step and Newton's method alone brings the structure to rest."""
+    atoms = lattices.hexagon(lattices.triangular(10.0, 0.7), 40.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(6200.0, 4.5824), foundation=0.05)
+    atoms.positions[len(atoms) // 2, 0] += 10 * away
+    before = abs(atoms.get_forces()).max()
+    found = relaxed(atoms)
+    left = np.linalg.norm(found.atoms.get_forces(), axis=1).max()
+    assert left < 1e-6 * before + 1e-14
+    assert found.after == pytest.approx(left, rel=0.5, abs=1e-15)
+    assert found.needed

@@ -229,3 +229,46 @@ def test_a_force_without_an_end_asks_for_a_cutoff():
     for x, words in ((0.0, 'coincide'), (np.nan, 'finite number')):
         with pytest.raises(ValueError, match=words):
             split(Atoms('Ar2', [[0, 0, 0], [x, 0, 0]], calculator=LennardJones()))
+
+
+class Pin(Calculator):
+    """A spring between one atom and its place; two atoms alone do not see it."""
+
+    implemented_properties = ['energy', 'forces']  # noqa: RUF012
+
+    def __init__(self, k, atom, place):
+        super().__init__()
+        self.k, self.atom, self.place = k, atom, place
+
+    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+        super().calculate(atoms, properties, system_changes)
+        forces, u = np.zeros((len(atoms), 3)), np.zeros(3)
+        if len(atoms) > 2:
+            u = atoms.positions[self.atom] - self.place
+            forces[self.atom] = -self.k * u
+        self.results = {'energy': self.k * u @ u / 2, 'forces': forces}
+
+
+@pytest.mark.parametrize('repeat', [(2, 2, 1), (3, 2, 2), (3, 3, 3)])
+@pytest.mark.parametrize('share', [0.0, 0.4, 0.99])
+def test_a_pin_on_one_atom_is_no_sum_over_pairs(repeat, share):
+    """All forces are compared, not those of a few atoms: the stiffness of the pinned one would be wrong."""
+    atoms = bulk('Ar', 'fcc', a=5.256).repeat(repeat)
+    lj = LennardJones(sigma=3.4, epsilon=0.0103, rc=7.0)
+    at = int(share * len(atoms))
+    atoms.calc = SumCalculator([lj, Pin(1.0, at, atoms.positions[at].copy())])
+    with pytest.raises(ValueError, match='is not a sum over pairs'):
+        split(atoms)
+    atoms.calc = lj  # the control
+    split(atoms)
+
+
+def test_potentials_of_matscipy_need_a_cell_around_two_atoms():
+    from matscipy.calculators.pair_potential import PairPotential
+    from matscipy.calculators.pair_potential.calculator import LennardJonesCut
+
+    argon, found = bulk('Ar', 'fcc', a=5.256), []
+    for calc in (LennardJones(sigma=3.4, epsilon=0.0103, rc=7.5), PairPotential({(18, 18): LennardJonesCut(0.0103, 3.4, 7.5)})):
+        argon.calc = calc
+        found.append([analytic_bands(split(argon), 'GX', model).omega ** 2 for model in ('complete', 'conventional')])
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9 * np.max(found[0]))
