@@ -21,7 +21,7 @@ from ..stiffness.bond import upper_part
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
-from ..stiffness.sites import out_of_plane
+from ..stiffness.sites import out_of_plane, refuse_motion_out_of_the_plane
 from ..traits import LINEAR, all_but, refuse, takes
 from .bond_increments import RANGES, TOLERANCE, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
@@ -484,6 +484,7 @@ class Blocks:
         return ('positions', (self._anchors + u).T), ('momenta', (self._masses * v).T)
 
     def _read(self):
+        refuse_motion_out_of_the_plane(self.calc, self.atoms)
         u = self.calc.displacements(self.atoms)
         anchors = np.subtract(self.atoms.positions.T[:2], u.T, order='C')
         self._take(u, self.atoms.get_momenta()[:, :2] / self._masses[:, None], anchors)
