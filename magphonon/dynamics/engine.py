@@ -470,7 +470,8 @@ class Blocks:
         return all(np.array_equal(arrays[name][:, :2], values) for name, values in self._written())
 
     def follow(self) -> None:
-        """Read the state from the atoms if they have been changed since `write`."""
+        """Read the state from the atoms if they have been changed since `write`; refuse a motion that no block would follow."""
+        refuse_motion_out_of_the_plane(self.calc, self.atoms)
         if not self.current:
             self._read()
 
@@ -484,7 +485,6 @@ class Blocks:
         return ('positions', (self._anchors + u).T), ('momenta', (self._masses * v).T)
 
     def _read(self):
-        refuse_motion_out_of_the_plane(self.calc, self.atoms)
         u = self.calc.displacements(self.atoms)
         anchors = np.subtract(self.atoms.positions.T[:2], u.T, order='C')
         self._take(u, self.atoms.get_momenta()[:, :2] / self._masses[:, None], anchors)
