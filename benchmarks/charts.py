@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.optimize import minimize
 from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg, spilu, splu, spsolve
 
-from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, relaxed
+from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, relaxed
 from magphonon.bands.density import lattice_density
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS, step_within
@@ -31,6 +31,7 @@ from magphonon.interactions import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import Forces
 from magphonon.plotting.axes import letter_panels, panels, print_style
 from magphonon.response import density_of_states
+from magphonon.scenes import ready_scene
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.lowest import lowest_eigenpairs
 from workflows import accuracy, accuracy_bands, accuracy_frf, accuracy_nonlinear, accuracy_transient

@@ -13,8 +13,7 @@ so forces are in N, and frequencies are printed in Hz:
 
 `dir(magphonon)` lists the most used names. The subpackages hold the others: `lattices` (cells, patches, bonds), `interactions`
 (laws, magnets, fits of forces), `stiffness` (the calculator, D0 + D*), `bands`, `dynamics` (time steps), `response` (modes,
-transfer functions, densities), `waves` (bursts, scans), `stability`, `design`, `scenes`, `plotting`,
-`units`.
+transfer functions, densities), `waves` (bursts, scans), `stability`, `design`, `scenes`, `plotting`, `units`.
 """
 
 from pathlib import Path
@@ -29,21 +28,16 @@ if not (Path(__file__).parent / 'data').is_dir():  # a checkout: data and workfl
 # The names repeat those of the stub file __init__.pyi, which type checkers read: reading it here would add a third to the import
 # time.
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
-    'bands', 'cli', 'design', 'dynamics', 'interactions', 'lattices', 'plotting', 'response', 'scenes',
-    'stability', 'stiffness', 'units', 'waves',
+    'bands', 'design', 'dynamics', 'interactions', 'lattices', 'plotting', 'response', 'scenes', 'stability', 'stiffness',
+    'units', 'waves',
 ], {
-    'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements',
-              'group_velocities', 'phonopy_bands', 'sound_speeds'],
-    'dynamics': ['Constant', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst', 'PrescribedMotion'],
-    'errors': ['Diverged', 'NotAtRest', 'PhysicsError', 'Unstable'],
-    'interactions': ['Cable', 'Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Spring', 'Tabulated', 'Yukawa',
-                     'magnet_law'],
-    'lattices': ['explicit_bonds', 'find_bonds'],
-    'plotting': ['plot_bands', 'plot_mode', 'plot_wave'],
+    'bands': ['analytic_bands', 'finite_displacements', 'phonopy_bands'],
+    'dynamics': ['DrivenVerlet', 'ToneBurst'],
+    'interactions': ['InversePower', 'magnet_law'],
+    'plotting': ['plot_bands'],
     'response': ['frequency_response', 'modes', 'propagate'],
-    'scenes': ['read_scene', 'ready_scene', 'write_scene'],
+    'scenes': ['read_scene'],
     'stability': ['critical_foundation', 'verdict'],
-    'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'PairCalculator', 'for_ase_tools',
-                  'relaxed', 'restored'],
+    'stiffness': ['MagneticRepulsion', 'relaxed'],
     'sweeps': ['sweep'],
 })

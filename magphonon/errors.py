@@ -31,7 +31,8 @@ class PhysicsError(ValueError):
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, PhysicsError, lattices, modes
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
+    >>> from magphonon.errors import PhysicsError
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> del patch[18]
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
@@ -48,7 +49,8 @@ class Unstable(PhysicsError):
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, Unstable, lattices
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.errors import Unstable
     >>> from magphonon.response import Dof, receptance
     >>> cell = lattices.square(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)  # it needs 4 f/L
@@ -67,7 +69,8 @@ class NotAtRest(PhysicsError):
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, NotAtRest, lattices, modes, relaxed
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
+    >>> from magphonon.errors import NotAtRest
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> del patch[18]  # a vacancy
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=4.0)
@@ -100,7 +103,8 @@ class Diverged(PhysicsError):
 
     Examples
     --------
-    >>> from magphonon import DrivenVerlet, Diverged, InversePower, MagneticRepulsion, lattices
+    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.dynamics import Diverged
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
     >>> patch.set_momenta([[50.0, 0.0, 0.0] if k == len(patch) // 2 else [0.0, 0.0, 0.0] for k in range(len(patch))])

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units as u
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.dynamics import Recorder
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 L0, MASS = 10.0, 0.707  # mm, g: the paper's prototype

@@ -5,7 +5,8 @@ from itertools import product
 import numpy as np
 from ase import Atoms
 
-from magphonon import InversePower, Tabulated, Yukawa, lattices, units as u
+from magphonon import InversePower, lattices, units as u
+from magphonon.interactions import Tabulated, Yukawa
 from magphonon.interactions.pair_laws import Hertz
 
 LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc')

@@ -8,9 +8,9 @@ and those of the analytic Bloch matrix in Hz, shape (wavevectors, modes).  `pyth
 import numpy as np
 from ase import Atoms
 
-from magphonon import InversePower, MagneticRepulsion, finite_displacements, for_ase_tools, lattices, relaxed, units as u
+from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, relaxed, units as u
 from magphonon.bands import bloch_modes, write_band_yaml, write_phonopy_params
-from magphonon.stiffness import with_vacancies
+from magphonon.stiffness import for_ase_tools, with_vacancies
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 Q = np.array([[0.0, 0, 0], [0.5, 0, 0], [1 / 3, 1 / 3, 0], [0.13, 0.31, 0], [-0.2, 0.4, 0]])

@@ -9,7 +9,8 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import Pairs, free_basis, lattice
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices, relaxed
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
+from magphonon.interactions import Yukawa
 
 L0 = 10.0
 REACHES = {

@@ -12,8 +12,8 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
 
-from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, lattices, relaxed
-from magphonon.dynamics import memory_layout
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, relaxed
+from magphonon.dynamics import Harmonic, memory_layout
 from magphonon.dynamics.memory_layout import LINE, arrange
 
 pytestmark = pytest.mark.filterwarnings('ignore:the foundation of')  # stiff on purpose: strains stay small

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from magphonon import DrivenVerlet, ToneBurst, critical_foundation, frequency_response, modes, read_scene, ready_scene, verdict
+from magphonon import DrivenVerlet, ToneBurst, critical_foundation, frequency_response, modes, read_scene, verdict
 from magphonon.bands.bloch import bloch_modes
+from magphonon.scenes import ready_scene
 from magphonon.stiffness.rest import freedom
 
 FROZEN = Path(__file__).with_name('frozen.json')

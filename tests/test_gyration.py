@@ -13,24 +13,27 @@ from scipy.linalg import eigvals, expm, sqrtm
 from scipy.optimize import brentq
 
 from magphonon import (
-    AllNeighbours,
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
     analytic_bands,
-    chern_numbers,
-    complex_bands,
-    edge_flow,
     frequency_response,
-    group_velocities,
     lattices,
     modes,
     read_scene,
     relaxed,
     verdict,
-    write_scene,
 )
-from magphonon.bands import band_gaps, bloch_modes, edge_weights, lattice_density
+from magphonon.bands import (
+    band_gaps,
+    bloch_modes,
+    chern_numbers,
+    complex_bands,
+    edge_flow,
+    edge_weights,
+    group_velocities,
+    lattice_density,
+)
 from magphonon.cli.main import main
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency
 from magphonon.plotting import mode_frames, plot_shape
@@ -38,7 +41,8 @@ from magphonon.response import (
     Dof,
     receptance,
 )
-from magphonon.stiffness import LinearSystem
+from magphonon.scenes import write_scene
+from magphonon.stiffness import AllNeighbours, LinearSystem
 from magphonon.stiffness.matrices import lossless_modes
 from magphonon.waves import burst_setup, run_burst
 

@@ -20,17 +20,9 @@ from ase.dft.kpoints import BandPath
 from scipy.linalg import eigvalsh, expm
 from structures import structure, weighted
 
-from magphonon import (
-    Harmonic,
-    critical_foundation,
-    finite_displacements,
-    frequency_response,
-    modes,
-    phonopy_bands,
-    propagate,
-    verdict,
-)
+from magphonon import critical_foundation, finite_displacements, frequency_response, modes, phonopy_bands, propagate, verdict
 from magphonon.bands.bloch import bloch_modes
+from magphonon.dynamics import Harmonic
 from magphonon.dynamics.engine import frequency_bound, highest_frequency
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies

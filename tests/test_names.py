@@ -7,9 +7,9 @@ import pytest
 from motion import patch
 
 import magphonon
-from magphonon import DrivenVerlet, Recorder, propagate
+from magphonon import DrivenVerlet, propagate
 from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
-from magphonon.dynamics import Motion
+from magphonon.dynamics import Motion, Recorder
 from magphonon.response import FrequencyResponse, Localisation, Modes
 from magphonon.stability import Shifts
 from magphonon.waves import Branch, Spectrum

@@ -5,19 +5,13 @@ import pytest
 from oracles import LAWS, lattice
 from structures import structure
 
-from magphonon import (
-    InversePower,
-    MagneticRepulsion,
-    complex_bands,
-    critical_foundation,
-    edge_flow,
-    lattices,
-    verdict,
-)
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, verdict
 from magphonon.bands import (
     band_gaps,
     band_ranges,
     chern_numbers,
+    complex_bands,
+    edge_flow,
     group_velocities,
     lattice_density,
     sound_speeds,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, sound_speeds, units as u
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, units as u
+from magphonon.bands import sound_speeds
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.lattices import Pillar

@@ -11,14 +11,10 @@ from ase.constraints import FixAtoms, FixedLine
 from numpy.testing import assert_allclose
 
 from magphonon import (
-    AllNeighbours,
-    Diverged,
     DrivenVerlet,
-    Harmonic,
     InversePower,
     MagneticRepulsion,
     critical_foundation,
-    find_bonds,
     frequency_response,
     lattices,
     modes,
@@ -26,8 +22,11 @@ from magphonon import (
     relaxed,
     verdict,
 )
+from magphonon.dynamics import Diverged, Harmonic
 from magphonon.dynamics.engine import highest_frequency
+from magphonon.lattices import find_bonds
 from magphonon.lattices.patches import RIM
+from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.rest import BALANCED, LinearSystem
 
 # other units make other densities, at which SI numbers without units would be suspected

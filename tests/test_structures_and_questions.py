@@ -14,9 +14,10 @@ import pytest
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import OwnLaws, Pairs, free_basis, lattice, neighbour_vectors, verlet
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.bands import group_velocities
 from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions import Yukawa
 
 LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a=2.0), (1, 1): Yukawa(c=20.0, kappa=0.3)}
 """About 0.2 N at 10 mm each, and of different slope."""

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, critical_foundation, lattices, units as u, verdict
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, critical_foundation, lattices, units as u, verdict
 from magphonon.bands import force_constants
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.force_constants import finite_displacements, phonopy_bands
+from magphonon.interactions import Yukawa
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 

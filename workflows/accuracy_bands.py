@@ -8,7 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene
+from magphonon import MagneticRepulsion, analytic_bands, read_scene
+from magphonon.scenes import ready_scene
 from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 

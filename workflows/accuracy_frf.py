@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 from ase import Atoms
 
-from magphonon import DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
+from magphonon import DrivenVerlet, MagneticRepulsion, lattices, units
+from magphonon.dynamics import Harmonic, Recorder
 from magphonon.response.frf import harmonic_response, series_response
 from magphonon.response.normal_modes import modes
 from magphonon.response.stepped import impulse_response, steady_amplitudes

@@ -7,9 +7,10 @@ import numpy as np
 from ase import Atoms
 from scipy.integrate import solve_ivp
 
-from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, units
+from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, units
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
+from magphonon.scenes import ready_scene
 
 from .accuracy import Candidate, Chart, cheapest, measure, panels_of
 from .rows import Check

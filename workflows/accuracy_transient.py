@@ -9,18 +9,9 @@ from ase import Atoms
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh_tridiagonal
 
-from magphonon import (
-    DrivenVerlet,
-    MagneticRepulsion,
-    ToneBurst,
-    analytic_bands,
-    lattices,
-    propagate,
-    read_scene,
-    ready_scene,
-    units,
-)
+from magphonon import DrivenVerlet, MagneticRepulsion, ToneBurst, analytic_bands, lattices, propagate, read_scene, units
 from magphonon.response.propagation import forced_response, sampled
+from magphonon.scenes import ready_scene
 from magphonon.stiffness.rest import LinearSystem
 
 from .accuracy import Candidate, Chart, cheapest, measure, panels_of, spoken

@@ -10,7 +10,8 @@ import numpy as np
 from ase.constraints import FixedLine
 from ase.md.verlet import VelocityVerlet
 
-from magphonon import DrivenVerlet, Harmonic, Recorder, units
+from magphonon import DrivenVerlet, units
+from magphonon.dynamics import Harmonic, Recorder
 from magphonon.response.stepped import replicas, steady_amplitudes
 from magphonon.waves.wave_analysis import waves
 

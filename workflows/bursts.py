@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from magphonon import read_scene, ready_scene, units
+from magphonon import read_scene, units
 from magphonon.plotting.axes import new_axes
 from magphonon.plotting.structures import plot_patch
 from magphonon.plotting.waves import crossing, plot_crossing, plot_waves
+from magphonon.scenes import ready_scene
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, Branch, compare, waves
 from magphonon.waves.wave_source import polarisations

@@ -8,19 +8,11 @@ from ase.calculators.calculator import all_changes
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from magphonon import (
-    DrivenVerlet,
-    InversePower,
-    MagneticRepulsion,
-    Recorder,
-    analytic_bands,
-    lattices,
-    read_scene,
-    ready_scene,
-    units,
-)
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, units
+from magphonon.dynamics import Recorder
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panels
 from magphonon.response.frf import harmonic_response
+from magphonon.scenes import ready_scene
 from magphonon.scenes.scene import reference
 from magphonon.waves.wave_source import burst_setup
 

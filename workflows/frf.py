@@ -3,7 +3,8 @@
 import numpy as np
 from ase.constraints import FixedLine
 
-from magphonon import DrivenVerlet, Harmonic, Recorder, units
+from magphonon import DrivenVerlet, units
+from magphonon.dynamics import Harmonic, Recorder
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panels
 from magphonon.response.stepped import impulse_response, replicas, steady_amplitudes
 from magphonon.scenes.scene import reference

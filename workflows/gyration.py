@@ -10,17 +10,15 @@ from magphonon import (
     MagneticRepulsion,
     ToneBurst,
     analytic_bands,
-    chern_numbers,
-    edge_flow,
     lattices,
     read_scene,
-    ready_scene,
     units,
     verdict,
 )
-from magphonon.bands import band_gaps, bloch_modes, edge_weights
+from magphonon.bands import band_gaps, bloch_modes, chern_numbers, edge_flow, edge_weights
 from magphonon.plotting.axes import COLOURS, panels
 from magphonon.plotting.bands import plot_edge_bands
+from magphonon.scenes import ready_scene
 from magphonon.stiffness import LinearSystem
 
 from . import closed_forms

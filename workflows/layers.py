@@ -4,11 +4,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from magphonon import (
-    AllNeighbours,
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
-    Yukawa,
     analytic_bands,
     finite_displacements,
     lattices,
@@ -17,11 +15,12 @@ from magphonon import (
     verdict,
 )
 from magphonon.bands import band_path
-from magphonon.interactions import UprightMagnets
+from magphonon.interactions import UprightMagnets, Yukawa
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force
 from magphonon.interactions.magnets import Ring
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.bands import label_path
+from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.bond import MODELS
 
 from .closed_forms import plasma_layer

@@ -2,17 +2,8 @@
 
 import numpy as np
 
-from magphonon import (
-    InversePower,
-    MagneticRepulsion,
-    complex_bands,
-    frequency_response,
-    group_velocities,
-    lattices,
-    propagate,
-    read_scene,
-    units as u,
-)
+from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices, propagate, read_scene, units as u
+from magphonon.bands import complex_bands, group_velocities
 from magphonon.bands.bloch import damped_modes
 from magphonon.plotting.axes import new_axes
 from magphonon.scenes import reference

@@ -6,7 +6,7 @@ from importlib.resources import files
 import numpy as np
 from scipy.optimize import curve_fit
 
-from magphonon import InversePower, read_scene, ready_scene, units as u
+from magphonon import InversePower, read_scene, units as u
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import read_forces
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_force
@@ -14,6 +14,7 @@ from magphonon.interactions.magnets import Cuboid, Ring, Sphere
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 from magphonon.plotting.axes import COLOURS, letter_panels, new_figure
 from magphonon.plotting.fits import plot_fit
+from magphonon.scenes import ready_scene
 from magphonon.scenes.scene import reference
 
 from .rows import Check, Outcome, Reported, save_picture

@@ -3,24 +3,22 @@
 import numpy as np
 
 from magphonon import (
-    AllNeighbours,
-    Hertz,
     InversePower,
     MagneticRepulsion,
-    Yukawa,
     analytic_bands,
     finite_displacements,
     lattices,
     phonopy_bands,
     read_scene,
-    sound_speeds,
     units as u,
 )
-from magphonon.bands import band_path
+from magphonon.bands import band_path, sound_speeds
 from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions import Hertz, Yukawa
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.bands import plot_bands
 from magphonon.scenes.scene import reference
+from magphonon.stiffness import AllNeighbours
 
 from .rows import Check, Outcome, save_picture
 

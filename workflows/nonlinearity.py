@@ -9,8 +9,9 @@ import numpy as np
 from ase.constraints import FixedLine
 from scipy.interpolate import CubicSpline
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, units
 from magphonon.bands import bloch_modes
+from magphonon.dynamics import Recorder
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.scenes.scene import reference
 from magphonon.stability.amplitude_shifts import frequency_shifts

@@ -22,23 +22,13 @@ from ase.vibrations import Vibrations
 from scipy.optimize import brentq
 from scipy.special import zeta
 
-from magphonon import (
-    AllNeighbours,
-    InversePower,
-    PairCalculator,
-    Spring,
-    analytic_bands,
-    chern_numbers,
-    critical_foundation,
-    find_bonds,
-    lattices,
-    modes,
-    relaxed,
-    sound_speeds,
-)
+from magphonon import InversePower, analytic_bands, critical_foundation, lattices, modes, relaxed
+from magphonon.bands import chern_numbers, sound_speeds
+from magphonon.interactions import Spring
+from magphonon.lattices import find_bonds
 from magphonon.plotting.axes import COLOURS, legend_of_set, new_axes
 from magphonon.scenes.scene import reference
-from magphonon.stiffness import elastic_moduli, net, self_stress
+from magphonon.stiffness import AllNeighbours, PairCalculator, elastic_moduli, net, self_stress
 from magphonon.stiffness.matrices import lossless_modes
 
 from .rows import Check, Outcome, save_picture

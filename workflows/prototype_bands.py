@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene, units
+from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, read_scene, units
 from magphonon.bands.force_constants import foundation_recovered
 from magphonon.plotting.axes import COLOURS, new_axes
 from magphonon.plotting.bands import name_branches, plot_bands
+from magphonon.scenes import ready_scene
 from magphonon.scenes.scene import reference
 
 from .rows import BRANCHES, Check, Outcome, pairs, save_picture

@@ -3,12 +3,12 @@
 import numpy as np
 from ase.constraints import FixAtoms, FixedLine
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, modes, relaxed, units
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed, units
 from magphonon.bands import band_gaps, bloch_modes
 from magphonon.plotting import new_axes, plot_shape
 from magphonon.response import density_of_states, local_modes, localisation
 from magphonon.scenes.scene import reference
-from magphonon.stiffness import LinearSystem, elastic_moduli
+from magphonon.stiffness import AllNeighbours, LinearSystem, elastic_moduli
 
 from .closed_forms import PROTOTYPE, hole_in_honeycomb
 from .rows import Check, Outcome, Reported, pairs, save_picture

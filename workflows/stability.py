@@ -10,7 +10,8 @@ from ase.constraints import FixAtoms, FixedLine
 from ase.md.verlet import VelocityVerlet
 from scipy.optimize import brentq
 
-from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, critical_foundation, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, critical_foundation, lattices
+from magphonon.dynamics import Constant, Recorder
 from magphonon.lattices.crystals import SYMBOL
 from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_of_set, letter_panels, panels
 from magphonon.scenes.scene import reference

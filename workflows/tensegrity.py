@@ -10,7 +10,7 @@ import numpy as np
 from ase import Atoms
 from scipy.linalg import eigh
 
-from magphonon import Spring
+from magphonon.interactions import Spring
 from magphonon.stiffness import net
 
 STEEL, STRING = 206.04395604395602e9, 75.998509224175415e9  # Pa, of bars and of strings

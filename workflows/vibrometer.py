@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from magphonon import read_scene, ready_scene, units
+from magphonon import read_scene, units
 from magphonon.bands.evanescent import complex_bands
 from magphonon.plotting.axes import COLOURS, PAGE_in, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.structures import plot_patch
 from magphonon.plotting.waves import plot_waves
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
+from magphonon.scenes import ready_scene
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.vibrometer import sampled
 from magphonon.waves.wave_analysis import MODELS, Branch, branch, compare, waves

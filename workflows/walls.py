@@ -3,18 +3,8 @@
 import numpy as np
 from ase.constraints import FixAtoms, FixedLine
 
-from magphonon import (
-    DrivenVerlet,
-    MagneticRepulsion,
-    PrescribedMotion,
-    Recorder,
-    ToneBurst,
-    frequency_response,
-    lattices,
-    propagate,
-    read_scene,
-    units as u,
-)
+from magphonon import DrivenVerlet, MagneticRepulsion, ToneBurst, frequency_response, lattices, propagate, read_scene, units as u
+from magphonon.dynamics import PrescribedMotion, Recorder
 from magphonon.plotting.axes import new_axes
 
 from .losses import C, closed

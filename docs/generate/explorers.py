@@ -5,8 +5,8 @@ import io
 import tempfile
 from pathlib import Path
 
-from magphonon import ready_scene
 from magphonon.cli.main import main
+from magphonon.scenes import ready_scene
 
 SCENES = ('prototype', 'ideal', 'square', 'demultiplexer')
 

@@ -106,6 +106,6 @@ print(verdict(square))
 # %%
 # The softest motion is at X, where the rows slide past each other:
 
-from magphonon import plot_mode
+from magphonon.plotting import plot_mode
 
 ax = plot_mode(square, analytic_bands(square, path, vectors=True), 'X', 0)

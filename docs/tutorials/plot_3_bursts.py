@@ -12,7 +12,8 @@ propagation without time steps.  Then we ask up to which force the linear answer
 
 import numpy as np
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, lattices, propagate, units as u
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, lattices, propagate, units as u
+from magphonon.dynamics import Recorder
 
 law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 cell = lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g)

@@ -62,7 +62,7 @@ ax = plot_bands(numerical, ax=ax, linestyle='', marker='o', fillstyle='none', la
 # The methods of this object work as usual and return Hz.  Its group velocities have the unit of a length times a frequency, here
 # mm Hz, which is a thousandth of a metre per second.  This package returns mm/ms, which is m/s.
 
-from magphonon import group_velocities
+from magphonon.bands import group_velocities
 
 q = [[0.1, 0.2, 0.0]]
 found = phonon.run_qpoints(q, with_group_velocities=True)

@@ -330,7 +330,8 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | N
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, group_velocities, lattices
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.bands import group_velocities
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=1.0)
     >>> found = group_velocities(cell, [[0.1, 0.2, 0.0]])
@@ -373,7 +374,8 @@ def cut_off(atoms: Atoms) -> float | None:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon import read_scene, units as u
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import cut_off
     >>> round(u.hertz(cut_off(read_scene(ready_scene('prototype')).atoms())), 3)
     26.551
@@ -408,7 +410,8 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: Model 
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices, sound_speeds
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.bands import sound_speeds
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 5.0))
     >>> (sound_speeds(cell) ** 2 * 8 / 3).round(9)  # a - 3 and 3 a - 1, times f L0/m

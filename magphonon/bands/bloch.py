@@ -61,7 +61,8 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import bloch_modes
     >>> cell = read_scene(ready_scene('ideal')).atoms()
     >>> omega, shapes = bloch_modes(cell, [[0.5, 0, 0], [0.1, 0.2, 0]], vectors=True)

@@ -120,7 +120,8 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import lattice_density
     >>> found = lattice_density(read_scene(ready_scene('ideal')).atoms(), steps=24)
     >>> found.modes  # branches
@@ -156,7 +157,8 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: Model | None = No
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import band_gaps
     >>> band_gaps(read_scene(ready_scene('vacancy')).perfect_cell()).shape  # from, to
     (1, 2)

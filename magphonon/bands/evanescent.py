@@ -182,7 +182,8 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, complex_bands, lattices
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.bands import complex_bands
     >>> cell = lattices.chain(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=10.0)
     >>> below = complex_bands(cell, (1, 0, 0), [1.0])  # the cut-off is the root of 10

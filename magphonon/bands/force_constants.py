@@ -289,7 +289,8 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon import finite_displacements, read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import extracted_dstar
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> Dstar = extracted_dstar(finite_displacements(cell), cell)
@@ -316,7 +317,8 @@ def foundation_recovered(phonon: Phonopy) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> from magphonon import finite_displacements, read_scene, ready_scene, units as u
+    >>> from magphonon import finite_displacements, read_scene, units as u
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import foundation_recovered
     >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
     >>> round(float(foundation_recovered(phonon)[0, 0, 0]) / (u.N / u.m), 4)

@@ -99,7 +99,7 @@ class ConvergedShells:
     error : float
         Largest relative error of a frequency with these shells.
     clear : bool
-        Whether the shells are clearly separated (`magphonon.find_bonds`); if not, the cutoff says which neighbours are meant.
+        Whether the shells are clearly separated (`find_bonds`); if not, the cutoff says which neighbours are meant.
     """
 
     shells: int

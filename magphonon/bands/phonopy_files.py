@@ -61,7 +61,8 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
 
     Examples
     --------
-    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon import finite_displacements, read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import thermal_properties
     >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
     >>> warm = thermal_properties(phonon, [300.0], [4, 4, 1])
@@ -103,7 +104,8 @@ def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) 
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon import finite_displacements, read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import write_band_yaml
     >>> scene = read_scene(ready_scene('prototype'))
     >>> file = Path(tempfile.mkdtemp()) / 'band.yaml'
@@ -175,7 +177,8 @@ def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon import finite_displacements, read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import write_phonopy_params
     >>> file = Path(tempfile.mkdtemp()) / 'phonopy_params.yaml'
     >>> write_phonopy_params(finite_displacements(read_scene(ready_scene('prototype')).atoms()), file)

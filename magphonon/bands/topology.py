@@ -59,7 +59,8 @@ def chern_numbers(cell: Atoms | LinearSystem, model: Model | None = None) -> NDA
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, chern_numbers, lattices
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.bands import chern_numbers
     >>> cell = lattices.honeycomb(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55)
     >>> chern_numbers(cell), chern_numbers(cell, 'conventional')
@@ -149,7 +150,8 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: Model | None = N
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, edge_flow, lattices
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.bands import edge_flow
     >>> strip = lattices.ribbon(lattices.honeycomb(1.0, 1.0), 20)
     >>> strip.calc = MagneticRepulsion(strip, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55)
     >>> edge_flow(strip, 3.44, 'conventional')[:2]  # D0 alone

@@ -98,7 +98,8 @@ def zone_map(atoms: Atoms, steps: int = 96, model: Model | None = None) -> ZoneM
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import frequency_ratio, zone_map
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> complete, conventional = zone_map(cell, 12), zone_map(cell, 12, 'conventional')
@@ -132,7 +133,8 @@ def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.floa
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import frequency_ratio, zone_map
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> ratio = frequency_ratio(zone_map(cell, 12), zone_map(cell, 12, 'conventional'))

@@ -72,7 +72,8 @@ def force_change(law: PairLaw | LawDerivative, power: ArrayLike = 1) -> LawDeriv
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.design import StiffnessDerivative, force_change, frequency_sensitivities
     >>> cell = read_scene(ready_scene('ideal')).atoms()
     >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [StiffnessDerivative(law=force_change(cell.calc.laws))])
@@ -87,7 +88,8 @@ def spacing_change(law: PairLaw) -> LawDerivative:
 
     Examples
     --------
-    >>> from magphonon import InversePower, read_scene, ready_scene
+    >>> from magphonon import InversePower, read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.design import StiffnessDerivative, frequency_sensitivities, spacing_change
     >>> cell = read_scene(ready_scene('ideal')).atoms()
     >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [StiffnessDerivative(law=spacing_change(cell.calc.laws))])
@@ -132,7 +134,8 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.design import StiffnessDerivative, frequency_sensitivities
     >>> cell = read_scene(ready_scene('ideal')).atoms()
     >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [StiffnessDerivative(mass=1.0)])

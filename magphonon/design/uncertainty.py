@@ -120,7 +120,8 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.design import StiffnessDerivative, Tolerances, frequency_spread
     >>> cell = read_scene(ready_scene('ideal')).atoms()
     >>> spread = frequency_spread(cell, [[0.5, 0, 0]], Tolerances({'mass': StiffnessDerivative(mass=1.0)}, np.array([[0.01**2]])))

@@ -39,7 +39,8 @@ class Constant:
 
     Examples
     --------
-    >>> from magphonon import Constant, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.dynamics import Constant
     >>> weight = Constant([0, 1], (0, -1), 0.7e-3 * 9.81 * u.N)
     >>> weight.particles
     array([0, 1])
@@ -78,7 +79,8 @@ class Harmonic:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import Harmonic, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.dynamics import Harmonic
     >>> push = Harmonic(3, (0, 1), 0.01 * u.N, omega=2 * np.pi * 40 * u.Hz)
     >>> push.omega / (2 * np.pi) / u.Hz
     array([40.])
@@ -165,7 +167,8 @@ class PrescribedMotion:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, PrescribedMotion, lattices
+    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.dynamics import Harmonic, PrescribedMotion
     >>> row = lattices.chain(1.0, 1.0).repeat((20, 1, 1))
     >>> row.pbc = False
     >>> row.calc = MagneticRepulsion(row, InversePower(1.0, 4.0), foundation=1.0).balanced([0, 19])

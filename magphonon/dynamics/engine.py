@@ -87,7 +87,8 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.dynamics import highest_frequency
     >>> patch = read_scene(ready_scene('prototype')).patch_atoms()
     >>> round(float(2 / highest_frequency(patch)), 2)  # the largest stable time step in ms
@@ -147,7 +148,8 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.dynamics.engine import frequency_bound, highest_frequency
     >>> patch = read_scene(ready_scene('prototype')).patch_atoms()
     >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))

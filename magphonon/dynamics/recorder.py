@@ -36,7 +36,8 @@ class Recorder:
 
     Examples
     --------
-    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
+    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.dynamics import Recorder
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 4.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
     >>> dyn = DrivenVerlet(patch, 0.05)

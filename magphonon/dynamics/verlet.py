@@ -65,7 +65,7 @@ class DrivenVerlet(VelocityVerlet):
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
     parameters, the damping and the drives may be changed: every engine continues with the new values.
 
-    A run that was killed can be continued from its `trajectory`: make a new DrivenVerlet with `magphonon.restored` of the last
+    A run that was killed can be continued from its `trajectory`: make a new DrivenVerlet with `stiffness.restored` of the last
     frame, and set its `nsteps` to the step of that frame, so that drives continue at the right time.  Frames hold absolute
     positions: displacements come back with an error of 1e-16 of the size of the structure.
 

@@ -70,7 +70,8 @@ def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n
 
     Examples
     --------
-    >>> from magphonon import Ring, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import Ring
     >>> from magphonon.interactions import pair_force
     >>> magnet = Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T)
     >>> (pair_force(magnet, magnet, [10.0, 0, 0]) + 0).round(3)  # N, beside: they repel
@@ -186,7 +187,8 @@ def magnet_law(magnet: Ring | Cuboid | Sphere) -> MagnetLaw | SphereLaw:
 
     Examples
     --------
-    >>> from magphonon import Ring, magnet_law, units as u
+    >>> from magphonon import magnet_law, units as u
+    >>> from magphonon.interactions import Ring
     >>> law = magnet_law(Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T))
     >>> round(float(-law.dphi(10.0)), 3)  # N
     0.377
@@ -222,7 +224,8 @@ def calibrated(magnet: Cuboid | Ring | Sphere, r: Any, f: float) -> Cuboid | Rin
 
     Examples
     --------
-    >>> from magphonon import Ring, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import Ring
     >>> from magphonon.interactions import calibrated, magnet_law
     >>> magnet = calibrated(Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T), 10.0, 0.2369)
     >>> round(float(-magnet_law(magnet).dphi(10.0)), 6)  # the measured force

@@ -59,7 +59,8 @@ class Ring:
 
     Examples
     --------
-    >>> from magphonon import Ring, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import Ring
     >>> from magphonon.interactions import pair_force
     >>> magnet = Ring(outer=6.35 * u.mm, inner=1.5875 * u.mm, height=3.175 * u.mm, remanence=1.3 * u.T)
     >>> round(magnet.volume * 7.5e-3, 4)  # g, at 7.5 g/cm3
@@ -119,7 +120,8 @@ class Cuboid:
 
     Examples
     --------
-    >>> from magphonon import Cuboid, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import Cuboid
     >>> from magphonon.interactions import pair_force
     >>> block = Cuboid(5 * u.mm, 5 * u.mm, 3 * u.mm, remanence=1.3 * u.T)
     >>> pair_force(block, block, [10.0, 0, 0]).round(3)  # N, at 10 mm side by side
@@ -161,7 +163,8 @@ class Sphere:
     Examples
     --------
     >>> import math
-    >>> from magphonon import Sphere, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import Sphere
     >>> from magphonon.interactions import moment
     >>> ball = Sphere(5 * u.mm, remanence=1.3 * u.T)
     >>> math.isclose(moment(ball), 1.3 * u.T * math.pi * 5**3 / 6 / u.mu0)
@@ -196,7 +199,8 @@ def moment(magnet: Cuboid | Ring | Sphere) -> float:
 
     Examples
     --------
-    >>> from magphonon import Ring, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import Ring
     >>> from magphonon.interactions import moment
     >>> round(moment(Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T)) / (u.A * u.m**2), 4)  # A m^2
     0.0975

@@ -24,7 +24,7 @@ class Spring:
 
     Examples
     --------
-    >>> from magphonon import Spring
+    >>> from magphonon.interactions import Spring
     >>> float(Spring(k=2.0, L0=10.0).dphi(10.5))  # it pulls with 1 N
     1.0
     """
@@ -53,7 +53,7 @@ class Cable(Composed, Spring):
 
     Examples
     --------
-    >>> from magphonon import Cable
+    >>> from magphonon.interactions import Cable
     >>> cable = Cable(k=2.0, L0=10.0)
     >>> float(cable.dphi(10.5)), float(cable.d2phi(10.5)), float(cable.d2phi(9.5))
     (1.0, 2.0, 0.0)

@@ -155,7 +155,8 @@ class GaussianMixture(PairLaw, Protocol):
 
     Examples
     --------
-    >>> from magphonon import Hertz, InversePower, Yukawa
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import Hertz, Yukawa
     >>> from magphonon.interactions import GaussianMixture
     >>> [isinstance(law, GaussianMixture) for law in (InversePower(1.0, 4.0), Yukawa(1.0, 1.0), Hertz(1.0, 1.0))]
     [True, True, False]
@@ -284,7 +285,7 @@ class Yukawa:
 
     Examples
     --------
-    >>> from magphonon import Yukawa
+    >>> from magphonon.interactions import Yukawa
     >>> law = Yukawa(c=1.0, kappa=2.0)
     >>> round(float(law.phi(1.0)), 6)  # exp(-2)
     0.135335
@@ -351,7 +352,8 @@ class Hertz:
 
     Examples
     --------
-    >>> from magphonon import Hertz, units as u
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import Hertz
     >>> balls = Hertz.spheres(20 * u.mm, 206 * u.GPa, 0.3)
     >>> round(float(-balls.dphi(19.997)))  # N, 3 um of overlap
     55
@@ -425,7 +427,7 @@ class Tabulated:
 
     Examples
     --------
-    >>> from magphonon import Tabulated
+    >>> from magphonon.interactions import Tabulated
     >>> law = Tabulated([8.0, 9.0, 10.0, 12.0], [0.66, 0.38, 0.24, 0.10])
     >>> round(float(-law.dphi(9.5)), 3)
     0.3

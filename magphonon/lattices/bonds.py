@@ -407,7 +407,8 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
 
     Examples
     --------
-    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import find_bonds
     >>> cell = lattices.triangular(10.0, 1.0)
     >>> len(find_bonds(cell)), len(find_bonds(cell, shells=2))  # three bonds per particle, then six
     (3, 6)
@@ -470,7 +471,8 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
 
     Examples
     --------
-    >>> from magphonon import explicit_bonds, lattices
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import explicit_bonds
     >>> atoms = lattices.oscillator(0.5, 1.0, 1.0)
     >>> explicit_bonds(atoms, [(0, 3), (1, 3), (2, 3)]).lengths.round(12)
     array([1., 1., 1.])

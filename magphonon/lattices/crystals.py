@@ -60,7 +60,8 @@ def honeycomb(spacing: float, mass: float) -> Atoms:
 
     Examples
     --------
-    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import find_bonds
     >>> cell = lattices.honeycomb(10.0, 1.0)
     >>> len(cell), len(find_bonds(cell))
     (2, 3)
@@ -74,7 +75,8 @@ def kagome(spacing: float, mass: float) -> Atoms:
 
     Examples
     --------
-    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import find_bonds
     >>> cell = lattices.kagome(10.0, 1.0)
     >>> len(cell), len(find_bonds(cell))
     (3, 6)
@@ -87,7 +89,8 @@ def fcc(spacing: float, mass: float) -> Atoms:
 
     Examples
     --------
-    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import find_bonds
     >>> 2 * len(find_bonds(lattices.fcc(1.0, 1.0)))  # neighbours of a particle
     12
     """
@@ -99,7 +102,8 @@ def bcc(spacing: float, mass: float) -> Atoms:
 
     Examples
     --------
-    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import find_bonds
     >>> 2 * len(find_bonds(lattices.bcc(1.0, 1.0)))  # neighbours of a particle
     8
     """

@@ -160,7 +160,8 @@ def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
 
     Examples
     --------
-    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import find_bonds
     >>> from magphonon.lattices import surrounded
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> patch = lattices.hexagon(cell, side=3.0)

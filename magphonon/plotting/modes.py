@@ -46,7 +46,8 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
 
     Examples
     --------
-    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, plot_mode
+    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+    >>> from magphonon.plotting import plot_mode
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
     >>> bands = analytic_bands(cell, cell.cell.bandpath('GMKG', npoints=50, pbc=cell.pbc), vectors=True)

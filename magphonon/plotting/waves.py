@@ -58,7 +58,8 @@ def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices, plot_wave
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.plotting import plot_wave
     >>> from magphonon.dynamics import Motion
     >>> from magphonon.waves import waves
     >>> cell = lattices.triangular(1.0, 1.0)

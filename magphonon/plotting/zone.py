@@ -43,7 +43,8 @@ def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.plotting import plot_zone
     >>> ax = plot_zone(read_scene(ready_scene('prototype')).band_path())
     """
@@ -82,7 +83,8 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axe
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands import zone_map
     >>> from magphonon.plotting import plot_ratio
     >>> cell = read_scene(ready_scene('prototype')).atoms()

@@ -228,7 +228,8 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands.bloch import bloch_modes
     >>> from magphonon.scenes import fit_bands
     >>> from magphonon.waves import RidgePoints

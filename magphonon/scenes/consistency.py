@@ -85,7 +85,7 @@ def _file(scene: Scene, lattice: FileLattice) -> None:
                 'law.kind = "saved" takes law, bonds, masses and foundation from the file of the lattice; remove {}')
     if cell.constraints or np.ptp(cell.get_tags()):
         _refuse(scene, 'patch', 'it needs constraints and tags to mark its rim, but the file has some; cut the patch in Python, '
-                'and save it with magphonon.write_scene')
+                'and save it with magphonon.scenes.write_scene')
     if cell.has('stiffness'):
         _refuse(scene, 'foundation', 'the file has a column with the stiffness; remove one of the two')
     if cell.has('relative_damping'):

@@ -434,7 +434,8 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     Examples
     --------
     >>> import tempfile
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, write_scene
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
+    >>> from magphonon.scenes import write_scene
     >>> cell = lattices.triangular(10.0, 0.7)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1e4, 4.6), foundation=0.02)
     >>> file = tempfile.mkdtemp() + '/mine.toml'

@@ -106,7 +106,7 @@ def ready_scene(name: str) -> Traversable:
 
     Examples
     --------
-    >>> from magphonon import ready_scene
+    >>> from magphonon.scenes import ready_scene
     >>> ready_scene('prototype').name
     'prototype.toml'
     """

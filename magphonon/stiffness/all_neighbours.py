@@ -62,7 +62,9 @@ class AllNeighbours(Repulsion):
 
     Examples
     --------
-    >>> from magphonon import AllNeighbours, InversePower, lattices, sound_speeds
+    >>> from magphonon import InversePower, lattices
+    >>> from magphonon.bands import sound_speeds
+    >>> from magphonon.stiffness import AllNeighbours
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = AllNeighbours(cell, InversePower(1.0, 4.0))  # dipoles
     >>> shear, longitudinal = sound_speeds(cell)

@@ -48,7 +48,7 @@ def net(atoms: Atoms, members: Iterable[tuple[Any, ...]], **sites: Any) -> Atoms
     Examples
     --------
     >>> from ase import Atoms
-    >>> from magphonon import Spring
+    >>> from magphonon.interactions import Spring
     >>> from magphonon.stiffness import net
     >>> pair = net(Atoms('H2', [[0, 0, 0], [10, 0, 0]], masses=[1, 1]), [(0, 1, Spring(2.0, 9.5))])
     >>> float(pair.get_forces()[0, 0])  # N: a spring of 2 N/mm, stretched by 0.5 mm, pulls the first node along x
@@ -87,7 +87,8 @@ def self_stress(atoms: Atoms) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> from magphonon import MagneticRepulsion, Spring, lattices
+    >>> from magphonon import MagneticRepulsion, lattices
+    >>> from magphonon.interactions import Spring
     >>> from magphonon.stiffness import self_stress
     >>> cell = lattices.square(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, Spring(1.0, 0.9))

@@ -91,7 +91,9 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
 
     Examples
     --------
-    >>> from magphonon import for_ase_tools, read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
+    >>> from magphonon.stiffness import for_ase_tools
     >>> magnets = for_ase_tools(read_scene(ready_scene('prototype')).atoms())
     >>> magnets.get_masses().round(3)  # amu, the mass of Nd
     array([144.242])

@@ -3,9 +3,9 @@
 ASE writes `calc.todict()` with the atoms to .traj files and databases.  It contains everything that the forces depend on,
 including rest positions, anchors and bonds::
 
-    atoms = magphonon.restored(ase.io.read('relaxed.traj'))
+    atoms = magphonon.stiffness.restored(ase.io.read('relaxed.traj'))
 
-    atoms = magphonon.restored(ase.db.connect('lattices.db').get(1))
+    atoms = magphonon.stiffness.restored(ase.db.connect('lattices.db').get(1))
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     --------
     >>> import tempfile
     >>> from ase.io import read, write
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices, restored
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stiffness import restored
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)
     >>> energy, file = cell.get_potential_energy(), tempfile.mkdtemp() + '/cell.traj'

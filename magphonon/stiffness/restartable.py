@@ -50,7 +50,7 @@ def _checked(cls, name, parameters):
     if of is None:
         raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
     if of != name:
-        raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or magphonon.restored(atoms)')
+        raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or stiffness.restored(atoms)')
     given = _table(f'the saved {name}', parameters, ('units', 'reference', 'potential', *cls.saved))
     if given['units'] != UNITS:
         raise ValueError(f'the saved {name} has numbers in {shown(given["units"])}, not in {UNITS}; convert them first')

@@ -181,7 +181,8 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.waves import Scan, field_of
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> places = np.array([(i, j) for i in range(12) for j in range(12)]) @ cell.cell.array[:2, :2] + [3, 4]

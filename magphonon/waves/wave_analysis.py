@@ -81,7 +81,8 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: Model | None = 
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon import read_scene, units as u
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.waves import branch
     >>> shear = branch(read_scene(ready_scene('prototype')).atoms(), (0, 1, 0), 0)
     >>> round(float(u.hertz(shear.omega[-1])), 3)  # at M
@@ -265,7 +266,8 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.waves import Scan, scan_waves
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> t, n = np.arange(0, 400, 2.0), np.delete(np.arange(24), [3, 9])  # two points are missing

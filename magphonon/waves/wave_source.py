@@ -50,7 +50,8 @@ def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.waves import wavevector
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> wavevector(cell, 'row').tolist(), wavevector(cell, 'point').tolist()
@@ -65,7 +66,8 @@ def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.waves import polarisations
     >>> list(polarisations(read_scene(ready_scene('prototype')).atoms(), 'row'))
     ['transverse', 'longitudinal']
@@ -119,7 +121,8 @@ def burst_setup(cell: Atoms, patch: Atoms, source: str) -> BurstSetup:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import read_scene
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.lattices import half_hexagon
     >>> from magphonon.waves import burst_setup
     >>> cell = read_scene(ready_scene('prototype')).atoms()
@@ -214,7 +217,8 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon import MagneticRepulsion, read_scene, ready_scene, units as u
+    >>> from magphonon import MagneticRepulsion, read_scene, units as u
+    >>> from magphonon.scenes import ready_scene
     >>> from magphonon.lattices import half_hexagon
     >>> from magphonon.waves import run_burst, burst_setup
     >>> cell = read_scene(ready_scene('prototype')).atoms()

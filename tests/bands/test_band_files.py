@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from cells import cell_of
 
-from magphonon import Bands, analytic_bands
+from magphonon import analytic_bands
+from magphonon.bands import Bands
 from magphonon.files import room_for
 
 

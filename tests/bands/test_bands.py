@@ -8,17 +8,8 @@ from cells import LAW, cell_of
 from numpy.testing import assert_allclose
 from oracles import LATTICES, lattice
 
-from magphonon import (
-    Bands,
-    MagneticRepulsion,
-    analytic_bands,
-    finite_displacements,
-    group_velocities,
-    lattices,
-    phonopy_bands,
-    sound_speeds,
-)
-from magphonon.bands import band_path
+from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands
+from magphonon.bands import Bands, band_path, group_velocities, sound_speeds
 from magphonon.bands.bands import path_of, points_on
 from magphonon.bands.bloch import bloch_modes
 

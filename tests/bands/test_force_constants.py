@@ -10,17 +10,9 @@ from ase.build import bulk
 from cells import PILLAR, PROTOTYPE, at, path_through, prototype
 from numpy.testing import assert_allclose
 
-from magphonon import (
-    InversePower,
-    MagneticRepulsion,
-    Yukawa,
-    analytic_bands,
-    finite_displacements,
-    lattices,
-    phonopy_bands,
-    units as u,
-)
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands, units as u
 from magphonon.bands import extracted_dstar, force_constants, foundation_recovered
+from magphonon.interactions import Yukawa
 
 PATHS = {'chain': 'GX', 'square': 'GXMG', 'triangular': 'GMKG', 'honeycomb': 'GMKG', 'kagome': 'GMKG'}
 

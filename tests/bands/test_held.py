@@ -5,7 +5,7 @@ import pytest
 from ase.constraints import FixAtoms, FixedLine
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices, relaxed
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.bands import (
     analytic_bands,
     band_path,
@@ -18,6 +18,7 @@ from magphonon.bands import (
 )
 from magphonon.bands.bands import edge_rows
 from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions import Yukawa
 from magphonon.stiffness import AllNeighbours
 from tests.oracles import Pairs, free_basis
 

@@ -7,9 +7,9 @@ from numpy.testing import assert_allclose
 from oracles import LAWS, Pairs, lattice
 from scipy import sparse
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, analytic_bands, group_velocities, lattices, modes
-from magphonon.bands import bloch, bloch_modes
-from magphonon.stiffness import lowest
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, modes
+from magphonon.bands import bloch, bloch_modes, group_velocities
+from magphonon.stiffness import AllNeighbours, lowest
 from magphonon.stiffness.lowest import inverse_pays, lowest_eigenpairs
 
 SIDES = {'triangular': 16, 'square': 16, 'honeycomb': 11, 'kagome': 9, 'fcc': 5}

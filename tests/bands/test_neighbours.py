@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from ase import Atoms
 
-from magphonon import Hertz, InversePower, MagneticRepulsion, Ring, Tabulated, Yukawa, lattices, magnet_law, read_scene
+from magphonon import InversePower, MagneticRepulsion, lattices, magnet_law, read_scene
 from magphonon.bands import converged_shells, neighbour_shifts
 from magphonon.bands.neighbours import whole_reach
-from magphonon.interactions import UprightMagnets
+from magphonon.interactions import Hertz, Ring, Tabulated, UprightMagnets, Yukawa
 from magphonon.lattices.bonds import bonds_within
 
 FAR = {1: 4000, 2: 80, 3: 18}  # cells to every side of the plain sum, by the number of periods

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from oracles import LATTICES, lattice, neighbour_vectors
 
-from magphonon import Cable, InversePower, PairCalculator, Spring, Yukawa, analytic_bands, finite_displacements, phonopy_bands
+from magphonon import InversePower, analytic_bands, finite_displacements, phonopy_bands
 from magphonon.bands import band_path
 from magphonon.bands.force_constants import default_distance
+from magphonon.interactions import Cable, Spring, Yukawa
 from magphonon.interactions.pair_laws import Hertz
+from magphonon.stiffness import PairCalculator
 
 OFF = [0.0, *(sign * 10.0**power for sign in (1, -1) for power in (-15, -12, -9, -7, -4, -1))]
 """Relative differences of the natural length from the length of the bonds: force of round-off, of compression, of tension."""

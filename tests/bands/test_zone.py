@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from magphonon import InversePower, MagneticRepulsion, group_velocities, lattices, units as u
-from magphonon.bands import zone
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.bands import group_velocities, zone
 from magphonon.bands.zone import first_zone, frequency_ratio, zone_map
 
 STEPS = 24  # a multiple of 6: M and K lie on the mesh

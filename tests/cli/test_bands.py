@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import Bands, Cable, PairCalculator, Spring, lattices, read_scene, write_scene
+from magphonon import lattices
+from magphonon.bands import Bands
 from magphonon.cli.band_report import disagreement
 from magphonon.cli.bands import _bands
 from magphonon.cli.main import main
-from magphonon.scenes.scene import reference
+from magphonon.interactions import Cable, Spring
+from magphonon.scenes import write_scene
+from magphonon.scenes.scene import read_scene, reference
+from magphonon.stiffness import PairCalculator
 
 FILES = {'bands.png', 'zone.png', 'bands.csv', 'bands_complete.npz', 'bands_conventional.npz', 'bands_phonopy.npz', 'band.yaml',
          'phonopy_params.yaml'}

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scene_files import ready_scene
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, critical_foundation, lattices
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices
 from magphonon.bands import band_path
 from magphonon.cli.explore import border
 from magphonon.cli.main import main
+from magphonon.interactions import Yukawa
 from magphonon.plotting import explorer
 
 

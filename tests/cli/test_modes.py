@@ -8,9 +8,10 @@ import pytest
 from motion import L0, LAW, MASS
 from scene_files import ready_scene
 
-from magphonon import MagneticRepulsion, lattices, modes, relaxed, write_scene
+from magphonon import MagneticRepulsion, lattices, modes, relaxed
 from magphonon.cli.main import main
 from magphonon.response import Localisation
+from magphonon.scenes import write_scene
 from magphonon.scenes.scene import read_scene
 
 

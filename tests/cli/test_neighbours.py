@@ -6,11 +6,12 @@ import tomllib
 import pytest
 from scene_files import ready_scene
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, sound_speeds, units as u
-from magphonon.bands import bloch_modes
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.bands import bloch_modes, sound_speeds
 from magphonon.cli.main import main
 from magphonon.cli.neighbours import neighbours, omission, speeds
 from magphonon.scenes.scene import scene_of
+from magphonon.stiffness import AllNeighbours
 
 TABLE = {'kind': 'table', 'distances_m': [0.008, 0.009, 0.01, 0.011, 0.012, 0.013, 0.014, 0.015], 'shells': 1,
          'forces_N': [1.07, 0.612, 0.377, 0.246, 0.167, 0.118, 0.0857, 0.0638]}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices, units
+from magphonon import InversePower, MagneticRepulsion, lattices, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.design import sensitivities
 from magphonon.design.sensitivities import (
@@ -15,6 +15,7 @@ from magphonon.design.sensitivities import (
     screening_change,
     spacing_change,
 )
+from magphonon.interactions import Yukawa
 from magphonon.interactions.pair_laws import Tabulated
 
 STEP = 1e-5  # of central differences: STEP^2 times a third derivative of some 100 is 1e-8

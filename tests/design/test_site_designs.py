@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms
 
-from magphonon import InversePower, MagneticRepulsion, Unstable, lattices, relaxed
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.design import (
     BandEdge,
     Level,
@@ -19,6 +19,7 @@ from magphonon.design import (
     orbits,
     write_build_list,
 )
+from magphonon.errors import Unstable
 from magphonon.response import Dof, harmonic_response
 from magphonon.stability import critical_foundation
 from magphonon.stiffness import Scatter

@@ -14,8 +14,10 @@ from ase.md.langevin import Langevin
 from ase.units import kB
 from motion import L0, LAW, MASS, patch
 
-from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, explicit_bonds, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+from magphonon.dynamics import Diverged
 from magphonon.dynamics.cages import Cages, pairs_without_bond
+from magphonon.lattices import explicit_bonds
 
 ENGINES = ['ase', 'compiled']
 

@@ -6,7 +6,8 @@ import pytest
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
 
-from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+from magphonon.dynamics import Constant, Recorder
 from magphonon.dynamics.engine import Blocks
 
 LAW, ANOTHER = InversePower(b=3000.0, a=4.6), InversePower(b=1500.0, a=4.1)

@@ -5,16 +5,8 @@ import pytest
 from ase.constraints import FixedLine
 from motion import DT, patch
 
-from magphonon import (
-    Constant,
-    DrivenVerlet,
-    Harmonic,
-    InversePower,
-    MagneticRepulsion,
-    ToneBurst,
-    lattices,
-    propagate,
-)
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, lattices, propagate
+from magphonon.dynamics import Constant, Harmonic
 from magphonon.response.frf import frequency_response, harmonic_response
 
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from oracles import LAWS
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Tabulated, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.dynamics import memory_layout
 from magphonon.dynamics.bond_increments import DEGREE, RANGES, TOLERANCE, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
 from magphonon.dynamics.memory_layout import arrange
 from magphonon.dynamics.verlet import threads_for
+from magphonon.interactions import Tabulated
 from magphonon.interactions.bond_laws import labels
 from magphonon.interactions.pair_laws import Hertz
 

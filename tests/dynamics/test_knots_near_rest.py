@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from magphonon import Tabulated
 from magphonon.dynamics.bond_increments import DEGREE, SMALL, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
+from magphonon.interactions import Tabulated
 
 REST = 10.0
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scene_files import ready_scene
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, lattices, units as u
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
 from magphonon.cli.main import main
+from magphonon.dynamics import Recorder
 from magphonon.dynamics.lammps import RESTARTS, RESTARTS_OF_A_RUN, _program, run_lammps
 from magphonon.lattices import RIM
 from magphonon.stiffness.defects import Scatter, scattered, with_vacancies

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from motion import DT, patch
 
-from magphonon import DrivenVerlet, Recorder
+from magphonon import DrivenVerlet
+from magphonon.dynamics import Recorder
 
 
 def test_recorder_keeps_what_was_there_in_memory_and_on_disk(tmp_path, monkeypatch):

@@ -12,8 +12,10 @@ from ase.constraints import FixAtoms, FixCartesian
 from ase.io import read
 from motion import DT, apart, patch, states_of
 
-from magphonon import Constant, DrivenVerlet, Harmonic, Tabulated, ToneBurst, restored
-from magphonon.dynamics import compiled
+from magphonon import DrivenVerlet, ToneBurst
+from magphonon.dynamics import Constant, Harmonic, compiled
+from magphonon.interactions import Tabulated
+from magphonon.stiffness import restored
 
 
 @pytest.mark.parametrize('engine', ['ase', 'compiled'])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from oracles import Pairs, free_basis
 
-from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, lattices, propagate
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, propagate
+from magphonon.dynamics import Constant
 from magphonon.response import propagation
 from magphonon.stiffness.rest import static_forces
 

@@ -6,7 +6,8 @@ import pytest
 from ase.constraints import FixAtoms, FixedLine
 from scipy.integrate import solve_ivp
 
-from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+from magphonon.dynamics import Diverged
 from magphonon.dynamics.splittings import SPLITTINGS
 
 ENGINES = ['ase', 'compiled']

@@ -8,11 +8,11 @@ import pytest
 from ase.calculators.emt import EMT
 from ase.constraints import FixAtoms
 
-from magphonon import DrivenVerlet, Harmonic, InversePower, PairCalculator, Recorder, ToneBurst, lattices
-from magphonon.dynamics import PrescribedMotion, engine, memory_layout
+from magphonon import DrivenVerlet, InversePower, ToneBurst, lattices
+from magphonon.dynamics import Harmonic, PrescribedMotion, Recorder, engine, memory_layout
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
-from magphonon.stiffness import LinearSystem
+from magphonon.stiffness import LinearSystem, PairCalculator
 
 FINER = 4
 

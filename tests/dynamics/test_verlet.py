@@ -10,8 +10,10 @@ from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from ase.md.verlet import VelocityVerlet
 from motion import DT, L0, MASS, apart, oscillator, patch, states_of
 
-from magphonon import Constant, DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, ToneBurst, Yukawa, lattices, units as u
+from magphonon import DrivenVerlet, MagneticRepulsion, ToneBurst, lattices, units as u
+from magphonon.dynamics import Constant, Harmonic, Recorder
 from magphonon.dynamics.engine import highest_frequency
+from magphonon.interactions import Yukawa
 
 # --- it is ASE's VelocityVerlet -------------------------------------------------------------------------------------
 

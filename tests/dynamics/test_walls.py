@@ -9,11 +9,8 @@ from structures import held_by, structure
 
 from magphonon import (
     DrivenVerlet,
-    Harmonic,
     InversePower,
     MagneticRepulsion,
-    PrescribedMotion,
-    Recorder,
     ToneBurst,
     frequency_response,
     lattices,
@@ -21,7 +18,7 @@ from magphonon import (
     read_scene,
     units as u,
 )
-from magphonon.dynamics import write_lammps_input
+from magphonon.dynamics import Harmonic, PrescribedMotion, Recorder, write_lammps_input
 from magphonon.response.frf import Transmissibility
 from magphonon.stiffness.rest import LinearSystem
 

@@ -11,9 +11,9 @@ from oracles import lattice
 from scipy.interpolate import CubicSpline
 
 import magphonon.interactions as room
-from magphonon import InversePower, MagneticRepulsion, Tabulated, Yukawa, read_scene, units as u, verdict
+from magphonon import InversePower, MagneticRepulsion, read_scene, units as u, verdict
 from magphonon.bands.bloch import bloch_modes
-from magphonon.interactions import Attraction, UprightMagnets
+from magphonon.interactions import Attraction, Tabulated, UprightMagnets, Yukawa
 from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
 from magphonon.interactions.law_cards import Card, Kind, Parameter, card_of, kinds_of_laws
 from magphonon.interactions.pair_laws import higher_derivatives

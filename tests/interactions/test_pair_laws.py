@@ -9,20 +9,13 @@ import pytest
 from oracles import LAWS, TABLE
 from scipy.integrate import quad
 
-from magphonon import (
-    AllNeighbours,
-    InversePower,
-    MagneticRepulsion,
-    PhysicsError,
-    Tabulated,
-    Yukawa,
-    lattices,
-    relaxed,
-    units as u,
-)
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed, units as u
 from magphonon.bands.bloch import bloch_modes
+from magphonon.errors import PhysicsError
+from magphonon.interactions import Tabulated, Yukawa
 from magphonon.interactions.pair_laws import GaussianMixture, Hertz, PairLaw, repulsion
 from magphonon.lattices.crystals import triangular
+from magphonon.stiffness import AllNeighbours
 
 R = np.linspace(3.5, 44.0, 60)
 STEP = 1e-30  # of the complex step: its error is the square, its round-off none

@@ -9,8 +9,7 @@ from ase.constraints import FixAtoms
 from hypothesis import example, given, settings, strategies as st
 from oracles import LATTICES, lattice, neighbour_vectors
 
-from magphonon import explicit_bonds, find_bonds
-from magphonon.lattices import bonds as of_bonds
+from magphonon.lattices import bonds as of_bonds, explicit_bonds, find_bonds
 from magphonon.lattices.bonds import Bonds, bonds_within, repeat_bonds
 from magphonon.lattices.patches import parallelogram
 

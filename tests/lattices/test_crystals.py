@@ -6,8 +6,9 @@ from ase.constraints import FixAtoms
 from hypothesis import given, settings, strategies as st
 from oracles import neighbour_vectors
 
-from magphonon import InversePower, MagneticRepulsion, find_bonds, lattices, modes, units as u
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, units as u
 from magphonon.interactions.pair_laws import repulsion
+from magphonon.lattices import find_bonds
 from magphonon.lattices.patches import RIM
 
 LAW = InversePower(b=6200.0, a=4.5824)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from ase import Atoms
 
-from magphonon import InversePower, PairCalculator, find_bonds, frequency_response, lattices, modes, propagate
-from magphonon.lattices import bonds, patches
+from magphonon import InversePower, frequency_response, lattices, modes, propagate
+from magphonon.lattices import bonds, find_bonds, patches
 from magphonon.lattices.bonds import bonds_within
 from magphonon.response import natural_frequencies
+from magphonon.stiffness import PairCalculator
 
 TRIANGULAR = lattices.triangular(1.0, 1.0)
 

@@ -6,8 +6,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from magphonon import Hertz, InversePower, MagneticRepulsion, Tabulated, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.bands import band_path
+from magphonon.interactions import Hertz, Tabulated
 from magphonon.plotting import explorer
 from magphonon.plotting.explorer import Explorer
 

@@ -12,21 +12,11 @@ import numpy as np
 import pytest
 from scene_files import ready_scene
 
-from magphonon import (
-    InversePower,
-    MagneticRepulsion,
-    Spring,
-    Tabulated,
-    Yukawa,
-    analytic_bands,
-    critical_foundation,
-    lattices,
-    read_scene,
-    units as u,
-)
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, critical_foundation, lattices, read_scene, units as u
 from magphonon.bands import band_path, bloch_modes
 from magphonon.cli.explore import border
 from magphonon.cli.main import main
+from magphonon.interactions import Spring, Tabulated, Yukawa
 from magphonon.plotting import explorer
 
 playwright = pytest.importorskip('playwright.sync_api')

@@ -8,17 +8,16 @@ from scipy.linalg import expm
 from structures import structure
 
 from magphonon import (
-    Bands,
     InversePower,
     MagneticRepulsion,
     analytic_bands,
-    complex_bands,
     frequency_response,
     lattices,
     propagate,
     read_scene,
     units as u,
 )
+from magphonon.bands import Bands, complex_bands
 from magphonon.bands.bloch import bloch_modes, damped_modes
 from magphonon.cli.main import main
 from magphonon.response import first_order

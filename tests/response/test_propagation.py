@@ -8,7 +8,8 @@ from hypothesis import given, settings, strategies as st
 from motion import apart, oscillator, patch
 from scipy.linalg import expm
 
-from magphonon import Harmonic, InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
+from magphonon.dynamics import Harmonic
 from magphonon.response import propagation
 from magphonon.response.chebyshev import Interval, Outside
 from magphonon.response.propagation import _resolved, propagate

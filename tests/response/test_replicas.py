@@ -5,8 +5,9 @@ import pytest
 from ase.constraints import FixAtoms, FixCom, FixedLine
 from oracles import Gaussian, neighbour_vectors, verlet
 
-from magphonon import AllNeighbours, DrivenVerlet, InversePower, MagneticRepulsion, frequency_response, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, frequency_response, lattices
 from magphonon.response import Dof, replicas, stepped_response
+from magphonon.stiffness import AllNeighbours
 
 L0, DT, STEPS, K = 10.0, 0.02, 60, 0.4
 EXACT = 1e-9  # of the largest displacement, 0.1 mm and more: round-off of positions and of momenta over 60 steps

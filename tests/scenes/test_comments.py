@@ -8,11 +8,11 @@ import re
 import numpy as np
 import pytest
 
-from magphonon import read_scene, ready_scene, units as u
+from magphonon import read_scene, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.response import natural_frequencies
-from magphonon.scenes import ready_scenes, reference
+from magphonon.scenes import ready_scene, ready_scenes, reference
 
 PILLAR = 3 * 71e9 * (np.pi * 7.9375e-4**4 / 4) / 0.15**3  # N/m
 MASS, L, A = 7.07e-4, 0.01, 4.5824

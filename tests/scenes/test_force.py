@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import read_scene, ready_scene, units as u
+from magphonon import read_scene, units as u
 from magphonon.interactions.pair_laws import repulsion
-from magphonon.scenes import fit_bands
+from magphonon.scenes import fit_bands, ready_scene
 from magphonon.scenes.band_fits import varied
 from magphonon.scenes.scene import scene_of
 

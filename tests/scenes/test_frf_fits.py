@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import DrivenVerlet, Harmonic, Recorder, modes, read_scene, units as u
+from magphonon import DrivenVerlet, modes, read_scene, units as u
 from magphonon.cli.fit_report import frf_report
 from magphonon.cli.main import main
 from magphonon.design.sensitivities import hessian_changes
+from magphonon.dynamics import Harmonic, Recorder
 from magphonon.response import Dof, TransferFunction, estimated, lock_in, read_transfer, receptance
 from magphonon.response.frf import base_force
 from magphonon.scenes import fit_frf

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import analytic_bands, modes, read_scene, ready_scene, units as u
+from magphonon import analytic_bands, modes, read_scene, units as u
 from magphonon.cli.main import main
+from magphonon.scenes import ready_scene
 
 GRID = """title = "A net of one node"
 [lattice]

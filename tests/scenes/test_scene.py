@@ -8,16 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scene_files import ready_scene
 
-from magphonon import (
-    AllNeighbours,
-    MagneticRepulsion,
-    analytic_bands,
-    finite_displacements,
-    phonopy_bands,
-    units as u,
-)
+from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, units as u
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.scene import read_scene, ready_scenes, reference
+from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.rest import freedom
 
 # A law of each kind, with forces of some tenths of a newton at 10 mm

@@ -6,9 +6,10 @@ import pytest
 from ase.constraints import FixAtoms, FixBondLength
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, relaxed, units as u, write_scene
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, relaxed, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
+from magphonon.scenes import write_scene
 from magphonon.scenes.scene import Scene
 from magphonon.stiffness import AllNeighbours
 from tests.oracles import LAWS, Gaussian

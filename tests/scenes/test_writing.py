@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as some
 
-from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, write_scene
+from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
+from magphonon.scenes import write_scene
 
 TITLES = ['plain', 'two\nlines', 'a\ttab', 'a magnet 🧲', '\U0001d6fc and β', 'x' * 200, 'x' * 201, '"quoted" \\ and \'so\'',
           '$a_1$', '$a_',

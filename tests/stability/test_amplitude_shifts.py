@@ -5,9 +5,10 @@ import pytest
 from ase.constraints import FixedLine
 from scipy.optimize import least_squares
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices
+from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.bands import bloch_modes
 from magphonon.errors import PhysicsError
+from magphonon.interactions import Yukawa
 from magphonon.interactions.pair_laws import higher_derivatives
 from magphonon.stability import frequency_shifts
 

@@ -4,21 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import (
-    AllNeighbours,
-    InversePower,
-    MagneticRepulsion,
-    PairCalculator,
-    critical_foundation,
-    lattices,
-    relaxed,
-    units as u,
-    verdict,
-)
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, relaxed, units as u, verdict
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions import Attraction
 from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
-from magphonon.stiffness import substituted
+from magphonon.stiffness import AllNeighbours, PairCalculator, substituted
 
 LAW = InversePower(b=0.2 * 10.0**4, a=4.0)
 

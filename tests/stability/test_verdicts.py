@@ -8,21 +8,12 @@ from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
-from magphonon import (
-    Constant,
-    InversePower,
-    MagneticRepulsion,
-    PairCalculator,
-    Spring,
-    Yukawa,
-    critical_foundation,
-    lattices,
-    read_scene,
-    verdict,
-)
+from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, read_scene, verdict
+from magphonon.dynamics import Constant
+from magphonon.interactions import Spring, Yukawa
 from magphonon.stability import frequency_shifts, verdicts
 from magphonon.stability.buckling import critical_spacing, critical_support, softest_of
-from magphonon.stiffness import LinearSystem
+from magphonon.stiffness import LinearSystem, PairCalculator
 from magphonon.stiffness.matrices import hessian
 
 # --- the verdict -----------------------------------------------------------------------------------------------------

@@ -8,24 +8,15 @@ from ase import Atoms
 from ase.constraints import FixedPlane
 from numpy.testing import assert_allclose
 
-from magphonon import (
-    AllNeighbours,
-    DrivenVerlet,
-    InversePower,
-    MagneticRepulsion,
-    Yukawa,
-    analytic_bands,
-    find_bonds,
-    finite_displacements,
-    group_velocities,
-    lattices,
-    phonopy_bands,
-    sound_speeds,
-)
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands
+from magphonon.bands import group_velocities, sound_speeds
 from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions import Yukawa
+from magphonon.lattices import find_bonds
 from magphonon.lattices.bonds import bonds_within
 from magphonon.scenes.scene import reference
 from magphonon.stability.buckling import critical_foundation
+from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.ewald import lattice_sum
 from magphonon.stiffness.matrices import bloch_matrix, bloch_series

@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from oracles import LAWS, Energy, displaced, gradient, small_cluster
 
-from magphonon import InversePower, MagneticRepulsion, find_bonds, lattices
+from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon.lattices import find_bonds
 
 LAW = LAWS['magnets']
 K = 0.03

@@ -9,7 +9,8 @@ from cells import LAW, triangular_patch
 from oracles import LAWS, lattice
 from scipy import sparse
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.stiffness import AllNeighbours
 
 # As a part of ASE
 

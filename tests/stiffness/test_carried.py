@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from ase.io import read, write
 
-from magphonon import InversePower, MagneticRepulsion, lattices, restored
+from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.bands import finite_displacements
 from magphonon.response import replicas
-from magphonon.stiffness import Scatter, scattered, substituted, with_interstitial, with_vacancies
+from magphonon.stiffness import Scatter, restored, scattered, substituted, with_interstitial, with_vacancies
 from magphonon.stiffness.sites import Sites
 
 EACH = {

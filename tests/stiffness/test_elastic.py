@@ -5,8 +5,10 @@ import pytest
 from ase import Atoms
 from oracles import LAWS, gradient, lattice, length, neighbour_vectors, second_derivatives
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, Yukawa, lattices, relaxed, sound_speeds
-from magphonon.stiffness import Moduli, cauchy_stress, elastic_moduli
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
+from magphonon.bands import sound_speeds
+from magphonon.interactions import Yukawa
+from magphonon.stiffness import AllNeighbours, Moduli, cauchy_stress, elastic_moduli
 
 SCALE = 10.0  # mm: a displacement gradient of one counts as this displacement in the oracle's steps
 BASES = {  # cell and fractions of lattices

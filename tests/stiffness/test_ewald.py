@@ -6,8 +6,10 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.special import zeta
 
-from magphonon import AllNeighbours, InversePower, Yukawa, lattices
+from magphonon import InversePower, lattices
+from magphonon.interactions import Yukawa
 from magphonon.scenes.scene import reference
+from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.ewald import EwaldSums, lattice_sum, points_within
 
 TRIANGULAR = np.array([[1, 0], [0.5, np.sqrt(0.75)]])

@@ -6,7 +6,8 @@ from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from scipy import sparse
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices
+from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon.interactions import Yukawa
 from magphonon.stiffness import LinearSystem, factors
 from magphonon.stiffness.factors import factorised, inverse
 from magphonon.stiffness.lowest import count_below, lowest_mode

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from oracles import second_derivatives
 
-from magphonon import InversePower, MagneticRepulsion, Yukawa, finite_displacements, lattices, phonopy_bands, units as u, verdict
+from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, phonopy_bands, units as u, verdict
 from magphonon.bands import band_path, bloch_modes, sound_speeds
-from magphonon.interactions import UprightMagnets
+from magphonon.interactions import UprightMagnets, Yukawa
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force
 from magphonon.interactions.magnets import Ring
 from magphonon.stability import frequency_shifts

@@ -11,9 +11,10 @@ from ase.calculators.emt import EMT
 from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 
-from magphonon import Cable, InversePower, NotAtRest, PairCalculator, Spring, Yukawa, analytic_bands, lattices, modes, verdict
-from magphonon.interactions import Attraction
-from magphonon.stiffness import net, self_stress, split
+from magphonon import InversePower, analytic_bands, lattices, modes, verdict
+from magphonon.errors import NotAtRest
+from magphonon.interactions import Attraction, Cable, Spring, Yukawa
+from magphonon.stiffness import PairCalculator, net, self_stress, split
 
 OWN = {  # slope and curvature of each law, written again
     Spring: lambda law, r: (law.k * (r - law.L0), law.k),

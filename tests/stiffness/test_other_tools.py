@@ -9,7 +9,8 @@ import pytest
 from ase.constraints import FixAtoms
 from ase.data import atomic_masses
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, for_ase_tools, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, units as u
+from magphonon.stiffness import for_ase_tools
 from magphonon.stiffness.other_tools import GRAM
 
 MODULES = {'symfc': 'symfc', 'euphonic': 'euphonic', 'janus_core': 'janus_core.calculations.phonons', 'matcalc': 'matcalc',

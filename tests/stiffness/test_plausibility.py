@@ -6,24 +6,11 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 
-from magphonon import (
-    AllNeighbours,
-    DrivenVerlet,
-    Harmonic,
-    InversePower,
-    PairCalculator,
-    PrescribedMotion,
-    ToneBurst,
-    analytic_bands,
-    complex_bands,
-    edge_flow,
-    frequency_response,
-    lattices,
-    propagate,
-    units as u,
-)
-from magphonon.bands import lattice_density
+from magphonon import DrivenVerlet, InversePower, ToneBurst, analytic_bands, frequency_response, lattices, propagate, units as u
+from magphonon.bands import complex_bands, edge_flow, lattice_density
+from magphonon.dynamics import Harmonic, PrescribedMotion
 from magphonon.response import count_modes_below, density_of_states, harmonic_response
+from magphonon.stiffness import AllNeighbours, PairCalculator
 
 LATTICES = [lattices.chain, lattices.square, lattices.triangular, lattices.honeycomb, lattices.kagome]
 HERTZ = 2 * np.pi / 1e3  # in rad/ms, by hand

@@ -5,8 +5,10 @@ import pytest
 from ase import Atoms
 from ase.md.verlet import VelocityVerlet
 
-from magphonon import Cable, Diverged, Hertz, InversePower, PairCalculator, Spring, Tabulated, Yukawa, lattices
-from magphonon.dynamics import highest_frequency
+from magphonon import InversePower, lattices
+from magphonon.dynamics import Diverged, highest_frequency
+from magphonon.interactions import Cable, Hertz, Spring, Tabulated, Yukawa
+from magphonon.stiffness import PairCalculator
 
 L0, MASS = 10.0, 0.707
 MAGNETS = InversePower(6200.0, 4.5824)

@@ -5,7 +5,8 @@ import pytest
 from ase.calculators.lj import LennardJones
 from oracles import lattice
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion
+from magphonon import InversePower, MagneticRepulsion
+from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.bond import MODELS
 from magphonon.stiffness.repulsion import Repulsion, repulsion_of
 

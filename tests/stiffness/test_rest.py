@@ -16,7 +16,6 @@ from magphonon import (
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
-    Unstable,
     analytic_bands,
     critical_foundation,
     frequency_response,
@@ -27,6 +26,7 @@ from magphonon import (
     units as u,
     verdict,
 )
+from magphonon.errors import Unstable
 from magphonon.lattices.patches import RIM
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies

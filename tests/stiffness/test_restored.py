@@ -8,10 +8,10 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine
 from ase.io.jsonio import decode, encode
 
-from magphonon import MagneticRepulsion, lattices, magnet_law, relaxed, restored
+from magphonon import MagneticRepulsion, lattices, magnet_law, relaxed
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnets import Cuboid, Sphere
-from magphonon.stiffness import AllNeighbours
+from magphonon.stiffness import AllNeighbours, restored
 from tests.oracles import LAWS, Gaussian
 
 OWN = {name: law for name, law in LAWS.items() if name != 'foreign'}

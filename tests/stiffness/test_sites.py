@@ -6,19 +6,11 @@ import numpy as np
 import pytest
 from oracles import lattice
 
-from magphonon import (
-    AllNeighbours,
-    InversePower,
-    MagneticRepulsion,
-    Yukawa,
-    finite_displacements,
-    lattices,
-    phonopy_bands,
-    units as u,
-    verdict,
-)
+from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, phonopy_bands, units as u, verdict
 from magphonon.bands import band_path
 from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions import Yukawa
+from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.matrices import bloch_series
 
 LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a=2.0), (1, 1): Yukawa(c=20.0, kappa=0.3)}

@@ -8,7 +8,9 @@ from ase import Atoms
 from ase.build import make_supercell
 from numpy.testing import assert_allclose
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, Yukawa, analytic_bands, lattices
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+from magphonon.interactions import Yukawa
+from magphonon.stiffness import AllNeighbours
 
 LAW = InversePower(1.0, 4.0)
 CELLS = {'chain': lambda: lattices.chain(1.0, 1.0), 'square': lambda: lattices.square(1.0, 1.0),

@@ -4,14 +4,8 @@ import pytest
 from motion import LAW
 from numpy.testing import assert_allclose
 
-from magphonon import (
-    AllNeighbours,
-    MagneticRepulsion,
-    analytic_bands,
-    critical_foundation,
-    finite_displacements,
-    lattices,
-)
+from magphonon import MagneticRepulsion, analytic_bands, critical_foundation, finite_displacements, lattices
+from magphonon.stiffness import AllNeighbours
 
 
 def skewed_cell(calculator=MagneticRepulsion):

@@ -12,7 +12,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from magphonon import propagate, read_scene, ready_scene, units as u
+from magphonon import propagate, read_scene, units as u
+from magphonon.scenes import ready_scene
 from magphonon.waves.spectrum import ridge, wavenumber_frequency
 from magphonon.waves.wave_analysis import MODELS
 from magphonon.waves.wave_source import burst_setup, polarisations, wavevector

@@ -8,9 +8,10 @@ import pytest
 from scans import packet, scene_text, triangular_branches
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from magphonon import read_scene, ready_scene
+from magphonon import read_scene
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
+from magphonon.scenes import ready_scene
 from magphonon.waves import Branch, Scan, compare, read_places, read_scan, ridge, scan_waves, wavenumber_frequency, wavevector
 from magphonon.waves.rows import row_of
 from magphonon.waves.scans import DEGREES, RESAMPLED, Samples, assembled, integrated

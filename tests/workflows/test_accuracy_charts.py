@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import MagneticRepulsion, read_scene, ready_scene, units
+from magphonon import MagneticRepulsion, read_scene, units
+from magphonon.scenes import ready_scene
 from magphonon.scenes.scene import reference
 from workflows import accuracy_bands, accuracy_nonlinear
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from magphonon import read_scene, ready_scene
+from magphonon import read_scene
 from magphonon.dynamics.motion import Motion
+from magphonon.scenes import ready_scene
 from magphonon.waves.wave_analysis import waves
 from magphonon.waves.wave_source import polarisations
 from workflows.bursts import compared

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from ase import Atoms
 
-from magphonon import InversePower, PairCalculator, lattices, relaxed
+from magphonon import InversePower, lattices, relaxed
+from magphonon.stiffness import PairCalculator
 from workflows import other_fields
 
 

@@ -8,7 +8,8 @@ next.
 
 import numpy as np
 
-from magphonon import complex_bands, read_scene, units as u
+from magphonon import read_scene, units as u
+from magphonon.bands import complex_bands
 from magphonon.plotting import legend_above, new_axes
 
 cell = read_scene('prototype').atoms()

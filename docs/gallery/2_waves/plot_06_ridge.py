@@ -7,8 +7,9 @@ A vibrometer measures a burst along a row. In the map of wavenumber and frequenc
 
 import numpy as np
 
-from magphonon import MagneticRepulsion, plot_wave, read_scene, units as u
+from magphonon import MagneticRepulsion, read_scene, units as u
 from magphonon.lattices import half_hexagon
+from magphonon.plotting import plot_wave
 from magphonon.waves import burst_setup, run_burst, waves
 
 cell = read_scene('prototype').atoms()

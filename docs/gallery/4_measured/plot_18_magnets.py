@@ -7,7 +7,8 @@ The force is computed from the size and the remanence in a datasheet. At large d
 
 import numpy as np
 
-from magphonon import Ring, magnet_law, units as u
+from magphonon import magnet_law, units as u
+from magphonon.interactions import Ring
 from magphonon.plotting import legend_above, new_axes
 
 ring = Ring(6.35 * u.mm, 1.5875 * u.mm, 3.175 * u.mm, remanence=1.3 * u.T)

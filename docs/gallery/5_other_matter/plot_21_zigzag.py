@@ -9,8 +9,9 @@ to D* alone: with D0 only, the transverse motions of the ions are not coupled.
 
 import numpy as np
 
-from magphonon import AllNeighbours, InversePower, analytic_bands, critical_foundation, lattices
+from magphonon import InversePower, analytic_bands, critical_foundation, lattices
 from magphonon.plotting import legend_above, new_axes
+from magphonon.stiffness import AllNeighbours
 
 chain = lattices.chain(spacing=1.0, mass=1.0)
 q = np.linspace(0, 0.5, 101)[:, None] * [1, 0, 0]

@@ -9,8 +9,11 @@ form, in which the two sublattices may shift against each other until their forc
 
 import numpy as np
 
-from magphonon import PairCalculator, Spring, lattices, sound_speeds
+from magphonon import lattices
+from magphonon.bands import sound_speeds
+from magphonon.interactions import Spring
 from magphonon.plotting import legend_above, new_axes
+from magphonon.stiffness import PairCalculator
 
 cell, stretch = lattices.honeycomb(spacing=1.0, mass=1.0), np.linspace(0.01, 0.6, 30)
 ax = new_axes()
