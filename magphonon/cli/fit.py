@@ -1,8 +1,7 @@
 """`magphonon fit FILE.csv`: the force between two particles and its slope from a table, or the lattice from measured ridges.
 
 Forces: some errors are shared by all rows of a table, namely the zeros of the distance and of the force, hysteresis, backlash,
-and the gain of the load cell. The intervals allow for them; options say how well you know each.  A length or force without a unit
-is in m or N: `--spacing 10mm` or 0.01.
+and the gain of the load cell. The intervals allow for them; --sigma says how well you know each.
 
 Waves: with `--bands SCENE` the tables hold ridge points, from `magphonon spectrum` or any other analysis. Force, exponent and
 foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The table says which kind of
@@ -22,7 +21,6 @@ from __future__ import annotations
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import suppress
-from functools import partial
 from importlib import import_module
 from itertools import combinations
 from typing import Any
@@ -41,7 +39,6 @@ KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('wav
          'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
 """The kinds of records that a file may hold, and the function that reads each."""
 SAME = 1e-9  # relative difference of numbers that were only written in other units
-OF_FORCES = 'spacing', 'contact'
 ERRORS = {'distance': length, 'zero': force, 'hysteresis': force, 'backlash': length, 'gain': share, 'pair': share}
 """Errors that --sigma names, and the function that reads the value of each."""
 
@@ -101,12 +98,7 @@ def run(options: Namespace) -> None:
         return
     _refuse_copies(options.files)
     if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
-        _with_scene(options)
-    else:
-        _of_one_kind(options)
-
-
-def _of_one_kind(options):
+        _recognise(options)
     options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
         _fit_frf(options)
@@ -169,96 +161,79 @@ def _understood(file, contact):
     yield from (f'  {note}' for note in getattr(record, 'notes', ()))
 
 
-def _with_scene(options):
-    """Run the fit for a scene and files of one kind of record, which is recognised by their contents."""
+def _recognise(options):
+    """Set the options for a scene that is followed by files of one kind of record, which is recognised by their contents."""
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
 
     scene, *names = options.files
     if not names:
         raise ValueError(f'{scene} is a scene; name after it what was measured: magphonon fit {scene} ridges.csv')
-    law = read_scene(source_of(scene)).law
-    contact = not_negative('--contact', options.contact or 0.0, 'mm') or (law.magnet().contact if law.kind == 'magnets' else 0.0)
-    records = {name: held(ready_table(name), contact) for name in names}
-    kinds = {kind: {name: record for name, (one, record) in records.items() if one == kind} for kind in KINDS}
-    for name in kinds['a scan']:
-        raise ValueError(f'{name} holds a scan; "magphonon spectrum {name} {scene}" finds its ridges, which can be fitted')
-    if [*kinds['forces']] == names and len(names) == 1:
-        known = read_scene(source_of(scene))
-        options.files, options.spacing = names, options.spacing or known.lattice.spacing_m * u.m
-        options.magnet = scene if law.kind == 'magnets' else None
-    elif [*kinds['ridges']] == names:
-        options.scene, options.files = scene, names
-    elif [*kinds['transfer functions']] == names:
-        options.frf, options.files = scene, names
+    known = read_scene(source_of(scene))
+    magnets = known.law.kind == 'magnets'
+    contact = not_negative('--contact', options.contact or 0.0, 'mm') or (known.law.magnet().contact if magnets else 0.0)
+    kind, options.files = _kind_of_all(scene, names, contact), names
+    if kind == 'forces':
+        options.spacing = options.spacing or known.lattice.spacing_m * u.m
+        options.magnet, options.contact = scene if magnets else None, contact
     else:
-        found = ', '.join(f'{name} holds {kind}' for kind, some in kinds.items() for name in some)
+        setattr(options, 'scene' if kind == 'ridges' else 'frf', scene)
+
+
+def _kind_of_all(scene, names, contact):
+    """The kind of records that files hold; ValueError if one fit cannot take them all."""
+    kinds = {name: held(ready_table(name), contact)[0] for name in names}
+    for name in names:
+        if kinds[name] == 'a scan':
+            raise ValueError(f'{name} holds a scan; "magphonon spectrum {name} {scene}" finds its ridges, which can be fitted')
+    kind, *others = {*kinds.values()}
+    if others or (kind == 'forces' and len(names) > 1):
+        found = ', '.join(f'{name} holds {kind}' for name, kind in kinds.items())
         raise ValueError(f'{found}: one fit takes one kind of record, and one table of forces. Fit them one after the other, and '
                          'give what one fit finds to the next by --prior, such as --prior force_N=0.288+-0.01')
-    _of_one_kind(options)
+    return kind
 
 
-def _told(options, scene, report, name, figure=None):
-    """Print a report; if there is a folder of results, write the full report and its picture, if any, into it."""
-    from .results import results
-
-    if options.output is not None:
-        with results(options, f'{name}.*') as folder, drawing(options, folder, scene.title) as save:
-            if figure is not None:
-                save(figure(), name)
-            (folder / f'{name}.txt').write_text(report() + '\n', encoding='utf-8')
-    print(report(verbose=options.verbose))
-    if options.output is not None:
-        print(f'\n{"picture and " * (figure is not None)}full report {"are" if figure else "is"} in {options.output}')
+def _refuse(options, flags, why):
+    """Raise ValueError if one of these options, which belong to another fit, is given."""
+    for flag, name in flags.items():
+        if getattr(options, name):
+            raise ValueError(f'--{flag} belongs to {why}')
 
 
 def _fit_forces(options):
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
+    from ..scenes.scene import read_scene
     from .fit_report import force_report
+    from .results import results
 
-    _check_options_of_forces(options)
-    shared = SharedErrors(**dict(options.sigmas))
-    shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
-    forces = read_forces(options.file, not_negative('--contact', options.contact or contact, 'mm'))  # its messages name the file
-    spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
-    try:
-        fit = fit_forces(forces, spacing, shared, shape)
-    except ValueError as error:
-        raise ValueError(f'{options.file}: {error}') from None
-    entry = scene_entry(fit)
-    if options.output is not None:
-        from ..plotting.fits import plot_fit
-        from .results import results
-
-        with results(options, 'fit.*', 'law.toml') as out, drawing(options, out) as save:
-            save(plot_fit(forces, fit), 'fit')
-            (out / 'law.toml').write_text(entry, encoding='utf-8')
-    print(force_report(options, forces, fit, shared, verbose=options.verbose))
-    print(f'\nfor a scene file, in place of its [law] and, if it has one, its [uncertainty]:\n\n{entry}', end='')
-    if options.output is not None:
-        print(f'\nthe picture and the entry are in {options.output}')
-
-
-def _check_options_of_forces(options):
-    """Raise ValueError if a fit of forces is given several tables, or options of the other fits."""
-    for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
-        if given:
-            raise ValueError(f'{name} belongs to a fit of ridges; name the scene with --bands SCENE')
-    (options.file, *more) = options.files
+    _refuse(options, {'fix': 'fix', 'prior': 'priors', 'without': 'without'},
+            'a fit of ridges; name the scene with --bands SCENE')
+    file, *more = options.files
     if more:
         raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one table, '
                          'in any order; if these are ridges, name their scene with --bands')
     if options.output is None and options.style is not None:
         raise ValueError('--style applies to the picture; say with -o DIR where to write it')
+    shared = SharedErrors(**dict(options.sigmas))
+    forces = read_forces(file, not_negative('--contact', options.contact or 0.0, 'mm'))  # its messages name the file
+    spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
+    try:
+        fit = fit_forces(forces, spacing, shared, options.magnet and read_scene(options.magnet).law.potential())
+    except ValueError as error:
+        raise ValueError(f'{file}: {error}') from None
+    entry = scene_entry(fit)
+    if options.output is not None:
+        from ..plotting.fits import plot_fit
 
-
-def _shape(name):
-    """The law of the magnets of a scene, and the distance of the centres at which they touch."""
-    from ..scenes.scene import read_scene
-
-    law = read_scene(name).law
-    return law.potential(), law.magnet().contact
+        with results(options, 'fit.*', 'law.toml') as out, drawing(options, out) as save:
+            save(plot_fit(forces, fit), 'fit')
+            (out / 'law.toml').write_text(entry, encoding='utf-8')
+    print(force_report(file, options.magnet, forces, fit, shared, options.verbose))
+    print(f'\nfor a scene file, in place of its [law] and, if it has one, its [uncertainty]:\n\n{entry}', end='')
+    if options.output is not None:
+        print(f'\nthe picture and the entry are in {options.output}')
 
 
 def _fit_bands(options):
@@ -269,9 +244,7 @@ def _fit_bands(options):
     from ..waves.ridge_tables import read_ridges
     from .fit_report import band_report
 
-    for name in (*OF_FORCES, 'sigmas'):
-        if getattr(options, name):
-            raise ValueError(f'--{name.removesuffix("s")} belongs to a fit of forces; omit it or --bands')
+    _refuse(options, {'spacing': 'spacing', 'contact': 'contact', 'sigma': 'sigmas'}, 'a fit of forces; omit it or --bands')
     scene, points = read_scene(options.scene), read_ridges(*options.files)
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
@@ -282,8 +255,48 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    _told(options, scene, partial(band_report, found, len(points), fixed), 'band_fit', lambda: plot_band_fits(
+    _told(options, scene, 'band_fit', lambda verbose: band_report(found, len(points), fixed, verbose), lambda: plot_band_fits(
         found.points, {model: (found.fitted(model).perfect_cell(), found.fits[model]) for model in MODELS}))
+
+
+def _fit_frf(options):
+    from ..plotting.response import plot_transfer
+    from ..response.transfer_functions import read_transfer
+    from ..scenes.frf_fits import GAIN, KEYS, fit_frf, suspect_units, with_dofs
+    from ..scenes.scene import read_scene
+    from ..scenes.sources import source_of
+    from ..stiffness.bond import MODELS
+    from .fit_report import frf_report
+
+    _refuse(options, {'bands': 'scene', 'without': 'without', 'spacing': 'spacing', 'contact': 'contact'},
+            'other fits; omit it or --frf')
+    sigmas = {'gain': GAIN} | dict(options.sigmas)
+    if len(sigmas) > 1:
+        raise ValueError(f'--sigma {[*sigmas][1]} belongs to a fit of forces; a fit of responses knows only gain')
+    if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
+        options.files, options.frf = [options.frf], options.files[0]
+    options.scene = source_of(options.frf)
+    scene = read_scene(options.scene)
+    functions = [one for file in options.files for one in read_transfer(file)]
+    fixed = _fixed(options, KEYS)
+    if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
+        print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
+    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), sigmas['gain'])
+    _told(options, scene, 'frf_fit', lambda verbose: frf_report(found, fixed, verbose),
+          lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))
+
+
+def _told(options, scene, name, report, figure):
+    """Print a report; if there is a folder of results, write the full report and its picture into it."""
+    from .results import results
+
+    if options.output is not None:
+        with results(options, f'{name}.*') as folder, drawing(options, folder, scene.title) as save:
+            save(figure(), name)
+            (folder / f'{name}.txt').write_text(report(True) + '\n', encoding='utf-8')
+    print(report(options.verbose))
+    if options.output is not None:
+        print(f'\npicture and full report are in {options.output}')
 
 
 def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
@@ -312,31 +325,3 @@ def _prior(text, keys):
                          ) from None
     key = next((full for full, name in keys.items() if name == key), key)
     return keys[one_of('the parameter of --prior', key, tuple(keys))], (value, value * sigma / 100 if percent else sigma)
-
-
-def _fit_frf(options):
-    from ..plotting.response import plot_transfer
-    from ..response.transfer_functions import read_transfer
-    from ..scenes.frf_fits import GAIN, KEYS, fit_frf, suspect_units, with_dofs
-    from ..scenes.scene import read_scene
-    from ..scenes.sources import source_of
-    from ..stiffness.bond import MODELS
-    from .fit_report import frf_report
-
-    for name in ('scene', 'without', *OF_FORCES):
-        if getattr(options, name):
-            raise ValueError(f'--{"bands" if name == "scene" else name} belongs to other fits; omit it or --frf')
-    sigmas = {'gain': GAIN} | dict(options.sigmas)
-    if len(sigmas) > 1:
-        raise ValueError(f'--sigma {[*sigmas][1]} belongs to a fit of forces; a fit of responses knows only gain')
-    if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
-        options.files, options.frf = [options.frf], options.files[0]
-    options.scene = source_of(options.frf)
-    scene = read_scene(options.scene)
-    functions = [one for file in options.files for one in read_transfer(file)]
-    fixed = _fixed(options, KEYS)
-    if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
-        print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
-    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), sigmas['gain'])
-    _told(options, scene, partial(frf_report, found, fixed), 'frf_fit',
-          lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))

@@ -27,7 +27,7 @@ from .. import __version__
 from ..errors import did_you_mean
 from .arguments import find_inputs
 
-SHARED = 'arguments', 'band_report', 'fit_report', 'fitted', 'main', 'neighbours', 'results'
+SHARED = 'arguments', 'band_report', 'fit_report', 'main', 'neighbours', 'results'
 COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
 """The commands: each is a module beside this one, with its HELP, `add_arguments(parser)` and `run(options)`."""
 SYNONYMS = {'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import units
 from ..files import write_columns
-from ..findings import Finding, Findings
 from .arguments import add_output, add_scene, add_style, answering, left_out
 
 if TYPE_CHECKING:
-    from ..bands.bands import Bands
     from ..response.normal_modes import Localisation, Modes
-    from ..scenes.scene import Scene
     from ..stiffness.rest import LinearSystem
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
@@ -36,6 +30,7 @@ MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
 LOWEST = 60  # number of the lowest modes of a larger patch
 
+
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
@@ -44,236 +39,185 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='write a film of this mode of the patch, by its number in modes.csv')
 
 
+class Patch(NamedTuple):
+    """The modes of a patch or a finite structure, and those of them that are shown."""
+
+    system: LinearSystem
+    modes: Modes
+    ranges: NDArray[np.float64]  # of the bands of the lattice; empty for a finite structure
+    extent: Localisation
+    local: list[int]  # indices of the modes outside the bands, the most local first
+    shown: list[int]  # the most local ones, or the lowest if the patch has no local modes
+    defects: NDArray[np.float64]
+
+
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
+    from .neighbours import omission
 
     scene = read_scene(options.scene)
-    lattice, patch, left = _lattice_and_patch(scene)
-    if patch is None and options.animate is not None:
+    if scene.single:
+        raise ValueError('the oscillator is one particle and has no bands or modes; use "magphonon frf"')
+    cell = None if scene.finite else scene.perfect_cell()
+    atoms = scene.patch_atoms() if scene.finite or scene.patch is not None else None
+    if atoms is None and options.animate is not None:
         raise ValueError(f'--animate {options.animate}: the scene has no patch whose modes could be computed; add a table '
                          '[patch]')
     with answering(options, scene, 'modes.*', 'modes_lattice.*', 'mode_*.gif') as (folder, save, told):
-        case = Case(scene, left, lattice, patch, options)
-        if lattice is not None:
-            _write_lattice(folder, case)
-            if case.drawable:
-                _draw_lattice(save, case)
-        if patch is not None:
-            _write(folder, save, case)
-        told += REPORT.told(case, options.verbose)
+        answer, everything, lines = '', [scene.title, *left_out(scene)], []
+        if cell is not None:
+            answer, of_lattice = _lattice(scene, cell, folder, save)
+            everything += of_lattice
+        if atoms is not None:
+            patch = _solved(scene, cell, atoms)
+            _write(folder, save, patch, options.animate)
+            answer, lines = _patch_report(scene, patch)
+            lines += _other_neighbours(scene, patch) if options.verbose else []
+        told += [answer, *(everything if options.verbose else []), *lines]
+        told += [] if scene.finite else omission(scene, options.verbose)
 
 
-def _lattice_and_patch(scene):
-    """The lattice of a scene, its patch or finite structure, and lines that say what is omitted."""
-    if scene.single:
-        raise ValueError('the oscillator is one particle and has no bands or modes; use "magphonon frf"')
-    left = left_out(scene)
-    if scene.finite:
-        return None, scene.patch_atoms(), left
-    return scene.perfect_cell(), None if scene.patch is None else scene.patch_atoms(), left
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A scene, and the modes of its lattice and of its patch that several findings share."""
-
-    scene: Scene
-    left: list[str]
-    lattice: Any
-    patch: Any
-    options: Namespace
-
-    @cached_property
-    def bands(self) -> dict[str, Bands]:
-        """The bands of the lattice along its special points, by model."""
-        from ..bands.bands import analytic_bands
-        from .neighbours import special_points
-
-        path = self.scene.lattice.path(''.join(special_points(self.scene)), 2)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
-        return {model: analytic_bands(self.lattice, path, model, vectors=True) for model in self.lattice.calc.bloch_models}
-
-    @cached_property
-    def at(self) -> dict[str, int]:
-        """Indices of the wavevectors of the special points on the path of `bands`, by their names."""
-        from .neighbours import special_points
-
-        path = self.bands['complete'].path
-        return {name: int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in special_points(self.scene)}
-
-    @property
-    def drawable(self) -> bool:
-        """Whether modes of the lattice can be drawn."""
-        from ..bands.zone import PLANAR
-
-        calc, branches = self.lattice.calc, self.bands['complete'].omega.shape[1]
-        return calc.pairwise and tuple(self.lattice.pbc) == PLANAR and calc.dim == 2 and branches <= MOST_BRANCHES
-
-    @cached_property
-    def system(self) -> LinearSystem:
-        """The linear system of the patch or the finite structure."""
-        from ..stiffness.rest import LinearSystem
-        from ..traits import LINEAR
-
-        return LinearSystem.of(self.patch, *LINEAR).moving()
-
-    @cached_property
-    def ranges(self) -> NDArray[np.float64]:
-        """Frequency ranges of the bands of the lattice; empty for a finite structure."""
-        from ..bands.density import band_ranges
-
-        return np.empty((0, 2)) if self.lattice is None else band_ranges(self.lattice)
-
-    @cached_property
-    def computed(self) -> tuple[Modes, bool]:
-        """The computed modes of the patch, and whether these are all its modes."""
-        return _modes(self.system, self.ranges)
-
-    @property
-    def found(self) -> Modes:
-        return self.computed[0]
-
-    @cached_property
-    def extent(self) -> Localisation:
-        from ..response.normal_modes import localisation
-
-        return localisation(self.found, self.system)
-
-    @cached_property
-    def local(self) -> list[int]:
-        """Indices of the modes outside the bands of the lattice, the most local first."""
-        room = OUTSIDE * abs(self.found.omega).max()
-        outside = [k for k, omega in enumerate(self.found.omega)
-                   if not any(low - room <= omega <= high + room for low, high in self.ranges)]
-        return sorted(outside, key=lambda k: self.extent.participation[k]) if len(self.ranges) else []
-
-    @cached_property
-    def shown(self) -> list[int]:
-        """Indices of the modes that are drawn: the most local ones, or the lowest if the patch has no local modes."""
-        order = np.argsort(self.extent.participation)
-        every = range(len(self.found.omega)) if len(self.ranges) else order[~self.free[order]]
-        return (self.local or [*every])[:SHOWN]
-
-    @cached_property
-    def free(self) -> NDArray[np.bool_]:
-        """Mask of the modes that cost no energy."""
-        return _of_no_stiffness(self.found.omega)
-
-    @cached_property
-    def defects(self) -> NDArray[np.float64]:
-        return self.scene.defect_places()
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """Centre of the pictures of a periodic patch: its first defect, or else its most local mode; and the defects."""
-        own = self.defects if len(self.defects) else self.extent.centre[self.shown, :2]
-        return {'defects': self.defects, 'centre': own[0]}
-
-
-REPORT = Findings()
-
-
-@REPORT.answer
-def count(case: Case) -> str:
-    """How many modes the patch has, and whether some are local; without a patch, where those of the lattice lie."""
-    if case.patch is None:
-        f = case.bands['complete'].frequencies_Hz
-        lowest = 0.0 if _of_no_stiffness(f).flat[f.argmin()] else f.min()
-        return f'modes of the lattice at {", ".join(case.at)}: from {units.in_words("Hz", lowest, f.max(), digits=6)}'
-    f, name = case.found.frequencies_Hz, 'structure' if case.scene.finite else 'patch'
-    every, lowest = 'all' if case.computed[1] else 'the lowest and those between the bands, in all', 0.0 if case.free[0] else f[0]
-    outside = f'; outside the bands of the lattice: {len(case.local) or "none"}' if len(case.ranges) else ''
-    return f'modes of the {name}: {every} {len(f)}, from {units.in_words("Hz", lowest, f[-1], digits=6)}{outside}'
-
-
-@REPORT.remark
-def of_lattice(case: Case) -> Iterator[str]:
-    """A table of the modes of the lattice at special points by both models."""
+def _lattice(scene, cell, folder, save):
+    """Write and draw the modes of the lattice at its special points; the answer in one line, and a table of both models."""
+    from ..bands.bands import analytic_bands
     from ..plotting.bands import mode_names
     from .band_report import ZERO_FRACTION
+    from .neighbours import special_points
 
-    yield '\n'.join([case.scene.title, *case.left])
-    if case.lattice is None:
-        return
-    labels, top = mode_names(case.bands['complete']), case.bands['complete'].frequencies_Hz.max()
-    yield f'{"modes of the lattice (Hz)":28}' + ''.join(f'{model:>14}' for model in case.bands)
-    for name, where in case.at.items():
-        for branch, polarisation in enumerate(labels[where]):
-            found = [bands.frequencies_Hz[where, branch] for bands in case.bands.values()]
-            shown = ''.join(f'{f if abs(f) > ZERO_FRACTION * top else 0.0:14.6g}' for f in found)
-            yield f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip()
-    if not case.drawable:
-        yield (f'no picture: modes are drawn only for planar lattices with a number of shells, motion in the plane and at most '
-               f'{MOST_BRANCHES} branches')
+    points = special_points(scene)
+    path = scene.lattice.path(''.join(points), 2)
+    both = {model: analytic_bands(cell, path, model, vectors=True) for model in cell.calc.bloch_models}
+    bands, f = both['complete'], both['complete'].frequencies_Hz
+    at = [int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in points]
+    places, branches = np.repeat([*points], f.shape[1]), np.tile(np.arange(f.shape[1]) + 1, len(at))
+    found = {f'{model}_Hz': one.frequencies_Hz[at].ravel() for model, one in both.items()}
+    write_columns(folder / 'modes_lattice.csv', ['point', 'branch', *found], [places, branches, *found.values()])
+    lines = [f'{"modes of the lattice (Hz)":28}' + ''.join(f'{model:>14}' for model in both)]
+    for name, branch, label, *values in zip(places, branches, mode_names(bands)[at].ravel(), *found.values(), strict=True):
+        shown = ''.join(f'{value:14.6g}' for value in np.where(abs(np.array(values)) > ZERO_FRACTION * f.max(), values, 0.0))
+        lines.append(f'{f"  {name}, branch {branch}":28}{shown}  {label}'.rstrip())
+    lowest = 0.0 if _of_no_stiffness(f).flat[f.argmin()] else f.min()
+    answer = f'modes of the lattice at {", ".join(points)}: from {units.in_words("Hz", lowest, f.max(), digits=6)}'
+    return answer, [*lines, *_draw_lattice(save, cell, bands, at)]
 
 
-@REPORT.check
-def without_energy(case: Case) -> Finding | None:
-    """How many modes of a finite structure cost no energy, and how many would with D0 alone; always printed if there are any."""
+def _draw_lattice(save, cell, bands, at):
+    """Draw the modes at the special points, if they can be drawn; a line that says so if not."""
+    from ..bands.zone import PLANAR
+    from ..plotting.axes import legend_of_set, letter_panels, panels
+    from ..plotting.modes import plot_mode
+
+    branches = bands.omega.shape[1]
+    if not cell.calc.pairwise or tuple(cell.pbc) != PLANAR or cell.calc.dim != 2 or branches > MOST_BRANCHES:
+        return ['no picture: modes are drawn only for planar lattices with a number of shells, motion in the plane and at most '
+                f'{MOST_BRANCHES} branches']
+    figure, axes = panels(len(at), branches, height=7.0 / max(branches, 2) + 0.2)
+    for row, where in zip(axes, at, strict=True):
+        for branch, ax in enumerate(np.atleast_1d(row)):
+            plot_mode(cell, bands, where, branch, ax=ax)
+    letter_panels(axes)
+    legend_of_set(figure)
+    save(figure, 'modes_lattice')
+    return []
+
+
+def _solved(scene, cell, atoms):
+    """The modes of a patch or a finite structure."""
+    from ..bands.density import band_ranges
+    from ..response.normal_modes import localisation
+    from ..stiffness.rest import LinearSystem
+    from ..traits import LINEAR
+
+    system = LinearSystem.of(atoms, *LINEAR).moving()
+    ranges = np.empty((0, 2)) if cell is None else band_ranges(cell)
+    found = _modes(system, ranges)
+    extent = localisation(found, system)
+    order, room = np.argsort(extent.participation, kind='stable'), OUTSIDE * abs(found.omega).max()
+    inside = ((found.omega[:, None] >= ranges[:, 0] - room) & (found.omega[:, None] <= ranges[:, 1] + room)).any(axis=1)
+    if len(ranges):
+        local = order[~inside[order]].tolist()
+        shown = local or [*range(len(order))]
+    else:
+        local, shown = [], order[~_of_no_stiffness(found.omega)[order]].tolist()
+    return Patch(system, found, ranges, extent, local, shown[:SHOWN], scene.defect_places())
+
+
+def _patch_report(scene, patch):
+    """The answer in one line, and lines on modes without energy, an unstable photo, and the most local modes."""
+    f, free, bounded = patch.modes.frequencies_Hz, _of_no_stiffness(patch.modes.omega), len(patch.ranges) > 0
+    answer = (f'modes of the {"structure" if scene.finite else "patch"}: '
+              f'{"all" if len(f) == patch.system.directions else "the lowest and those between the bands, in all"} {len(f)}, '
+              f'from {units.in_words("Hz", 0.0 if free[0] else f[0], f[-1], digits=6)}'
+              + f'; outside the bands of the lattice: {len(patch.local) or "none"}' * bounded)
+    lines = _without_energy(patch, free) if scene.finite else []
+    if scene.finite and getattr(scene.lattice, 'positions', None) == 'rest' and f[0] < -OUTSIDE * abs(f).max():
+        lines.append('UNSTABLE: with this law and foundation the lattice in the photo would buckle; check them, and cutoff_m')
+    if patch.local or not bounded:
+        lines.append('the most local ones:')
+        lines += [f'  mode {k + 1}: {f[k]:.6g} Hz, {patch.extent.participation[k]:.3g} particles take part, '
+                  f'{_place(patch.system.atoms, patch.extent.centre[k], patch.defects)}, '
+                  f'localisation length {patch.extent.length[k] / 1e3:.3g} m' for k in patch.shown]
+    return answer, lines
+
+
+def _without_energy(patch, free):
+    """A line with the number of modes of a finite structure that cost no energy, and what it would be with D0 alone."""
     from ..stiffness.rest import LinearSystem
 
-    if case.patch is None or not case.scene.finite or case.system.turning or case.system.directions > MOST_REPEATED:
-        return None
-    alone = LinearSystem.about(case.patch.calc.about(case.patch, model='conventional'), case.patch).moving()
-    blind = _of_no_stiffness(_modes(alone, case.ranges)[0].omega)
-    return Finding(blind, f'  modes that cost no energy: {case.free.sum()}; with D0 alone there would be {blind.sum()}',
-                   fault=True) if (case.free | blind).any() else None
+    system = patch.system
+    if system.turning or system.directions > MOST_REPEATED:
+        return []
+    alone = LinearSystem.about(system.atoms.calc.about(system.atoms, model='conventional'), system.atoms).moving()
+    blind = _of_no_stiffness(_modes(alone, patch.ranges).omega)
+    told = f'  modes that cost no energy: {free.sum()}; with D0 alone there would be {blind.sum()}'
+    return [told] if (free | blind).any() else []
 
 
-@REPORT.check
-def stands(case: Case) -> Finding | None:
-    """Whether a lattice that stands in a photo would be stable with this law."""
-    if case.patch is None or not case.scene.finite or getattr(case.scene.lattice, 'positions', None) != 'rest':
-        return None
-    unstable = case.found.omega[0] < -OUTSIDE * abs(case.found.omega).max()
-    return Finding(unstable, 'UNSTABLE: with this law and foundation the lattice in the photo would buckle; check them, and '
-                             'cutoff_m', fault=True) if unstable else None
-
-
-@REPORT.check
-def most_local(case: Case) -> Finding | None:
-    """The most local modes; always printed if some lie outside the bands, or if there are no bands."""
-    if case.patch is None or not (case.local or not len(case.ranges)):
-        return None
-    lines, extent = ['the most local ones:'], case.extent
-    for k in case.shown:
-        centre = _place(case.system.atoms, extent.centre[k], case.defects)
-        lines.append(f'  mode {k + 1}: {case.found.frequencies_Hz[k]:.6g} Hz, {extent.participation[k]:.3g} '
-                     f'particles take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
-    return Finding(case.shown, '\n'.join(lines), fault=True)
-
-
-@REPORT.remark
-def other_neighbours(case: Case) -> list[str] | None:
+def _other_neighbours(scene, patch):
     """Lines that say how the omitted neighbours of a patch or structure would change the modes that are shown."""
     from ..scenes.scene import LONG_RANGE, PAIRS
-    from ..stiffness.rest import LinearSystem
 
-    if case.patch is None or case.system.turning:
-        return None
-    scene, system = case.scene, case.system
-    cutoff = getattr(scene.lattice, 'cutoff_m', None)
-    if scene.finite and cutoff and system.directions <= MOST_REPEATED and system.atoms.calc.pairwise:
-        farther = scene.lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
-        every = LinearSystem.of(scene.model_copy(update={'lattice': farther}).atoms()).moving()
-        return _shifted(case, every, f'neighbours up to cutoff_m = {FARTHER * cutoff:.3g}')
-    if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
-        return None
-    enough = scene.converged_shells(PAIRS) if system.directions <= MOST_REPEATED else None
+    system, lattice, law = patch.system, scene.lattice, scene.law
+    repeated = system.directions <= MOST_REPEATED
+    if system.turning:
+        return []
+    if scene.finite:
+        cutoff = getattr(lattice, 'cutoff_m', None)
+        if not (cutoff and repeated and system.atoms.calc.pairwise):
+            return []
+        farther = lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
+        return _shifted(patch, scene.model_copy(update={'lattice': farther}).atoms(),
+                        f'neighbours up to cutoff_m = {FARTHER * cutoff:.3g}')
+    if not isinstance(getattr(law, 'asked', None), int):
+        return []
+    enough = scene.converged_shells(PAIRS) if repeated else None
     if enough is None or enough.error > LONG_RANGE:
         return ['  the effect of farther neighbours on the modes of the patch was not computed']
-    if enough.shells <= scene.law.asked:
-        return None
-    law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))
-    every = LinearSystem.of(scene.model_copy(update={'law': law}).patch_atoms()).moving()
-    return _shifted(case, every, f'{enough.shells} shells of neighbours (farther ones do not matter)')
+    if enough.shells <= law.asked:
+        return []
+    farther = law.with_shells(enough.shells, enough.cutoff / (lattice.spacing_m * units.m))
+    return _shifted(patch, scene.model_copy(update={'law': farther}).patch_atoms(),
+                    f'{enough.shells} shells of neighbours (farther ones do not matter)')
 
 
-@REPORT.check
-def others(case: Case) -> Finding:
-    """How the omitted neighbours would change the frequencies of the lattice."""
-    from .neighbours import omitted
+def _shifted(patch, atoms, how):
+    """A line with the shifts of modes by more neighbours; a mode is identified by the similarity of its shape."""
+    from scipy.spatial import KDTree
 
-    return Finding() if case.scene.finite else omitted(case.scene)
+    from ..response.normal_modes import modes
+    from ..stiffness.rest import LinearSystem
+
+    system, found, every = patch.system, patch.modes, LinearSystem.of(atoms).moving()
+    there, own = modes(every), np.flatnonzero(system.mobile)
+    same = np.flatnonzero(every.mobile)[KDTree(every.atoms.positions[every.mobile]).query(system.atoms.positions[own])[1]]
+    a, b = (one.reshape(len(one), -1) for one in (found.shapes[patch.shown][:, own], there.shapes[:, same]))
+    likeness = (a @ b.T) ** 2 / np.outer((a**2).sum(axis=1), (b**2).sum(axis=1))
+    told = []
+    for k, row in zip(patch.shown, likeness, strict=True):
+        f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
+        told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
+                    f'mode {k + 1} beyond recognition')
+    return [f'  {how} would shift: {"; ".join(told)}']
 
 
 def _of_no_stiffness(omega):
@@ -292,41 +236,14 @@ def _modes(system, ranges):
         raise ValueError(f'the patch has {size} free directions; modes of gyroscopes need dense matrices, '
                          f'which may have up to {MOST_TURNING} rows: use a smaller patch, or "magphonon frf"')
     if size <= MOST_DIRECTIONS:
-        return modes(system), True
+        return modes(system)
     lowest = modes(system, LOWEST)
     top = np.sqrt(stable_interval(system.K).highest)
     gaps = [*zip(ranges[:-1, 1], ranges[1:, 0], strict=True), *((high, top) for high in ranges[-1:, 1] if high < top)]
     between = [local_modes(system, gap) for gap in gaps]
     omega = np.concatenate([lowest.omega, *(found.omega for found in between)])
     new = np.concatenate([np.ones(LOWEST, bool), *(found.omega > lowest.omega[-1] for found in between)])
-    return Modes(omega[new], np.concatenate([lowest.shapes, *(found.shapes for found in between)])[new]), False
-
-
-def _shifted(case, every, how):
-    """Lines with the shifts of modes if more neighbours count; a mode is identified by the similarity of its shape."""
-    from scipy.spatial import KDTree
-
-    from ..response.normal_modes import modes
-
-    system, found, there = case.system, case.found, modes(every)
-    own = np.flatnonzero(system.mobile)
-    same = np.flatnonzero(every.mobile)[KDTree(every.atoms.positions[every.mobile]).query(system.atoms.positions[own])[1]]
-    a, b = (one.reshape(len(one), -1) for one in (found.shapes[list(case.shown)][:, own], there.shapes[:, same]))
-    mac = (a @ b.T) ** 2 / np.outer((a**2).sum(axis=1), (b**2).sum(axis=1))
-    told = []
-    for k, row in zip(case.shown, mac, strict=True):
-        f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
-        told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
-                    f'mode {k + 1} beyond recognition')
-    return [f'  {how} would shift: {"; ".join(told)}']
-
-
-def _write_table(file, extent):
-    axes = 'xyz'[: extent.along.shape[1]]
-    names = ['mode', 'frequency_Hz', 'participating_particles', 'localisation_length_m', *(f'centre_{x}_m' for x in axes),
-             *(f'share_along_{x}' for x in axes)]
-    write_columns(file, names, [np.arange(len(extent.omega)) + 1, extent.frequencies_Hz, extent.participation,
-                                extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T])
+    return Modes(omega[new], np.concatenate([lowest.shapes, *(found.shapes for found in between)])[new])
 
 
 def _place(atoms, centre, defects):
@@ -339,64 +256,36 @@ def _place(atoms, centre, defects):
     return f'centre {away / 1e3:.2g} m from the defect' if len(defects) == 1 else f'centre {away / 1e3:.2g} m from a defect'
 
 
-def _write_lattice(folder, case):
-    rows = [(name, where, k) for name, where in case.at.items() for k in range(case.bands['complete'].omega.shape[1])]
-    found = {f'{model}_Hz': [bands.frequencies_Hz[where, k] for _, where, k in rows] for model, bands in case.bands.items()}
-    write_columns(folder / 'modes_lattice.csv', ['point', 'branch', *found],
-                  [[name for name, *_ in rows], [k + 1 for *_, k in rows], *found.values()])
+def _write(folder, save, patch, filmed):
+    """Write tables of the modes of a patch, draw those that are shown, and film one mode if it is `filmed`.
 
-
-def _draw_lattice(save, case):
-    from ..plotting.axes import legend_of_set, letter_panels, panels
-    from ..plotting.modes import plot_mode
-
-    bands = case.bands['complete']
-    branches = bands.omega.shape[1]
-    figure, axes = panels(len(case.at), branches, height=7.0 / max(branches, 2) + 0.2)
-    for row, where in zip(axes, case.at.values(), strict=True):
-        for branch, ax in enumerate(np.atleast_1d(row)):
-            plot_mode(case.lattice, bands, where, branch, ax=ax)
-    letter_panels(axes)
-    legend_of_set(figure)
-    save(figure, 'modes_lattice')
-
-
-def _write(folder, save, case):
-    """Write tables and pictures of the modes of the patch, and a film of one mode."""
-    filmed, f = case.options.animate, case.found.frequencies_Hz
-    if filmed is not None and not 1 <= filmed <= len(f):
-        raise ValueError(f'--animate must be the number of a mode, 1 to {len(f)}, not {filmed}')
-    case.extent.save(folder / 'modes.npz')
-    _write_table(folder / 'modes.csv', case.extent)
-    _draw(save, case)
-    if filmed is not None:
-        _film(folder, case, filmed)
-
-
-def _draw(save, case):
-    """Draw how many particles take part in each mode, and the shapes of the most local or the lowest modes."""
+    The film shows one period of the mode with a largest displacement of a thousandth of the shortest bond.
+    """
+    from ..plotting.animation import animate, mode_frames
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.modes import plot_extents, plot_shape
 
+    extent, f, atoms = patch.extent, patch.modes.frequencies_Hz, patch.system.atoms
+    if filmed is not None and not 1 <= filmed <= len(f):
+        raise ValueError(f'--animate must be the number of a mode, 1 to {len(f)}, not {filmed}')
+    extent.save(folder / 'modes.npz')
+    axes = 'xyz'[: extent.along.shape[1]]
+    names = ['mode', 'frequency_Hz', 'participating_particles', 'localisation_length_m', *(f'centre_{x}_m' for x in axes),
+             *(f'share_along_{x}' for x in axes)]
+    write_columns(folder / 'modes.csv', names, [np.arange(len(f)) + 1, f, extent.participation, extent.length / units.m,
+                                                *(extent.centre / units.m).T, *extent.along.T])
+    own = patch.defects if len(patch.defects) else extent.centre[patch.shown, :2]
+    about = {'defects': patch.defects, 'centre': own[0]}  # of the pictures of a periodic patch
     figure, axes = panels(2, 2)
-    plot_extents(case.extent, ax=axes[0, 0], bands=case.ranges)
-    for ax in axes.flat[1 + len(case.shown) :]:
+    plot_extents(extent, ax=axes[0, 0], bands=patch.ranges)
+    for ax in axes.flat[1 + len(patch.shown) :]:
         ax.remove()
-    for k, ax in zip(case.shown, axes.flat[1:], strict=False):
-        title = f'mode {k + 1}, {case.found.frequencies_Hz[k]:.5g} Hz'
-        plot_shape(case.system.atoms, case.found.shapes[k], ax=ax, title=title, **case.about)
-    letter_panels(axes.flat[: 1 + len(case.shown)])
+    for k, ax in zip(patch.shown, axes.flat[1:], strict=False):
+        plot_shape(atoms, patch.modes.shapes[k], ax=ax, title=f'mode {k + 1}, {f[k]:.5g} Hz', **about)
+    letter_panels(axes.flat[: 1 + len(patch.shown)])
     legend_of_set(figure)
     save(figure, 'modes')
-
-
-def _film(folder, case, filmed):
-    """Save a film of one period of a mode whose largest displacement is a thousandth of the shortest bond; its title says by
-    which factor motion is enlarged.
-    """
-    from ..plotting.animation import animate, mode_frames
-
-    amplitude = case.system.calc.bonds.lengths.min() / 1000
-    title = f'mode {filmed}, {case.found.frequencies_Hz[filmed - 1]:.5g} Hz, up to {amplitude / 1e3:.3g} m'
-    animate(folder / f'mode_{filmed}.gif', case.system.atoms, mode_frames(case.found.shapes[filmed - 1], amplitude), title=title,
-            **case.about)
+    if filmed is not None:
+        amplitude = patch.system.calc.bonds.lengths.min() / 1000
+        animate(folder / f'mode_{filmed}.gif', atoms, mode_frames(patch.modes.shapes[filmed - 1], amplitude),
+                title=f'mode {filmed}, {f[filmed - 1]:.5g} Hz, up to {amplitude / 1e3:.3g} m', **about)

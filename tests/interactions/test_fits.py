@@ -6,7 +6,6 @@ The full table, 100 tables a cell (half an hour of one core; in docs/coverage.md
 """
 
 import tomllib
-from argparse import Namespace
 from dataclasses import replace
 from itertools import product
 
@@ -184,7 +183,7 @@ def test_shares_add_up_and_name_what_dominates():
 
 def report_of(forces):
     fit = fit_forces(forces, L0, ERRORS)
-    return force_report(Namespace(file='f.csv', magnet=None), forces, fit, ERRORS)
+    return force_report('f.csv', None, forces, fit, ERRORS)
 
 
 def test_faults_of_the_load_cell_are_named():
@@ -330,7 +329,7 @@ def test_what_a_pair_may_be_off_is_in_the_interval():
     assert wider[:2] == pytest.approx([0.06, 0.06], rel=0.15)
     assert off.half_widths[2] == pytest.approx(alone.half_widths[2], rel=0.05)
     assert off.shares['pairs'] > 0.1 > alone.shares['pairs']
-    assert 'whose forces scatter about their mean by 6 %' in force_report(Namespace(file='f.csv', magnet=None), rows, off,
+    assert 'whose forces scatter about their mean by 6 %' in force_report('f.csv', None, rows, off,
                                                                          replace(ERRORS, pair=0.06))
     assert 'The table holds one pair' in report_of(rows)
 

@@ -6,7 +6,6 @@ fault beyond them.  In docs/coverage.md; two minutes of one core:
     python -m pytest -m long -n 0 -s tests/interactions/test_force_coverage.py
 """
 
-from argparse import Namespace
 from collections import defaultdict
 
 import numpy as np
@@ -101,7 +100,7 @@ def test_forces_of_drawn_magnets_with_drawn_faults():
             half.append(fit.half_widths)
             own.append(plain(forces, law))
             if where == fault:
-                said = force_report(Namespace(file='f', magnet=None), forces, fit, shared)
+                said = force_report('f', None, forces, fit, shared)
                 words[fault].append([clipped.any(), 'successive rows are correlated' in said])
                 kinds[kind] += (abs(off[-1]) <= half[-1]).tolist()
     shares = {name: summary(name, *cell) for name, cell in found.items()}

@@ -6,8 +6,6 @@ Nineteen ions are held by a trap (one anchor for all) and a magnetic field (gyra
 along the axis: omega^2 = kz if all ions move together, and kz - k if their plane tilts (Wang et al., arXiv:1211.2842).
 """
 
-from itertools import combinations
-
 import numpy as np
 from ase import Atoms
 
@@ -17,7 +15,7 @@ from magphonon.stiffness import PairCalculator
 
 k, kz, n = 1.0, 30.0, 19
 ions = Atoms(f'H{n}', lattices.hexagon(lattices.triangular(1.2, 1.0), side=2.4).positions, masses=np.ones(n))
-ions.calc = PairCalculator(ions, InversePower(b=1.0, a=2.0), bonds=list(combinations(range(n), 2)), foundation=[[k, k, kz]],
+ions.calc = PairCalculator(ions, InversePower(b=1.0, a=2.0), cutoff=20.0, foundation=[[k, k, kz]],
                            anchors=np.zeros((n, 3)), gyration=5.0)
 ions = relaxed(ions).atoms
 figure, ((left, right),) = panels(1, 2, height=2.6)

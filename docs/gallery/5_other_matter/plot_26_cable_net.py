@@ -20,12 +20,11 @@ rim, knots = np.flatnonzero((x % N == 0) | (y % N == 0)), L * np.stack([x, y, 0 
 nodes = Atoms(f'H{len(knots)}', knots, masses=np.full(len(knots), m), constraint=FixAtoms(rim))
 joined = [(i, i + step) for step, along in ((N + 1, x), (1, y)) for i in np.flatnonzero(along < N)]
 cables = net(nodes, [(i, j, Cable(k, L - T / k)) for i, j in joined], dim=3)
-figure = new_figure(7.0, 2.8)
+half, figure = np.sin(np.arange(1, N) * np.pi / (2 * N)) ** 2, new_figure(7.0, 2.8)
 drawn, ax = figure.add_subplot(121, projection='3d'), figure.add_subplot(122)
 for model, mark, name in (('conventional', 'x', '$D^0$ alone'), ('complete', '.', '$D^0 + D^*$')):
     cables.calc = cables.calc.about(cables, model=model)
     ax.plot((found := modes(cables)).frequencies_Hz[:81], mark, label=name)     # the others are in its plane
-half = np.sin(np.arange(1, N) * np.pi / (2 * N)) ** 2
 ax.plot(u.hertz(np.sqrt(4 * T / (m * L) * np.sort(np.add.outer(half, half), None))), 'ko', fillstyle='none', label='closed form')
 ax.set(xlabel='mode out of the plane', ylabel='frequency (Hz)')
 drawn.set_axis_off()
