@@ -10,7 +10,6 @@ from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.check import refusals
 from magphonon.cli.main import main
-from magphonon.cli.neighbours import omission
 from magphonon.response.normal_modes import natural_frequencies
 
 GOLDEN = (1 + np.sqrt(5)) / 2
@@ -48,9 +47,14 @@ SCENES = {
     'oscillator at 60 degrees': ('oscillator', {'theta0_deg = 30.0': 'theta0_deg = 60.0'}, FINE, [
         # (1 + 2 sin 60) f; freed, D_xx = (2 (a + 1) cos^2 - 3) f/L0 = -0.5 f/L0
         'A constant force of -27320.5 N', 'only because a constraint', 'it would need a foundation of 5000 N/m.']),
+    'oscillator flat and of a long reach': ('oscillator', {'theta0_deg = 30.0': 'theta0_deg = 5.0', 'a = 4.0': 'a = 1.5'}, BAD, [
+        'needs a foundation of 4620 N/m']),  # along its guide: D_yy = 2 (a + 1) sin^2 5 deg + a - 2 = -0.46202 f/L0
+    'dust': ('dust', {}, FINE, ['Stable in the plane']),  # all neighbours hold what the nearest ones cannot
     'dust, nearest neighbours only': ('dust', {'shells = "all"': 'shells = 1'}, BAD, [
         'buckles in the plane', 'has 0 N/m', 'A spacing above 0.001294 m would also make',  # kappa L0 at the golden ratio
         'an out-of-plane stiffness of at least 426.8 pN/m.']),  # 9 f/L0 at K of a central force, f = 2 c/(e L0^2)
+    'a patch too large for a verdict of its own': ('bench', {'side_m = 0.3 ': 'side_m = 1.3 '}, FINE, [
+        'Lattice: OK\n', 'particles, more than 20000, and is not checked separately']),
     'steel balls': ('steel', {}, FINE, [
         # 9 f/L0 at K, f = A (D - r)^1.5 = 55.45 N; no word of other spacings, at which balls are not in contact
         'Stable in the plane, even without a foundation.\n', 'an out-of-plane stiffness of at least 2.496e+04 N/m.']),
@@ -71,37 +75,7 @@ def test_verdict_says_what_theory_says(name, tmp_path, capsys):
     for phrase in words:
         assert phrase in said
     assert ('(1 problem)' in said) == (status == BAD)
-
-
-def test_a_guide_is_not_praised_for_what_it_does_not_do(tmp_path, capsys):
-    """Flat and of a long reach the oscillator runs away along its guide; sideways it would stay: D_xx = 1.96 f/L0."""
-    file = tmp_path / 'my.toml'
-    text = ready_scene('oscillator').read_text()
-    file.write_text(text.replace('theta0_deg = 30.0', 'theta0_deg = 5.0').replace('a = 4.0', 'a = 1.5'))
-    assert main(['check', '--verbose', str(file)]) == BAD
-    said = capsys.readouterr().out
-    assert 'needs a foundation of 4620 N/m' in said  # D_yy = 2 (a + 1) sin^2 5 deg + a - 2 = -0.46202 f/L0
-    assert 'only because a constraint' not in said
-
-
-def test_unreadable_scene_is_a_mistake_and_no_verdict(tmp_path, capsys):
-    assert main(['check', '--verbose', str(tmp_path / 'none.toml')]) == 2
-    assert 'cannot be read' in capsys.readouterr().err
-
-
-def test_lattices_of_all_neighbours_are_judged_too(capsys):
-    """The screened crystal that its six neighbours alone cannot hold holds itself with all of them."""
-    assert main(['check', '--verbose', str(ready_scene('dust'))]) == FINE
-    assert 'Stable in the plane' in capsys.readouterr().out
-
-
-def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
-    file = tmp_path / 'my.toml'
-    file.write_text(ready_scene('bench').read_text().replace('side_m = 0.3 ', 'side_m = 1.3 '))
-    assert main(['check', '--verbose', str(file)]) == FINE
-    said = capsys.readouterr().out
-    assert 'Lattice: OK\n' in said
-    assert 'particles, more than 20000, and is not checked separately' in said
+    assert ('only because a constraint' in said) == ('60 degrees' in name)
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -132,19 +106,16 @@ def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
     short = capsys.readouterr().out
     assert short.startswith('Stable in the plane: the foundation of 157.4 N/m is 66 % more than the 94.76 N/m needed.')
     assert short.count('\n') == 1
-    assert main(['check', '--verbose', 'square']) == FINE
-    assert capsys.readouterr().out.strip().startswith(short.strip())
     (tmp_path / 'my.toml').write_text(ready_scene('square').read_text())
     assert main(['check', str(tmp_path / 'my.toml')]) == FINE
     first, second = capsys.readouterr().out.splitlines()
     assert first == short.strip()
     assert second.startswith('Nearest neighbours only (shells = 1): farther ones would shift branch 1 at X by +39 %')
-
-
-def test_faults_are_told_without_being_asked_for(tmp_path, capsys):
-    (tmp_path / 'my.toml').write_text(ready_scene('chain').read_text().replace('5e4', '3e4'))
-    assert main(['check', str(tmp_path / 'my.toml')]) == BAD
-    assert 'Lattice: UNSTABLE (1 problem)' in capsys.readouterr().out
+    assert main(['check', '--verbose', str(tmp_path / 'my.toml')]) == FINE
+    assert capsys.readouterr().out.startswith(short)
+    (tmp_path / 'soft.toml').write_text(ready_scene('chain').read_text().replace('5e4', '3e4'))
+    assert main(['check', str(tmp_path / 'soft.toml')]) == BAD
+    assert 'Lattice: UNSTABLE (1 problem)' in capsys.readouterr().out  # faults are told in short, too
 
 
 @pytest.mark.parametrize(('name', 'refused'), [
@@ -154,11 +125,3 @@ def test_commands_that_do_not_take_a_structure_are_named(name, refused):
     words = ' '.join(refusals(read_scene(name).perfect_cell()))
     assert set(re.findall(r'"magphonon (\w+)"', words)) == refused
     assert words.count('Commands that do not support') == bool(refused)  # the reason is given once
-
-
-@pytest.mark.parametrize(('name', 'tells'), [('prototype', False), ('prototype.toml', True)])
-def test_ready_scenes_do_not_warn_of_themselves_and_copies_of_them_do(name, tells, tmp_path):
-    (tmp_path / 'prototype.toml').write_text(ready_scene('bench').read_text())
-    scene = read_scene(name if not tells else tmp_path / name)
-    assert len(omission(scene, False)) == tells
-    assert len(omission(scene, True)) == 1

@@ -1,22 +1,15 @@
 """The command `magphonon`: what it shows and writes, and how it fails."""
 
-import csv
 import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from scene_files import ready_scene
 
 import magphonon
-from magphonon.bands import Bands
 from magphonon.cli.main import main
-from magphonon.scenes.scene import read_scene, ready_scenes, reference
-
-FILES = {'bands.png', 'zone.png', 'bands.csv', 'bands_complete.npz', 'bands_conventional.npz', 'bands_phonopy.npz', 'band.yaml',
-         'phonopy_params.yaml'}
+from magphonon.scenes.scene import read_scene, ready_scenes
 
 
 def command(*arguments, **options):
@@ -26,74 +19,6 @@ def command(*arguments, **options):
 
 
 # --- what it does ----------------------------------------------------------------------------------------------------
-
-def test_bands_of_the_prototype(scene_file, tmp_path):
-    out = tmp_path / 'out'
-    done = command('bands', '--verbose', scene_file({}), '-o', out)
-    assert (done.returncode, done.stderr) == (0, '')
-    assert {file.name for file in out.iterdir()} == FILES
-
-    numbers = reference()['prototype']
-    with open(out / 'bands.csv', newline='') as file:
-        header, *rows = csv.reader(file)
-    table = {name: np.array(column, dtype=float) for name, column in zip(header, zip(*rows, strict=True), strict=True)}
-    assert header == ['path_rad_per_m', 'q1', 'q2', 'q3', 'complete_1_Hz', 'complete_2_Hz', 'conventional_1_Hz',
-                      'conventional_2_Hz', 'phonopy_1_Hz', 'phonopy_2_Hz']
-    M = np.argmin(abs(table['path_rad_per_m'] - 2 * np.pi / np.sqrt(3) / 0.01))  # from Gamma: 2 pi/(sqrt(3) L0)
-    # analytic to the digits of the reference; phonopy to what its default displacement promises
-    for mode in (0, 1):
-        assert_allclose(table[f'complete_{mode + 1}_Hz'][M], numbers['M_complete_Hz'][mode], rtol=1e-9)
-        assert_allclose(table[f'conventional_{mode + 1}_Hz'][M], numbers['M_conventional_Hz'][mode], rtol=1e-9)
-        assert_allclose(table[f'phonopy_{mode + 1}_Hz'][M], numbers['M_complete_Hz'][mode], rtol=1e-8)
-
-    assert_allclose(Bands.load(out / 'bands_complete.npz').frequencies_Hz[:, 0], table['complete_1_Hz'], rtol=1e-13)
-    shown = [line.split() for line in done.stdout.splitlines()]
-    assert ['M,', 'branch', '1', '58.23269', '92.106', '58.23269'] in shown
-    assert "foundation: 19.6757 N/m in the scene; phonopy's force constants sum to 19.6757 N/m" in done.stdout
-    assert 'cut-off frequency (lowest at Gamma): 26.55069 Hz\n' in done.stdout  # sqrt(19.6757 N/m / 0.70698 g)/2 pi
-    pressure, a = 3**0.5 * numbers['f_at_spacing'] / numbers['spacing'], numbers['a']  # closed forms of the triangular lattice
-    assert f"removed: pressure {pressure:.6g} N/m, bulk modulus {(a + 1) / 2 * pressure:.6g} N/m, shear modulus" in done.stdout
-    assert f"Poisson's ratio {(a + 5) / (3 * a - 1):.4g}" in done.stdout
-    assert 'Stable in the plane, even without a foundation.' in done.stdout
-    assert 'UNSTABLE' not in done.stdout
-
-
-def test_unstable_lattice_is_called_unstable(scene_file, tmp_path, capsys):
-    """A chain on springs of 30 kN/m, where the closed form 4 f(L0)/L0 asks for 40 kN/m; nothing on its path is hidden."""
-    status = main(['bands', '--verbose', str(scene_file({'5e4': '3e4'}, 'chain')), '-o', str(tmp_path / 'out')])
-    shown = capsys.readouterr().out
-    assert status == 0
-    assert 'UNSTABLE: the static forces buckle this lattice; the softest mode is at q = (0.5, 0, 0)' in shown
-    # sqrt(3e4 N/m / M)/2 pi at Gamma; the branch across the chain falls from there through zero
-    assert 'cut-off frequency (lowest at Gamma): 27.56644 Hz; lowest on the path: -15.91549 Hz\n' in shown
-    assert 'needs a foundation of 40000 N/m and has 30000 N/m' in shown
-    assert ['X,', 'branch', '1', '-15.91549', '27.56644', '-15.91549'] in [line.split() for line in shown.splitlines()]
-    assert {file.name for file in (tmp_path / 'out').iterdir()} == FILES - {'zone.png'}  # a chain has no plane to draw
-
-
-def test_instability_off_the_path_is_called_too(scene_file, tmp_path, capsys):
-    """The square lattice on half of the springs that it needs, drawn along the diagonal: there every branch is stable."""
-    file = scene_file({'kind = "triangular"': 'kind = "square"'}, 'ideal')
-    text = file.read_text().replace('GMKG', 'GM') + '\n[foundation]\nstiffness_N_per_m = 2e4\n'
-    file.write_text(text)
-    main(['bands', '--verbose', str(file), '-o', str(tmp_path / 'out')])
-    assert Bands.load(tmp_path / 'out' / 'bands_complete.npz').omega.min() > 0
-    assert 'needs a foundation of 40000 N/m and has 20000 N/m' in capsys.readouterr().out
-
-
-def test_coulomb_crystal_in_space_has_no_conventional_model(scene_file, tmp_path, capsys):
-    """At H all branches of bcc have w_p/sqrt(3), w_p^2 = 4 pi n Q^2/(4 pi eps0 M); D0 alone diverges, and is left out."""
-    text = scene_file({}, 'wigner').read_text().replace('"triangular"', '"bcc"').replace('"GMKG"', '"GH"')
-    (tmp_path / 'bcc.toml').write_text(text.replace('points = 300', 'points = 5').replace('[6, 6]', '[2, 2, 2]'))
-    assert main(['bands', '--verbose', str(tmp_path / 'bcc.toml'), '-o', str(tmp_path / 'out')]) == 0
-    shown = capsys.readouterr().out
-    assert 'no conventional model: the sums of D0 and D* diverge' in shown
-    n = 3 * 3**0.5 / 4 / 5.1e-6**3  # two particles in a cube of 2/sqrt(3) L0
-    plasma = (n * 1.602176634e-19**2 / 8.8541878128e-12 / 9.1093837e-31) ** 0.5
-    omega = Bands.load(tmp_path / 'out' / 'bands_complete.npz').frequencies_Hz[-1] * 2 * np.pi
-    assert_allclose(omega, plasma / 3**0.5, rtol=1e-8)  # eps0 is printed to 1e-9
-    assert not (tmp_path / 'out' / 'bands_conventional.npz').exists()
-
 
 def test_scenes_are_listed_and_printed(capsys, tmp_path):
     assert main(['scene']) == 0
@@ -109,10 +34,8 @@ def test_scenes_are_listed_and_printed(capsys, tmp_path):
 # --- how it fails ----------------------------------------------------------------------------------------------------
 
 MISTAKES = {
-    'no such scene file': (['bands', '{d}/no.toml', '-o', '{d}/out'], 'no.toml', '"magphonon scene" lists'),
     'bad value': (['bands', '{d}/bad.toml', '-o', '{d}/out'], 'lattice.spacing_m', 'must be a positive number, not -0.01'),
     'narrow supercell': (['bands', '{d}/narrow.toml', '-o', '{d}/out'], '(2, 2, 1)', 'give supercell=(3, 3, 1)'),
-    'output is a file': (['bands', '{d}/good.toml', '-o', '{d}/law.csv'], 'law.csv is a file', 'name a directory'),
     'output in a file': (['bands', '{d}/good.toml', '-o', '{d}/law.csv/x'], 'law.csv/x', 'choose another place'),
     'output not writable': (['bands', '{d}/good.toml', '-o', '/proc/x'], '/proc', 'choose another place'),
     'no command': ([], 'COMMAND', 'required'),
@@ -163,9 +86,9 @@ def test_no_traceback_in_a_shell(name, desk):
     assert done.stdout == ''
 
 
-@pytest.mark.parametrize(('accident', 'status', 'words'), [
-    (KeyboardInterrupt(), 130, 'interrupted'), (OSError(28, 'No space left on device'), 2, 'no space left; make room')])
-@pytest.mark.parametrize('existing', [False, True])
+@pytest.mark.parametrize(('accident', 'status', 'words', 'existing'), [
+    (KeyboardInterrupt(), 130, 'interrupted', False),
+    (OSError(28, 'No space left on device'), 2, 'no space left; make room', True)])
 def test_accident_leaves_nothing(accident, status, words, existing, desk, capsys, monkeypatch):
     """The bands are computed and saved, but not all is drawn, when it happens."""
     def strike(*_):

@@ -15,19 +15,6 @@ from magphonon.files import write_columns
 from magphonon.response.frf import FrequencyResponse
 
 
-def test_speeds_that_are_no_numbers_have_words(tmp_path, capsys):
-    """Of electrons w/k grows without end in long waves; a kagome lattice of D0 alone has a mode without stiffness."""
-    for name, word in (('wigner', 'unbounded'), ('kagome', 'none')):
-        text = ready_scene('wigner').read_text() if name == 'wigner' else ready_scene('ideal').read_text().replace(
-            'kind = "triangular"', 'kind = "kagome"')
-        file = tmp_path / f'{name}.toml'
-        file.write_text(text.replace('points = 300', 'points = 3'))
-        assert main(['bands', '--verbose', str(file), '-o', str(tmp_path / name)]) == 0
-        said = capsys.readouterr().out
-        assert word in said.partition('long-wave speeds')[2]
-        assert not {'nan', 'inf'} & set(said.split())
-
-
 @pytest.mark.parametrize('number', [np.nan, np.inf, complex(0, -np.inf)])
 def test_results_that_are_no_numbers_are_not_written(number, tmp_path):
     response = FrequencyResponse(np.array([1.0, 2.0]), np.array([1 + 1j, number]))
