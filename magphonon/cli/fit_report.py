@@ -38,13 +38,10 @@ def force_report(file: str, magnet: str | None, forces: Forces, fit: Fit, shared
              'intervals in brackets.']
     if verbose:
         r, stated = forces.r, 'without' if forces.sigma is None else 'with'
-        lines += [f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
-                  f'at {fit.spacing / u.m:g} m, with 95 % intervals:']
-        for name, value, (low, high), unit, symbol in (
-                ('force f', fit.force, force, u.N, 'N'), ('slope df/dr', fit.slope, -slope[::-1], u.N / u.m, 'N/m'),
-                ('exponent', fit.exponent, exponent, 1.0, '')):
-            lines.append(f'  {name:12} {value / unit:.4g} [{low / unit:.4g}, {high / unit:.4g}] {symbol}'.rstrip())
-        lines += ['', *_assumptions(magnet, forces, fit, shared)]
+        low, high = -slope[::-1] / (u.N / u.m)
+        lines += [f'Its slope df/dr is {fit.slope / (u.N / u.m):.4g} N/m ({low:.4g} to {high:.4g}).', '',
+                  f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
+                  *_assumptions(magnet, forces, fit, shared)]
     return '\n'.join([*lines, *_doubts_of_forces(forces, fit)])
 
 
