@@ -249,8 +249,7 @@ def _fit_bands(options):
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
                          'writes them; no lattice fits both: keep the lines of one model')
-    fixed = _fixed(options, KEYS)
-    priors = _priors(options, KEYS)
+    fixed, priors = _known(options, KEYS)
     try:
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
@@ -273,15 +272,13 @@ def _fit_frf(options):
     sigmas = {'gain': GAIN} | dict(options.sigmas)
     if len(sigmas) > 1:
         raise ValueError(f'--sigma {[*sigmas][1]} belongs to a fit of forces; a fit of responses knows only gain')
-    if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
-        options.files, options.frf = [options.frf], options.files[0]
     options.scene = source_of(options.frf)
     scene = read_scene(options.scene)
     functions = [one for file in options.files for one in read_transfer(file)]
-    fixed = _fixed(options, KEYS)
+    fixed, priors = _known(options, KEYS)
     if (doubt := suspect_units(scene, with_dofs(scene, functions))) is not None:
         print(f'The measurements look like {doubt}: correct that before believing what follows.\n')
-    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), sigmas['gain'])
+    found = fit_frf(scene, functions, fixed, priors, sigmas['gain'])
     _told(options, scene, 'frf_fit', lambda verbose: frf_report(found, fixed, verbose),
           lambda: plot_transfer(found.functions, {model: found.curves(model) for model in MODELS}))
 
@@ -299,18 +296,13 @@ def _told(options, scene, name, report, figure):
         print(f'\npicture and full report are in {options.output}')
 
 
-def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
-    """The parameters that --fix names; the names may contain the unit or not."""
-    names: list[str] = [name.strip() for name in options.fix.split(',')] if options.fix else []
-    return [keys.get(name, name) for name in names]
-
-
-def _priors(options, keys):
-    """Value and standard uncertainty of each parameter that --prior names."""
+def _known(options, keys):
+    """The parameters that --fix names, with or without their unit, and value and standard uncertainty of those of --prior."""
+    fixed = [keys.get(name.strip(), name.strip()) for name in options.fix.split(',')] if options.fix else []
     told = [_prior(text, keys) for text in options.priors]
     if len(dict(told)) < len(told):
         raise ValueError('--prior names a parameter twice; keep one of them, or combine them')
-    return dict(told)
+    return fixed, dict(told)
 
 
 def _prior(text, keys):
@@ -321,7 +313,6 @@ def _prior(text, keys):
         value, sigma = float(value), float(sigma)
     except (AttributeError, ValueError):
         raise ValueError(f'--prior {text!r} is not a parameter with its value and standard uncertainty, such as '
-                         f'force_N=0.288+-0.01 or a=3.8+-10%'
-                         ) from None
+                         'force_N=0.288+-0.01 or a=3.8+-10%') from None
     key = next((full for full, name in keys.items() if name == key), key)
     return keys[one_of('the parameter of --prior', key, tuple(keys))], (value, value * sigma / 100 if percent else sigma)

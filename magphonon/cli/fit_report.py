@@ -11,7 +11,6 @@ from collections import Counter
 import numpy as np
 
 from .. import units as u
-from ..bands.bands import analytic_bands
 from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors, shells_within
 from ..interactions.force_tables import Forces
@@ -39,13 +38,10 @@ def force_report(file: str, magnet: str | None, forces: Forces, fit: Fit, shared
              'intervals in brackets.']
     if verbose:
         r, stated = forces.r, 'without' if forces.sigma is None else 'with'
-        lines += [f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
-                  f'at {fit.spacing / u.m:g} m, with 95 % intervals:']
-        for name, value, (low, high), unit, symbol in (
-                ('force f', fit.force, force, u.N, 'N'), ('slope df/dr', fit.slope, -slope[::-1], u.N / u.m, 'N/m'),
-                ('exponent', fit.exponent, exponent, 1.0, '')):
-            lines.append(f'  {name:12} {value / unit:.4g} [{low / unit:.4g}, {high / unit:.4g}] {symbol}'.rstrip())
-        lines += ['', *_assumptions(magnet, forces, fit, shared)]
+        low, high = -slope[::-1] / (u.N / u.m)
+        lines += [f'Its slope df/dr is {fit.slope / (u.N / u.m):.4g} N/m ({low:.4g} to {high:.4g}).', '',
+                  f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
+                  *_assumptions(magnet, forces, fit, shared)]
     return '\n'.join([*lines, *_doubts_of_forces(forces, fit)])
 
 
@@ -108,8 +104,7 @@ def band_report(found: BandFits, points: int, fixed: list[str], verbose: bool = 
     usable = fit.follows and not (fit.sigma[:n] > DETERMINED).any()
     lines = _answer(found)
     if verbose:
-        lines += ['', found.scene.title, '', *_ridges(found, points, fixed), '', *_ridge_table(found), '',
-                  '95 % intervals; force and bond stiffness -df/dr are given at the spacing.', *_shifts(found)]
+        lines += ['', found.scene.title, '', *_ridges(found, points, fixed), '', *_ridge_table(found), *_shifts(found)]
     lines += [*_doubts_of_ridges(found), *_stated(found), *_verdict(found)]
     lines += _correlations(fit, n) if verbose and usable else []
     lines += _entries(found.fitted()) if usable else []
@@ -131,14 +126,11 @@ def _correlations(fit, n):
 
 def _ridges(found, points, fixed):
     """Lines that say which points are fitted on which branches, what is known, and how many neighbours count."""
-    own, branches, cell = found.points, np.array(found.fits['complete'].branches), found.scene.perfect_cell()
-    on = []
-    for branch, count in sorted(Counter(branches[k] for k in set(own.ridge.tolist())).items()):
-        kinds = {*analytic_bands(cell, own.q[branches[own.ridge] == branch], vectors=True).polarisations[:, branch]}
-        kind = f' ({kinds.pop()})' if len(kinds) == 1 else ''
-        on.append(f'{count} on branch {branch + 1}{kind.replace("transverse", "shear") if cell.pbc.sum() > 1 else kind}')
-    yield (f'Fitting {len(own)} of the {points} ridge points (the others are so close to these in frequency that they share '
-           f'their noise). Ridges: {", ".join(on)}.')
+    branches = found.fits['complete'].branches
+    counts = Counter(branches[k] for k in set(found.points.ridge.tolist()))
+    on = ', '.join(f'{count} on branch {branch + 1}' for branch, count in sorted(counts.items()))
+    yield (f'Fitting {len(found.points)} of the {points} ridge points (the others are so close to these in frequency that they '
+           f'share their noise). Ridges: {on}.')
     before = ', '.join(f'{KEY_OF[name]} = {value:.4g} +- {sigma:.2g}' for name, (value, sigma) in found.priors.items())
     yield ('Known: spacing and mass' + f'; fixed: {", ".join(KEY_OF[name] for name in fixed)}' * bool(fixed)
            + f'; before: {before}' * bool(before) + '.')
@@ -151,9 +143,8 @@ def _ridges(found, points, fixed):
 def _ridge_table(found):
     """A table of the parameters, of the frequencies at the special points, and of chi2, with a column for each model."""
     fits, points = found.fits, found.scene.special_points
-    values, told = zip(*((found.values(model), found.predicted(np.array([*points.values()]), model)) for model in fits),
-                       strict=True)
-    rows = [(_with_unit(name), *(_interval(*own[name]) for own in values)) for name in values[0]]
+    told = [found.predicted(np.array([*points.values()]), model) for model in fits]
+    rows = _parameters(found)
     for k, name in enumerate(points):
         rows += [(f'{name}, branch {branch + 1} (Hz)', *(_interval(u.hertz(omega[k, branch]), sigma[k, branch])
                                                          for omega, sigma in told)) for branch in range(told[0][0].shape[1])]
@@ -261,9 +252,7 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
     """The patch or structure fitted to transfer functions in both models, and which of these fits better."""
     better, lines = found.better, _answer(found)
     if verbose:
-        lines += ['', found.scene.title, '', *_responses(found, fixed), '',
-                  '95 % intervals; a model whose values stand in brackets does not fit the data. Force and bond stiffness -df/dr '
-                  'are given at the spacing.']
+        lines += ['', found.scene.title, '', *_responses(found, fixed)]
         lines += _of_sites(found) if better.follows and better.site_scatter.any() else []
     if not better.follows:
         strengths = 100 * better.site_scatter[0]
@@ -292,10 +281,8 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
 
 def _responses(found, fixed):
     """What is fitted, and a table of the parameters and the residual with a column for each model."""
-    fits, values = found.fits, {model: found.values(model) for model in found.fits}
+    fits, rows = found.fits, _parameters(found)
     known = ', '.join(['spacing', *(['mass'] if 'mass' not in fits['complete'].names else []), *fixed])
-    rows = [(_with_unit(name), *(_interval(*values[model][name]) if fit.follows else f'({values[model][name][0]:.4g})'
-                                 for model, fit in fits.items())) for name in values['complete']]
     if any(one.sigma is not None for one in found.functions):
         rows.append(('residual / noise', *(f'{fit.misfit:.4g}' for fit in fits.values())))
     else:
@@ -330,10 +317,18 @@ def _answer(found):
     return [f'{found.better.model.capitalize()} model: {", ".join(told)}, with 95 % intervals in brackets.']
 
 
+def _parameters(found):
+    """Rows of a table with the parameters in each model, in brackets if it does not fit the data."""
+    values = {model: found.values(model) for model in found.fits}
+    return [(_with_unit(name), *(_interval(*values[model][name]) if fit.follows else f'({values[model][name][0]:.4g})'
+                                 for model, fit in found.fits.items())) for name in values['complete']]
+
+
 def _table(fits, rows):
-    """Lines of a table with one column for each model."""
+    """Lines of a table with one column for each model, and how to read it."""
     head = ('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits))
-    return in_columns([head, *rows], left=1 + len(fits))
+    return [*in_columns([head, *rows], left=1 + len(fits)), '', '95 % intervals; a model whose values stand in brackets does not '
+            'fit the data. Force and bond stiffness -df/dr are given at the spacing.']
 
 
 def _with_unit(name):

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from ..stiffness.rest import LinearSystem
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
-MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
@@ -25,10 +24,6 @@ MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are dra
 OUTSIDE = 1e-4
 """Distance of a local mode from the bands, as a fraction of the highest frequency: the bands may be wider between
 points of the mesh."""
-
-MOST_DIRECTIONS = 3000
-"""Largest number of free directions for which all modes are computed; above it, only the lowest and those between the bands."""
-LOWEST = 60  # number of the lowest modes of a larger patch
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -124,13 +119,13 @@ def _draw_lattice(save, cell, bands, at):
 def _solved(scene, cell, atoms):
     """The modes of a patch or a finite structure."""
     from ..bands.density import band_ranges
-    from ..response.normal_modes import localisation
+    from ..response.normal_modes import localisation, lowest_and_local
     from ..stiffness.rest import LinearSystem
     from ..traits import LINEAR
 
     system = LinearSystem.of(atoms, *LINEAR).moving()
     ranges = np.empty((0, 2)) if cell is None else band_ranges(cell)
-    found = _modes(system, ranges)
+    found = lowest_and_local(system, ranges)
     extent = localisation(found, system)
     order, room = np.argsort(extent.participation, kind='stable'), OUTSIDE * abs(found.omega).max()
     inside = ((found.omega[:, None] >= ranges[:, 0] - room) & (found.omega[:, None] <= ranges[:, 1] + room)).any(axis=1)
@@ -162,13 +157,14 @@ def _patch_report(scene, patch):
 
 def _without_energy(patch, free):
     """A line with the number of modes of a finite structure that cost no energy, and what it would be with D0 alone."""
+    from ..response.normal_modes import lowest_and_local
     from ..stiffness.rest import LinearSystem
 
     system = patch.system
     if system.turning or system.directions > MOST_REPEATED:
         return []
     alone = LinearSystem.about(system.atoms.calc.about(system.atoms, model='conventional'), system.atoms).moving()
-    blind = _of_no_stiffness(_modes(alone, patch.ranges).omega)
+    blind = _of_no_stiffness(lowest_and_local(alone, patch.ranges).omega)
     told = f'  modes that cost no energy: {free.sum()}; with D0 alone there would be {blind.sum()}'
     return [told] if (free | blind).any() else []
 
@@ -225,25 +221,6 @@ def _of_no_stiffness(omega):
     from .band_report import ZERO_FRACTION
 
     return abs(omega) < ZERO_FRACTION * abs(omega).max()
-
-
-def _modes(system, ranges):
-    from ..response.chebyshev import stable_interval
-    from ..response.normal_modes import Modes, local_modes, modes
-
-    size, turns = system.K.shape[0], system.turning
-    if turns and size > MOST_TURNING:
-        raise ValueError(f'the patch has {size} free directions; modes of gyroscopes need dense matrices, '
-                         f'which may have up to {MOST_TURNING} rows: use a smaller patch, or "magphonon frf"')
-    if size <= MOST_DIRECTIONS:
-        return modes(system)
-    lowest = modes(system, LOWEST)
-    top = np.sqrt(stable_interval(system.K).highest)
-    gaps = [*zip(ranges[:-1, 1], ranges[1:, 0], strict=True), *((high, top) for high in ranges[-1:, 1] if high < top)]
-    between = [local_modes(system, gap) for gap in gaps]
-    omega = np.concatenate([lowest.omega, *(found.omega for found in between)])
-    new = np.concatenate([np.ones(LOWEST, bool), *(found.omega > lowest.omega[-1] for found in between)])
-    return Modes(omega[new], np.concatenate([lowest.shapes, *(found.shapes for found in between)])[new])
 
 
 def _place(atoms, centre, defects):

@@ -21,7 +21,7 @@ from ..stiffness.bond import upper_part
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
-from ..stiffness.sites import out_of_plane
+from ..stiffness.sites import out_of_plane, refuse_motion_out_of_the_plane
 from ..traits import LINEAR, all_but, refuse, takes
 from .bond_increments import RANGES, TOLERANCE, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
@@ -470,7 +470,8 @@ class Blocks:
         return all(np.array_equal(arrays[name][:, :2], values) for name, values in self._written())
 
     def follow(self) -> None:
-        """Read the state from the atoms if they have been changed since `write`."""
+        """Read the state from the atoms if they have been changed since `write`; refuse a motion that no block would follow."""
+        refuse_motion_out_of_the_plane(self.calc, self.atoms)
         if not self.current:
             self._read()
 

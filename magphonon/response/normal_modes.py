@@ -23,6 +23,11 @@ from ..traits import LIKE, LINEAR, takes
 SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
 
+MOST_DIRECTIONS = 3000
+"""Largest number of free directions for which `lowest_and_local` computes all modes."""
+MOST_TURNING = 1500  # the same limit with gyroscopic forces: matrices are complex and of twice the size
+LOWEST = 60  # number of the lowest modes of a larger patch
+
 EQUAL = 1e-11  # difference of squared frequencies, as a fraction of the largest entry of K, up to which they are equal
 WELL = 0.37  # about a third, but no ratio that symmetry can produce, because round-off would then decide
 
@@ -272,3 +277,29 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     system = LinearSystem.of(atoms).moving()
     squares, vectors = eigenpairs_between(system.K, float(np.sign(low) * low**2), float(np.sign(high) * high**2))
     return Modes(signed_root(squares), _fixed(squares / abs(system.K).max(), (system.shapes @ vectors).T, system))
+
+
+def lowest_and_local(system: LinearSystem, ranges: NDArray[np.float64]) -> Modes:
+    """All modes of a patch, or of a large one the lowest and those between the bands.
+
+    Parameters
+    ----------
+    system : LinearSystem
+    ranges : ndarray, shape (ranges, 2)
+        Frequency ranges of the bands of the lattice, as `band_ranges` returns them; none for a finite structure.
+    """
+    from .chebyshev import stable_interval
+
+    size = system.K.shape[0]
+    if system.turning and size > MOST_TURNING:
+        raise ValueError(f'the patch has {size} free directions; modes of gyroscopes need dense matrices, '
+                         f'which may have up to {MOST_TURNING} rows: use a smaller patch, or "magphonon frf"')
+    if size <= MOST_DIRECTIONS:
+        return modes(system)
+    lowest = modes(system, LOWEST)
+    top = np.sqrt(stable_interval(system.K).highest)
+    gaps = [*zip(ranges[:-1, 1], ranges[1:, 0], strict=True), *((high, top) for high in ranges[-1:, 1] if high < top)]
+    between = [local_modes(system, gap) for gap in gaps]
+    omega = np.concatenate([lowest.omega, *(found.omega for found in between)])
+    new = np.concatenate([np.ones(LOWEST, bool), *(found.omega > lowest.omega[-1] for found in between)])
+    return Modes(omega[new], np.concatenate([lowest.shapes, *(found.shapes for found in between)])[new])

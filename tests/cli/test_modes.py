@@ -79,8 +79,8 @@ def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('magphonon.scenes.scene.Scene.patch_atoms', with_a_light_magnet)
     found = {}
     for most in (3000, 20):  # all modes; the lowest ones and those between the bands
-        monkeypatch.setattr('magphonon.cli.modes.MOST_DIRECTIONS', most)
-        monkeypatch.setattr('magphonon.cli.modes.LOWEST', 8)
+        monkeypatch.setattr('magphonon.response.normal_modes.MOST_DIRECTIONS', most)
+        monkeypatch.setattr('magphonon.response.normal_modes.LOWEST', 8)
         assert main(['modes', '--verbose', str(prototype), '-o', str(tmp_path / 'out'), '--force']) == 0
         shown = capsys.readouterr().out
         assert 'outside the bands of the lattice: 2' in shown

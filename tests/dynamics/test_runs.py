@@ -148,6 +148,9 @@ def test_a_run_that_becomes_long_is_compiled_and_stays_so(monkeypatch):
     whole.run(88)
     assert engines == ['ase', 'compiled', 'compiled']
     assert apart(dyn.displacements, whole.displacements) < 1e-11
+    dyn.atoms.set_momenta(dyn.atoms.get_momenta() + np.outer(np.arange(49) == 24, (0, 0, 1)))  # blocks are refused now
+    with pytest.raises(ValueError, match='moves out of the plane'):
+        dyn.run(29)
 
 
 @pytest.mark.parametrize(('fault', 'words'), [('missing', 'numba'), ('other', 'overload'), ('off', 'NUMBA_DISABLE_JIT is set')])
