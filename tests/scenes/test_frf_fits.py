@@ -339,7 +339,7 @@ def test_the_place_of_a_measurement(tmp_path):
     ('frequency_Hz,re_m_per_N,im_m_per_N,direction_deg', '{f},1,1,90', 'has only direction_deg;'),
     ('frequency_Hz,re_m_per_N,im_m_per_N,drive_deg', '{f},1,1,90', 'has only drive_deg;'),
     ('time_s,drive_N,answer_m,x_m,y_m', '{f},1,1,0,0', 'has only x_m, y_m;'),
-    ('frequency_Hz,amplitude_m_per_N,phase_deg', '{f},-90,1', 'exchanged with phase_deg'),
+    ('frequency_Hz,amplitude_m_per_N,phase_deg', '{f},-90,1', 'exchanged with the phase'),
     ('frequency_Hz,re_m_per_N,im_m_per_N', '{f},0,0', 'is zero at every frequency'),
 ])
 def test_tables_that_say_half_a_place_or_nothing(tmp_path, header, row, words):
