@@ -581,7 +581,7 @@ def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monk
     assert 'outside the bands of the lattice: ' in words
     assert (tmp_path / 'out' / 'mode_5.gif').exists()
     monkeypatch.setattr('magphonon.response.normal_modes.MOST_TURNING', 10)
-    assert main(asked) == 2
+    assert main([*asked, '--force']) == 2
     assert 'use a smaller patch' in capsys.readouterr().err
 
 

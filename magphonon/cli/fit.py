@@ -272,8 +272,6 @@ def _fit_frf(options):
     sigmas = {'gain': GAIN} | dict(options.sigmas)
     if len(sigmas) > 1:
         raise ValueError(f'--sigma {[*sigmas][1]} belongs to a fit of forces; a fit of responses knows only gain')
-    if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
-        options.files, options.frf = [options.frf], options.files[0]
     options.scene = source_of(options.frf)
     scene = read_scene(options.scene)
     functions = [one for file in options.files for one in read_transfer(file)]

@@ -19,7 +19,7 @@ from ..scenes.frf_fits import UNITS, FrfFits
 from ..scenes.scene import Scene
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .neighbours import neighbours, omitted
+from .neighbours import neighbours, omission
 
 FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
 SURE = 0.8  # probability of a drift above which it is reported
@@ -38,13 +38,10 @@ def force_report(file: str, magnet: str | None, forces: Forces, fit: Fit, shared
              'intervals in brackets.']
     if verbose:
         r, stated = forces.r, 'without' if forces.sigma is None else 'with'
-        lines += [f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
-                  f'at {fit.spacing / u.m:g} m, with 95 % intervals:']
-        for name, value, (low, high), unit, symbol in (
-                ('force f', fit.force, force, u.N, 'N'), ('slope df/dr', fit.slope, -slope[::-1], u.N / u.m, 'N/m'),
-                ('exponent', fit.exponent, exponent, 1.0, '')):
-            lines.append(f'  {name:12} {value / unit:.4g} [{low / unit:.4g}, {high / unit:.4g}] {symbol}'.rstrip())
-        lines += ['', *_assumptions(magnet, forces, fit, shared)]
+        low, high = -slope[::-1] / (u.N / u.m)
+        lines += [f'Its slope df/dr is {fit.slope / (u.N / u.m):.4g} N/m ({low:.4g} to {high:.4g}).', '',
+                  f'{file}: {len(r)} forces from {r.min() / u.m:g} to {r.max() / u.m:g} m, {stated} uncertainties', '',
+                  *_assumptions(magnet, forces, fit, shared)]
     return '\n'.join([*lines, *_doubts_of_forces(forces, fit)])
 
 
@@ -112,8 +109,8 @@ def band_report(found: BandFits, points: int, fixed: list[str], verbose: bool = 
     lines += _correlations(fit, n) if verbose and usable else []
     lines += _entries(found.fitted()) if usable else []
     if not verbose:
-        beside = omitted(found.scene, {'the ridges': found.points.q})
-        return '\n'.join([*lines, *(['', beside.words] if beside.fault and beside.words else [])])
+        beside = omission(found.scene, False, {'the ridges': found.points.q})
+        return '\n'.join([*lines, *(['', *beside] if beside else [])])
     half = NORMAL * found.values()['bond stiffness'][1] / 2  # a relative shift of frequency is half that of the stiffness
     within = {('the ridges', k + 1): half for k in set(fit.branches)}
     return '\n'.join([*lines, '', *neighbours(found.fitted() if fit.follows else found.scene, {'the ridges': found.points.q},

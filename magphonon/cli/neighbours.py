@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units as u
 from ..bands.bands import points_on, sound_speeds
 from ..bands.neighbours import neighbour_shifts, with_all
-from ..findings import Finding
 from ..scenes.laws import TOLERANCE, SavedLaw
 from ..scenes.scene import MOST_IN_A_CELL, Scene
 from ..scenes.sources import ready_scenes
@@ -82,11 +81,6 @@ def too_few(scene: Scene, points: Mapping[str, ArrayLike], within: Mapping[tuple
     any.
     """
     return _too_few(scene, _shifts(scene, points)[0], within) if _comparable(scene) else []
-
-
-def omitted(scene: Scene, points: Mapping[str, ArrayLike] | None = None) -> Finding:
-    """The largest shift by omitted neighbours, as a finding: a fault, except in ready scenes, which state the omission."""
-    return Finding(words=''.join(omission(scene, True, points)), fault=scene._name not in ready_scenes())
 
 
 def _comparable(scene):

@@ -80,11 +80,10 @@ class Shown(NamedTuple):
 
 def _report(scene, shown, verbose):
     """Lines on a scan, and how the omitted neighbours would change the frequencies at its ridges."""
-    from .neighbours import omitted
+    from .neighbours import omission
 
-    others = omitted(scene, None if shown.q is None else {'the ridges': shown.q})
     told = ['', scene.title, *shown.notes, '', shown.text] if verbose else []
-    return [*shown.answer, *told, *([others.words] if others.words and (verbose or others.fault) else [])]
+    return [*shown.answer, *told, *omission(scene, verbose, None if shown.q is None else {'the ridges': shown.q})]
 
 
 def _row(options, scene, cell, scan, folder, save):

@@ -82,7 +82,7 @@ class Verdict:
     def finding(self, name: str) -> Finding:
         """What the check of this name found."""
         if name not in self._found:
-            self._found[name] = CHECKS.find(name, self.case)
+            self._found[name] = CHECKS[name](self.case)
         return self._found[name]
 
     def __getattr__(self, name: str) -> Any:

@@ -149,6 +149,7 @@ def test_patch_is_what_its_forces_say(patch, scene_file, tmp_path):
 # --- how it fails ----------------------------------------------------------------------------------------------------
 
 MISTAKES = {
+    'no frf': ('patch', (PATCH[PATCH.index('[frf]'):], ''), 'has no table [frf]; add one'),
     'no angle': ('oscillator', ('theta0_deg = 30.0', ''), "lattice lacks the key 'theta0_deg'; add the angle in degrees"),
     'shells': ('oscillator', ('shells = 1', 'shells = 2'), 'law.shells of the oscillator must be 1, not 2'),
     'bands': ('oscillator', ('[frf]', '[bands]\npath = "GM"\npoints = 9\nsupercell = [3]\n[frf]'),
@@ -182,8 +183,3 @@ def test_response_of_an_unstable_patch_is_refused(a, b, status, patch, scene_fil
     assert main(['frf', '--verbose', str(file), '-o', str(tmp_path / 'out')]) == status
     assert ('fastest growing mode has the rate' in capsys.readouterr().err) is (status == 2)
     assert (tmp_path / 'out').exists() is (status == 0)
-
-
-def test_scene_without_frf_is_refused(scene_file, tmp_path, capsys):
-    assert main(['frf', '--verbose', str(scene_file(ready_scene('ideal').read_text())), '-o', str(tmp_path / 'out')]) == 2
-    assert 'has no table [frf]; add one' in capsys.readouterr().err

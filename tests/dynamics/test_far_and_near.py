@@ -60,7 +60,7 @@ class Drawn:
         with self.in_layout():
             blocks = Blocks(moved, DT, [], np.zeros(len(moved)))
         blocks._level = PIECES
-        blocks.use('compiled')
+        blocks.use()
         assert (blocks.layout.offset is None) == (self.layout == 'table')
         assert blocks.layout.own_laws or 'own' not in self.layout
         return moved, blocks

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from measured_forces import L0, LAW, SYNTHETIC, R, rings, table_of, write
+from measured_forces import L0, LAW, SYNTHETIC, R, rings, write
 
 from magphonon import units as u
 from magphonon.bands.bloch import bloch_modes
@@ -76,31 +76,34 @@ def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
     assert float(shear[3]) == pytest.approx(np.sqrt(slopes @ fit.covariance @ slopes), rel=0.02)
 
 
-def test_what_is_assumed_and_what_decides_is_said(tmp_path, capsys):
-    assert main(['fit', '--verbose', str(SYNTHETIC)]) == 0
+SLACK = ''.join(['r_mm,f_N,direction\n', *(f'{r!r},{f + 0.016 * (way == "return")!r},{way}\n' for way in ('approach', 'return')
+                                            for r, f in zip(R.tolist(), repulsion(LAW, R).tolist(), strict=True))])
+
+
+@pytest.mark.parametrize(('text', 'options', 'words'), [
+    ('', ['--verbose'], ['Assumed beforehand: the zero of the distances is known to 0.2 mm',
+                         'Causes of the uncertainty of the slope, as shares of its variance: zero of distance',
+                         '8 to 15 mm do not determine the kind of law']),
+    ('', ['--verbose', '--sigma', 'pair=3%'], ['scatter about their mean by 3 % (one standard deviation, as stated)']),
+    (SLACK, ['--sigma', 'hysteresis=1mN'], ['The hysteresis comes out as 0.00']),
+    *(('', ['--spacing', spacing], ['At 10 mm the force is 0.']) for spacing in ('0.01', '10mm', '10 mm', '1e4um')),
+])
+def test_what_a_fit_of_forces_says(text, options, words, tmp_path, capsys):
+    """Of the synthetic set, or of a `text`."""
+    assert main(['fit', write(tmp_path, text) if text else str(SYNTHETIC), *options]) == 0
     said = capsys.readouterr().out
-    assert 'Assumed beforehand: the zero of the distances is known to 0.2 mm' in said
-    assert 'Causes of the uncertainty of the slope, as shares of its variance: zero of distance' in said
-    assert '8 to 15 mm do not determine the kind of law' in said
+    assert [one for one in words if one not in said] == []
+
+
+def test_a_scene_of_magnets_gives_the_law_its_shape(capsys):
     assert main(['fit', '--verbose', str(ready_scene('rings')), str(SYNTHETIC)]) == 0
     assert 'rings.toml, rather than a free curve, has the probability' in capsys.readouterr().out
-    rows = table_of(R, repulsion(LAW, R), 'r_mm,f_N')
-    slack = rows.replace('\n', ',approach\n').replace('f_N,approach', 'f_N,direction') + ''.join(
-        f'{r!r},{f + 0.016!r},return\n' for r, f in zip(R.tolist(), repulsion(LAW, R).tolist(), strict=True))
-    assert main(['fit', write(tmp_path, slack), '--sigma', 'hysteresis=1mN']) == 0
-    assert 'The hysteresis comes out as 0.00' in capsys.readouterr().out
-
-
-@pytest.mark.parametrize('spacing', ['0.01', '10mm', '10 mm', '1e4um'])
-def test_lengths_may_name_their_unit(spacing, capsys):
-    assert main(['fit', str(SYNTHETIC), '--spacing', spacing]) == 0
-    assert 'At 10 mm the force is 0.' in capsys.readouterr().out
 
 
 GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
 
 
-@pytest.mark.parametrize(('rows', 'message'), [
+TABLES = [
     (['r_m,f_N'], 'holds no rows below its header'),
     ([], 'is empty'),
     (['distance,force', *GOOD], "lacks the column r_m (its header is 'distance,force')"),
@@ -114,15 +117,9 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['r_m,f_N', *(f'{0.01 * k},{0.01 * k}' for k in range(1, 9))], 'the forces need not fall with the distance'),
     (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, but repulsion counts as positive'),
     (['r_m,f_N,direction', *(row + ',sideways' for row in GOOD)], "direction must be approach or return, not 'sideways'"),
-])
-def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
-    file = write(tmp_path, ''.join(row + '\n' for row in rows))
-    assert main(['fit', file, '--contact', '0.00635', '-o', str(tmp_path / 'out')]) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / 'out').exists()
-
-
-@pytest.mark.parametrize(('options', 'message'), [
+]
+"""Rows of tables that cannot be used, and what is said about them."""
+OPTIONS = [
     (['--spacing', '-1'], '--spacing must be a positive number in mm, not -1000'),
     (['--spacing', '10 parsec'], 'not a number with one of the units m, mm'),
     (['--sigma', 'pair=3'], "--sigma: must be at least 0 and below 1, not '3'; write 3 percent as 0.03 or 3%"),
@@ -131,25 +128,34 @@ def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
     (['--spacing', '0.03'], 'the spacing 0.03 m is a factor 2 beyond the data, 0.008 to 0.015 m'),
     (['--spacing', '12'], 'did you mean 0.012 m?'),
     (['--bands', 'prototype', '--sigma', 'zero=1mN'], '--sigma belongs to a fit of forces'),
+]
+"""Options that do not fit the synthetic set, and what is said about them."""
+FILES = [
+    (['BINARY'], 'is not a text file'), (['none.csv'], 'none.csv cannot be opened'), ([''], "'' names no file"),
+    (['prototype.toml'], 'is a scene; name after it what was measured'),
+    (['prototype.toml', 'ideal.toml'], 'ideal.toml is a scene and holds no measurements'),
+]
+"""Files that hold no forces."""
+
+
+@pytest.mark.parametrize(('rows', 'words', 'message'), [
+    *((rows, ['table.csv', '--contact', '0.00635'], message) for rows, message in TABLES),
+    *((None, [str(SYNTHETIC), *options], message) for options, message in OPTIONS),
+    *((None, files, message) for files, message in FILES),
 ])
-def test_wrong_options_are_refused(tmp_path, capsys, options, message):
+def test_what_cannot_be_fitted_is_refused(rows, words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'table.csv').write_text(''.join(f'{row}\n' for row in rows or []))
+    (tmp_path / 'BINARY').write_bytes(bytes(range(128, 256)))
+    for name in ('prototype', 'ideal'):
+        (tmp_path / f'{name}.toml').write_text(ready_scene(name).read_text())
     try:
-        status = main(['fit', str(SYNTHETIC), *options, '-o', str(tmp_path / 'out')])
+        status = main(['fit', *words, '-o', 'out'])
     except SystemExit as refused:  # by the parser
         status = refused.code
     assert status == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
-
-
-def test_files_that_are_no_text_or_not_there_are_refused(tmp_path, capsys):
-    (tmp_path / 'binary').write_bytes(bytes(range(128, 256)))
-    for file, message in ((tmp_path / 'binary', 'is not a text file'), (tmp_path / 'none.csv', 'none.csv cannot be opened'),
-                          (ready_scene('prototype'), 'is a scene; name after it what was measured'), ('', "'' names no file")):
-        assert main(['fit', str(file)]) == 2
-        assert message in capsys.readouterr().err
-    assert main(['fit', str(ready_scene('prototype')), str(ready_scene('ideal'))]) == 2
-    assert 'ideal.toml is a scene and holds no measurements' in capsys.readouterr().err
 
 
 def test_a_spacing_outside_the_data_has_wide_intervals():

@@ -44,7 +44,7 @@ def test_each_fault_is_found_and_its_neighbour_is_not(options, word):
 def test_contact_is_seen_in_the_present_positions():
     pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]], masses=[0.01, 0.01])
     pair.calc = MagneticRepulsion(pair, InversePower(1.0, 4.0), foundation=10.0).balanced([0, 1])
-    for distance, fine in ((0.11, True), (0.09, False)):
+    for distance, fine in ((0.34, True), (0.33, False)):  # a third of the distance at rest
         pair.positions[1, 0] = distance
         assert verdict(pair).fine == fine
 
