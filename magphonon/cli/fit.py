@@ -11,7 +11,7 @@ Responses: with `--frf SCENE` the files hold measured transfer functions, as tab
 foundation and damping of the patch or the structure of the scene are fitted to them, with D* and without.
 
 If a scene is named first, `magphonon fit mine.toml ridges.csv`, the other files are recognised by their contents.  Records of
-different kinds are fitted one after the other: what one fit finds is given to the next by --prior.
+different kinds are fitted one after the other: give what one fit finds to the next by --prior.
 
 docs/coverage.md says how often the 95 % intervals contain the true value.
 """
