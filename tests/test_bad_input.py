@@ -16,9 +16,11 @@ from hypothesis import given, settings, strategies as st
 
 import magphonon as mp
 from magphonon import interactions, lattices, response, waves
+from magphonon.bands import group_velocities
 from magphonon.cli.main import COMMANDS, main, parser_of
 from magphonon.errors import PhysicsError
 from magphonon.scenes.scene import read_scene, ready_scenes, scene_of
+from magphonon.stiffness import AllNeighbours
 
 NAN, INF = float('nan'), float('inf')
 PACKAGE = Path(mp.__file__).parent
@@ -74,15 +76,15 @@ PATH = [4.5, 'GQ', [[NAN, 0, 0]], ['G', 'M']]
 
 CALLS = {  # a function, its right arguments, and wrong values of each
     'InversePower': (mp.InversePower, {'b': (1.0, POSITIVE), 'a': (4.0, POSITIVE)}),
-    'Yukawa': (mp.Yukawa, {'c': (1.0, POSITIVE), 'kappa': (1.0, POSITIVE)}),
-    'Spring': (mp.Spring, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
-    'Cable': (mp.Cable, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
-    'Hertz': (mp.Hertz, {'stiffness': (1.0, POSITIVE), 'diameter': (1.0, POSITIVE)}),
-    'Ring': (mp.Ring, {'outer': (5.0, POSITIVE), 'inner': (2.0, NOT_NEGATIVE), 'height': (3.0, POSITIVE),
+    'Yukawa': (mp.interactions.Yukawa, {'c': (1.0, POSITIVE), 'kappa': (1.0, POSITIVE)}),
+    'Spring': (mp.interactions.Spring, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
+    'Cable': (mp.interactions.Cable, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
+    'Hertz': (mp.interactions.Hertz, {'stiffness': (1.0, POSITIVE), 'diameter': (1.0, POSITIVE)}),
+    'Ring': (mp.interactions.Ring, {'outer': (5.0, POSITIVE), 'inner': (2.0, NOT_NEGATIVE), 'height': (3.0, POSITIVE),
                         'remanence': (1.0, POSITIVE)}),
-    'Cuboid': (mp.Cuboid, dict.fromkeys(('length', 'width', 'height', 'remanence'), (3.0, POSITIVE))),
-    'Sphere': (mp.Sphere, {'diameter': (3.0, POSITIVE), 'remanence': (1.0, POSITIVE)}),
-    'Tabulated': (mp.Tabulated, {'r': ([1.0, 2, 3, 4], COLUMN), 'f': ([4.0, 3, 2, 1], COLUMN)}),
+    'Cuboid': (mp.interactions.Cuboid, dict.fromkeys(('length', 'width', 'height', 'remanence'), (3.0, POSITIVE))),
+    'Sphere': (mp.interactions.Sphere, {'diameter': (3.0, POSITIVE), 'remanence': (1.0, POSITIVE)}),
+    'Tabulated': (mp.interactions.Tabulated, {'r': ([1.0, 2, 3, 4], COLUMN), 'f': ([4.0, 3, 2, 1], COLUMN)}),
     **{f'lattices.{name}': (getattr(lattices, name), {'spacing': (1.0, POSITIVE), 'mass': (1.0, POSITIVE)})
        for name in ('triangular', 'square', 'chain', 'honeycomb', 'kagome', 'fcc', 'bcc')},
     'lattices.oscillator': (lattices.oscillator, {'theta0': (0.5, NUMBER), 'spacing': (1.0, POSITIVE), 'mass': (1.0, POSITIVE)}),
@@ -91,19 +93,19 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'lattices.parallelogram': (lattices.parallelogram, {'cell': (cell, NOT_PLANAR), 'n1': (5, WHOLE), 'n2': (5, WHOLE)}),
     'lattices.rectangle': (lattices.rectangle, {'cell': (cell, NOT_PLANAR), 'width': (5.0, POSITIVE), 'height': (5.0, POSITIVE)}),
     'lattices.ribbon': (lattices.ribbon, {'cell': (cell, NOT_PLANAR), 'rows': (4, WHOLE)}),
-    'find_bonds': (mp.find_bonds, {'atoms': (cell, []), 'shells': (1, WHOLE), 'cutoff': (None, [NAN, -1.0, 'x', [1.0]])}),
-    'explicit_bonds': (mp.explicit_bonds, {'atoms': (patch, []), 'pairs': (
+    'find_bonds': (lattices.find_bonds, {'atoms': (cell, []), 'shells': (1, WHOLE), 'cutoff': (None, [NAN, -1.0, 'x', [1.0]])}),
+    'explicit_bonds': (lattices.explicit_bonds, {'atoms': (patch, []), 'pairs': (
         [(0, 1)], [[], [(0, 0)], [(0, 10**6)], [(0, 0.5)], [(0, 1), (1, 0)], 'x'])}),
-    **{name: (getattr(mp, name), {'reference': (cell, []), 'laws': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE),
+    **{name: (getattr(mp.stiffness, name), {'reference': (cell, []), 'laws': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE),
                                   'model': ('complete', CHOICE), 'shells': (1, WHOLE)})
        for name in ('MagneticRepulsion', 'PairCalculator')},
-    'AllNeighbours': (mp.AllNeighbours, {'reference': (cell, []), 'law': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE)}),
+    'AllNeighbours': (AllNeighbours, {'reference': (cell, []), 'law': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE)}),
     'analytic_bands': (mp.analytic_bands, {'atoms': (cell, ATOMS), 'path': ('GM', PATH), 'model': (None, CHOICE)}),
-    'group_velocities': (mp.group_velocities, {'atoms': (cell, ATOMS), 'q': ([[0.25, 0.25, 0.0]], Q), 'model': (None, CHOICE)}),
-    'sound_speeds': (mp.sound_speeds, {'atoms': (cell, ATOMS), 'direction': ([1.0, 0.0], VECTOR), 'model': (None, CHOICE)}),
-    'complex_bands': (mp.complex_bands, {'atoms': (cell, ATOMS), 'direction': ([1, 0, 0], [[0, 0, 0], [NAN, 1, 0], 'x', 3]),
+    'group_velocities': (group_velocities, {'atoms': (cell, ATOMS), 'q': ([[0.25, 0.25, 0.0]], Q), 'model': (None, CHOICE)}),
+    'sound_speeds': (mp.bands.sound_speeds, {'atoms': (cell, ATOMS), 'direction': ([1.0, 0.0], VECTOR), 'model': (None, CHOICE)}),
+    'complex_bands': (mp.bands.complex_bands, {'atoms': (cell, ATOMS), 'direction': ([1, 0, 0], [[0, 0, 0], [NAN, 1, 0], 'x', 3]),
                                          'omega': ([1.0], [[NAN], 'x', [[1.0]]]), 'damping': (0.0, [NAN, -1.0, 'x'])}),
-    'chern_numbers': (mp.chern_numbers, {'cell': (turning, ATOMS), 'model': (None, CHOICE)}),
+    'chern_numbers': (mp.bands.chern_numbers, {'cell': (turning, ATOMS), 'model': (None, CHOICE)}),
     'finite_displacements': (mp.finite_displacements, {
         'atoms': (cell, ATOMS),
         'supercell': ((3, 3, 1), [(2, 2, 1), (3, 3, 2), (3, 3), (3, 3.5, 1), 'x', (0, 3, 1), (NAN, 3, 1)]),
@@ -125,17 +127,17 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'DrivenVerlet': (mp.DrivenVerlet, {
         'atoms': (patch, ATOMS), 'timestep': (0.01, POSITIVE), 'damping': (0.0, [NAN, -1.0, 'x', INF]),
         'drives': ([], [[5.0], ['x']]), 'engine': ('auto', CHOICE)}),
-    'Recorder': (mp.Recorder, {'dyn': (lambda: mp.DrivenVerlet(patch(), 0.01), []), 'particles': ([0], INDEX),
+    'Recorder': (mp.dynamics.Recorder, {'dyn': (lambda: mp.DrivenVerlet(patch(), 0.01), []), 'particles': ([0], INDEX),
                                'interval': (10, WHOLE)}),
-    'Harmonic': (mp.Harmonic, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
+    'Harmonic': (mp.dynamics.Harmonic, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
                                'amplitude': (1.0, [NAN, INF, 'x']), 'omega': (1.0, [NAN, INF, 'x'])}),
     'ToneBurst': (mp.ToneBurst, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
                                  'amplitude': (1.0, [NAN, INF, 'x']), 'omega': (1.0, POSITIVE), 'cycles': (5, POSITIVE),
                                  'start': (0.0, NUMBER)}),
-    'Constant': (mp.Constant, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
+    'Constant': (mp.dynamics.Constant, {'particles': ([0], ['x', [0.5], [NAN], [-1]]), 'direction': ((1.0, 0.0), VECTOR),
                                'force': (1.0, [NAN, INF, 'x'])}),
     'read_scene': (mp.read_scene, {'path': (str(ready_scenes()['ideal']), [''])}),
-    'ready_scene': (mp.ready_scene, {'name': ('ideal', CHOICE)}),
+    'ready_scene': (mp.scenes.ready_scene, {'name': ('ideal', CHOICE)}),
     'interactions.Forces': (interactions.Forces, {'r': ([8.0, 9, 10, 11], COLUMN), 'f': ([4.0, 3, 2, 1], COLUMN)}),
     'interactions.SharedErrors': (interactions.SharedErrors, dict.fromkeys(
         ('distance', 'backlash', 'gain'), (0.1, NOT_NEGATIVE))),

@@ -18,8 +18,11 @@ from magphonon.stiffness.rest import freedom
 FROZEN = Path(__file__).with_name('frozen.json')
 SCENES = ('prototype', 'ideal', 'oscillator', 'rings', 'neighbours', 'square', 'gyro', 'layer', 'demultiplexer', 'vacancy',
           'prism', 'tolerances')
-DIGITS = 1e-11
-"""Largest change, as a fraction of the largest number of its kind: twelve digits, less one for sums in another order."""
+DIGITS = {'burst': 1e-6, 'response': 1e-9}
+"""Largest change, as a fraction of the largest number of its kind: where none is named 1e-11, twelve digits less one for sums in
+another order.  ASE's loop keeps positions of 100 mm, rounded at 1e-14, and the burst moves particles by 1e-5 mm.  A response near
+a resonance is fifty times as sensitive as the stiffness; around a vacancy particles rest within 1e-12 of the forces of bonds."""
+
 
 
 def numbers(name):
@@ -58,9 +61,8 @@ def of_structure(atoms):
     free = np.flatnonzero(freedom(atoms)[0])
     away = np.linalg.norm(atoms.positions - atoms.positions[free].mean(axis=0), axis=1)[free]
     driven, seen = free[np.lexsort((free, away.round(6)))[[0, min(1, len(free) - 1)]]]
-    dim = atoms.calc.dim
-    count = min(6, dim * len(free) - 2)
-    lowest = modes(atoms, count).omega if count > 0 else modes(atoms).omega
+    size = atoms.calc.dim * len(free)
+    lowest = (modes(atoms) if size < 30 else modes(atoms, 6)).omega
     push = np.zeros((len(atoms), 3))
     push[driven, :2] = 0.6, 0.8
     scale = 1 / verdict(atoms).finding('timestep_limit').value   # half the highest frequency
@@ -68,7 +70,8 @@ def of_structure(atoms):
     burst = ToneBurst([driven], (0.6, 0.8), 1e-4 * scale**2 * atoms.get_masses()[driven], 0.6 * scale, 3)
     run = DrivenVerlet(atoms, 0.2 / scale, [burst], damping=0.02 * scale, engine='ase')
     run.run(200)
-    return {'lowest modes': lowest, 'response': np.ravel([answer[:, [driven, seen]].real, answer[:, [driven, seen]].imag]),
+    return {'lowest modes': lowest * abs(lowest),  # squares, as those of rigid motions are round-off
+            'response': np.ravel([answer[:, [driven, seen]].real, answer[:, [driven, seen]].imag]),
             'burst': run.displacements[[driven, seen]].ravel()}
 
 
@@ -77,8 +80,8 @@ def test_numbers_are_those_of_version_0_3_0(name):
     frozen, found = json.loads(FROZEN.read_text(encoding='utf-8'))[name], numbers(name)
     assert found.keys() == frozen.keys()
     for what, array in found.items():
-        largest = abs(array).max(initial=0)
-        np.testing.assert_allclose(np.ravel(array), frozen[what], rtol=0, atol=DIGITS * largest, err_msg=f'{name}: {what}')
+        most = DIGITS.get(what.rpartition(' ')[2], 1e-11) * abs(array).max(initial=0)
+        np.testing.assert_allclose(np.ravel(array), frozen[what], rtol=0, atol=most, err_msg=f'{name}: {what}')
 
 
 if __name__ == '__main__':

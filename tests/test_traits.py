@@ -131,13 +131,13 @@ CELLS = {
     'analytic_bands': lambda a: mp.analytic_bands(a, path(a)),
     'bloch_modes': lambda a: bands.bloch_modes(a, Q)[0],
     'damped_modes': lambda a: bands.bloch.damped_modes(a, Q, [0.1, 0.2])[0],
-    'group_velocities': lambda a: mp.group_velocities(a, Q).omega,
+    'group_velocities': lambda a: mp.bands.group_velocities(a, Q).omega,
     'cut_off': bands.cut_off,
-    'sound_speeds': mp.sound_speeds,
+    'sound_speeds': mp.bands.sound_speeds,
     'lattice_density': lambda a: bands.lattice_density(a, steps=6),
     'band_ranges': lambda a: bands.band_ranges(a, 6),
     'zone_map': lambda a: bands.zone_map(a, 6).omega,
-    'complex_bands': lambda a: abs(mp.complex_bands(a, (0, 1, 0), [9.5]).xi[:, :2]),
+    'complex_bands': lambda a: abs(mp.bands.complex_bands(a, (0, 1, 0), [9.5]).xi[:, :2]),
     'neighbour_shifts': lambda a: bands.neighbour_shifts(a, Q),
     'converged_shells': lambda a: bands.converged_shells(a, Q, 1e-3),
     'finite_displacements': lambda a: mp.phonopy_bands(mp.finite_displacements(a), path(a)).omega,
@@ -146,7 +146,7 @@ CELLS = {
     'frequency_shifts': lambda a: stability.frequency_shifts(a),
     'verdict': judged,
     'elastic_moduli': stiffness.elastic_moduli,
-    'for_ase_tools': lambda a: displaced(mp.for_ase_tools(a)).get_forces(),
+    'for_ase_tools': lambda a: displaced(mp.stiffness.for_ase_tools(a)).get_forces(),
     'frequency_sensitivities': lambda a: design.frequency_sensitivities(a, Q, HARDER),
     'frequency_spread': lambda a: design.frequency_spread(a, Q, SPREAD).std,
     'branch': lambda a: waves.branch(a, (0, 1, 0), 0).omega,
@@ -327,7 +327,7 @@ def test_what_is_set_later_is_asked_again():
 def test_planes_that_keep_particles_in_their_plane_hold_nothing():
     cell = made(CELL)
     cell.set_constraint(FixedPlane([0, 1], (0, 0, 1)))
-    assert np.array_equal(mp.sound_speeds(cell), mp.sound_speeds(made(CELL)))
+    assert np.array_equal(mp.bands.sound_speeds(cell), mp.bands.sound_speeds(made(CELL)))
     cell.set_constraint(FixedPlane([0, 1], (0, 1, 0)))
     with pytest.raises(ValueError, match='sound_speeds does not support particles that are held or guided'):
-        mp.sound_speeds(cell)
+        mp.bands.sound_speeds(cell)
