@@ -26,7 +26,7 @@ def read_datasets(path: str | PathLike[str]) -> list[dict[str, Any]]:
     if len(END.findall(Path(path).read_bytes())) % 2:  # pyuff would leave the last dataset out
         raise ValueError(f'{path} ends within a dataset; copy or export it again')
     file = pyuff.UFF(str(path))
-    sets = [file.read_sets(k) for k in range(file.get_n_sets())]
+    sets: list[Any] = [file.read_sets(k) for k in range(file.get_n_sets())]
     for one in sets:
         if one['type'] == FUNCTION and len(one['data']) != one['num_pts']:
             raise ValueError(f'{path}: the function of node {one["rsp_node"]} has {len(one["data"])} of its {one["num_pts"]} '

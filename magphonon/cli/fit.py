@@ -296,7 +296,7 @@ def _told(options, scene, name, report, figure):
         print(f'\npicture and full report are in {options.output}')
 
 
-def _known(options, keys):
+def _known(options, keys) -> tuple[list[str], dict[str, Any]]:
     """The parameters that --fix names, with or without their unit, and value and standard uncertainty of those of --prior."""
     fixed = [keys.get(name.strip(), name.strip()) for name in options.fix.split(',')] if options.fix else []
     told = [_prior(text, keys) for text in options.priors]

@@ -396,7 +396,7 @@ class _Average:
         return own + self.apart + np.diag([self.gain**2, 0.0])
 
     @property
-    def shares(self):
+    def shares(self) -> dict[str, float]:
         """Shares of the variance of the slope by their cause."""
         turn = np.array([1, 1 / self.mean[1]])  # from ln f and a to ln(-f') = ln f + ln a - ln r0
         causes = np.append(self.weights @ [one.causes(turn) for one in self.found], self.gain**2)

@@ -207,7 +207,7 @@ def _table(path, held, estimator):
     h = table['re'] + 1j * table['im'] if 're' in table else table['amplitude'] * np.exp(1j * table['phase'])
     sigma = table.columns.get('sigma')
     return [TransferFunction(name, table['frequency'][rows], h[rows], sigma if sigma is None else sigma[rows],
-                             ORDERS.get(per, 0), answer, drive, shaken=not per)
+                             ORDERS.get(per or '', 0), answer, drive, shaken=not per)
             for name, rows, answer, drive in _by_place(table, shaken=not per)]
 
 

@@ -201,8 +201,9 @@ def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
 def _joined(tables):
     """One table of the ridges of several."""
     arrays = {key for key, column in vars(tables[0]).items() if isinstance(column, np.ndarray)}
-    return RidgePoints(**{key: np.concatenate([getattr(table, key) for table in tables]) if key in arrays else
-                          sum((getattr(table, key) for table in tables), ()) for key in vars(tables[0])})
+    columns: dict[str, Any] = {key: np.concatenate([getattr(table, key) for table in tables]) if key in arrays else
+                               sum((getattr(table, key) for table in tables), ()) for key in vars(tables[0])}
+    return RidgePoints(**columns)
 
 
 def _read(path):
