@@ -165,7 +165,7 @@ def measured(root):
 
 def front(root):
     """What a user faces: commands, their flags, keys of scenes, ready scenes, names."""
-    done = subprocess.run([sys.executable, '-W', 'ignore', '-c', FRONT], capture_output=True, text=True,  # noqa: S603
+    done = subprocess.run([sys.executable, '-W', 'ignore', '-c', FRONT], capture_output=True, text=True, cwd=root,  # noqa: S603
                           env=os.environ | {'PYTHONPATH': str(root)})
     return json.loads(done.stdout) if not done.returncode else {'commands': done.stderr.splitlines()[-1][:60]}
 

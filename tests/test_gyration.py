@@ -88,6 +88,7 @@ def flow(M, C, K, P):
     return np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_time_steps_turn_velocities_as_the_matrix_exponential_does_to_second_order(engine):
     rng = np.random.default_rng(1)
@@ -135,6 +136,7 @@ def test_compiled_threads_turn_as_ases_loop_does():
     assert abs(ends[1] - ends[0]).max() < 1e-11 * abs(ends[0]).max()  # positions of 40 mm are rounded
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_turning_does_no_work_and_leaves_the_limit_of_the_time_step_alone(engine):
     def largest(share):
@@ -413,6 +415,7 @@ def bounded(atoms, dt):
     return bool(abs(dyn.displacements).max() < 1e-7)
 
 
+@pytest.mark.slow
 def test_a_step_loses_a_hill_where_theory_says():
     """A particle on a hill h: steps multiply it by e^{-ig dt/2} mu, mu + 1/mu = (2 + h dt^2) cos(g dt/2)."""
     atoms = hill(2.0)

@@ -151,6 +151,7 @@ def test_a_plane_is_judged_alike_in_all_units(units):
         MagneticRepulsion(atoms, law(L, s), dim=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['ase', 'compiled'])
 def test_a_particle_that_leaves_its_cage_ends_the_run_alike_in_all_units(engine):
     # the weak square lattice: along the diagonal nothing is in the way but the second neighbour

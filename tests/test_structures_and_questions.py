@@ -196,10 +196,6 @@ def steps(drawn, oracle, engine='ase'):
                                      model=drawn.model, drive=lambda t: -static, velocities=0 * u, displacements=u)[0]
 
 
-def block_steps(drawn, oracle):
-    return steps(drawn, oracle, 'compiled')
-
-
 def compiled_steps(drawn, oracle):
     return steps(drawn, oracle, 'compiled')
 
@@ -207,7 +203,7 @@ def compiled_steps(drawn, oracle):
 QUESTIONS = {  # and its tolerance, by the largest entry: round-off, or what is said
     energy: 1e-11, forces: 1e-11, stiffness: 1e-11, bands: 1e-11, shapes: 1e-11,
     velocities: 1e-6,  # differences over 1e-5 of the zone; the two sides of a crossing
-    steps: 1e-9, block_steps: 1e-9, compiled_steps: 1e-9,  # positions are rounded in each step
+    steps: 1e-9, compiled_steps: 1e-9,  # positions are rounded in each step
 }
 KINDS = 'walls', 'sites', 'layer', 'everything'
 
@@ -215,7 +211,7 @@ KINDS = 'walls', 'sites', 'layer', 'everything'
 def asked(question, drawn):
     """Whether the question has an answer."""
     atoms, planar = drawn.atoms, drawn.dim == 2
-    return {velocities: atoms.pbc.any() and planar, block_steps: planar, compiled_steps: planar}.get(question, True)
+    return {velocities: atoms.pbc.any() and planar, compiled_steps: planar}.get(question, True)
 
 
 def compare(question, kind, seeds):

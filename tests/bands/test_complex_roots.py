@@ -112,6 +112,7 @@ def what_is_left(cell):
     return left
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seeds', [range(8), pytest.param(range(100, 400), marks=pytest.mark.long)], ids=['few', 'many'])
 def test_no_wave_is_missing_and_none_is_false(seeds):
     for seed in seeds:

@@ -149,6 +149,7 @@ def test_replicas_that_stand_in_each_other_are_not_judged():
     assert abs(atoms.positions[1, 0] - atoms.positions[3, 0]) > 1
 
 
+@pytest.mark.slow
 def test_drifting_and_turning_as_a_whole_is_no_escape():
     atoms = patch(5, held=False, law=InversePower(b=1e-6, a=1.0))
     atoms.calc.set(foundation=0.0)

@@ -10,6 +10,8 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.dynamics import Constant, Recorder
 from magphonon.dynamics.engine import Blocks
 
+pytestmark = pytest.mark.slow   # each compiles kernels of its own, which takes seconds
+
 LAW, ANOTHER = InversePower(b=3000.0, a=4.6), InversePower(b=1500.0, a=4.1)
 L0, DT, STEPS, K = 10.0, 0.02, 25, 0.5  # mm, ms, steps from one change to the next, N/mm
 EXACT = 1e-9  # of the largest displacement: positions of 30 mm are rounded to 4e-15 mm, displacements are 0.1 mm and more

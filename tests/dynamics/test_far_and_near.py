@@ -10,6 +10,8 @@ from magphonon.dynamics import kernels_numba, memory_layout
 from magphonon.dynamics.engine import PIECES, Blocks
 from magphonon.interactions.pair_laws import Hertz
 
+pytestmark = pytest.mark.slow   # each compiles kernels of its own, which takes seconds
+
 L0, MASS, DT = 10.0, 0.7, 0.02
 REPULSION, CONTACT_AT_REST = InversePower(b=8900.0, a=4.5), Hertz(1.0, 10.05)
 ALIKE = 1e-11

@@ -10,6 +10,8 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.dynamics import Diverged
 from magphonon.dynamics.splittings import SPLITTINGS
 
+pytestmark = pytest.mark.slow   # each compiles kernels of its own, which takes seconds
+
 ENGINES = ['ase', 'compiled']
 T = 12.0  # ms, about six periods of the fastest wave
 

@@ -11,6 +11,8 @@ from magphonon.dynamics.cages import Diverged
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
 
+pytestmark = pytest.mark.slow   # each compiles kernels of its own, which takes seconds
+
 
 def test_a_step_over_the_limit_is_refused_with_both_numbers():
     limit = 2 / highest_frequency(patch())

@@ -14,6 +14,8 @@ from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
 from magphonon.stiffness import LinearSystem, PairCalculator
 
+pytestmark = pytest.mark.slow   # each compiles kernels of its own, which takes seconds
+
 FINER = 4
 
 

@@ -22,6 +22,8 @@ from magphonon.dynamics import Harmonic, PrescribedMotion, Recorder, write_lammp
 from magphonon.response.frf import Transmissibility
 from magphonon.stiffness.rest import LinearSystem
 
+pytestmark = pytest.mark.slow   # each compiles kernels of its own, which takes seconds
+
 
 def held_patches(count, models=('complete', 'conventional'), **options):
     """Drawn finite structures in the plane with a held part that bonds reach, the oracle's pairs, and their walls."""

@@ -177,6 +177,7 @@ def driven_magnet(omega, damping=GAMMA):
     return dyn, Recorder(dyn, [3], 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('omega', [0.1, 0.264, 0.4])
 def test_run_ends_when_the_motion_is_steady(omega):
     gamma = 5 * GAMMA
@@ -193,6 +194,7 @@ def test_run_ends_when_the_motion_is_steady(omega):
     assert driven_magnet(omega)[0].nsteps < steps < 30 / gamma / 0.5  # e^-15 = 3e-7
 
 
+@pytest.mark.slow
 def test_motion_at_another_frequency_is_never_steady():
     dyn, recorder = driven_magnet(0.2, 10 * GAMMA)
     with pytest.raises(ValueError, match=r'the motion is not steady.*drive only at omega'):

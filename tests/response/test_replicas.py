@@ -48,7 +48,7 @@ def alone(atoms, u, v, law, model, periodic=True):
                   velocities=v, displacements=u)[0]
 
 
-@pytest.mark.parametrize('engine', ['ase', 'compiled'])
+@pytest.mark.parametrize('engine', ['ase', pytest.param('compiled', marks=pytest.mark.slow)])
 @pytest.mark.parametrize('seed', range(8))
 def test_each_moves_as_by_itself(engine, seed):
     rng = np.random.default_rng(seed)
@@ -66,6 +66,7 @@ def test_each_moves_as_by_itself(engine, seed):
             assert abs(found - alone(*one, law, model, periodic=False)).max() > 1e3 * EXACT * abs(expected).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('pbc', [(1, 1, 0), (1, 0, 0), False])
 def test_a_stepped_response_of_a_small_force_is_the_linear_one(pbc):
     atoms = lattices.square(L0, 1.0).repeat((3, 3, 1))

@@ -185,6 +185,7 @@ def test_on_the_other_side_of_the_thresholds_it_is_read(change, tmp_path):
     np.testing.assert_allclose(abs(shape), np.broadcast_to([1e-3, 0.5e-3], shape.shape), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_plane_by_itself(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(5)
