@@ -4,12 +4,12 @@ import sys
 from io import StringIO
 
 import pytest
+from scene_files import ready_scene
 from tqdm import tqdm
 
 from magphonon.bands import bloch, force_constants
 from magphonon.cli.main import main
 from magphonon.response import chebyshev, frf
-from magphonon.scenes.scene import ready_scene
 
 PLACES = (bloch, force_constants, chebyshev, frf)
 """Modules with a bar of their own."""
@@ -26,7 +26,7 @@ class Terminal(StringIO):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """With scenes in it; time does not matter: every bar shows at once, a small zone is computed in parts as a large one is."""
-    text = ready_scene('prototype').read_text()
+    text = ready_scene('bench').read_text()
     for old, new in SMALL.items():
         text = text.replace(old, new)
     (tmp_path / 'prototype.toml').write_text(text)
