@@ -28,6 +28,7 @@ from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, exponent_at
 
 PLACES = {
+    'mass': ('lattice', 'mass_kg'),
     **{name: ('law', one.key) for kind in KINDS.values() for name, one in kind.parameters.items() if one.power or one.change},
     'stiffness': ('foundation', 'stiffness_N_per_m'), 'stiffness_y': ('foundation', 'stiffness_y_N_per_m'),
     'youngs_modulus': ('foundation', 'pillar', 'youngs_modulus_Pa')}
@@ -402,8 +403,7 @@ def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
         if name == EXPONENT:
             law: Any = scene.law  # a table
             factor, name = (np.array(law.distances_m) / scene.lattice.spacing_m) ** (1 - factor), 'forces'
-        place = ('law', 'calibration', 'force_N') if name == 'force' and scene.law.kind == 'magnets' else PLACES[name]
-        scene = _multiplied(scene, place, factor)
+        scene = _multiplied(scene, PLACES[name], factor)
     return scene
 
 
