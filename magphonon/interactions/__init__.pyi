@@ -14,6 +14,7 @@ from .pair_laws import (
     GaussianMixture as GaussianMixture,
     Hertz as Hertz,
     InversePower as InversePower,
+    Overlap as Overlap,
     PairInteraction as PairInteraction,
     PairLaw as PairLaw,
     Tabulated as Tabulated,

@@ -27,7 +27,7 @@ from ..errors import positive
 from ..findings import Finding, Findings
 from ..interactions.bond_laws import groups, laws_of, taken
 from ..interactions.law_cards import card_of
-from ..interactions.pair_laws import Hertz, higher_derivatives
+from ..interactions.pair_laws import Hertz, Overlap, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
@@ -246,7 +246,7 @@ class Case:
     @property
     def touching(self) -> bool:
         """Whether particles are in mechanical contact, which they would lose at other spacings."""
-        return any(isinstance(law, Hertz) for law in laws_of(self.calc.laws))
+        return any(isinstance(law, Hertz | Overlap) for law in laws_of(self.calc.laws))
 
     @cached_property
     def softest(self) -> SoftMode:
