@@ -12,7 +12,7 @@ from .elastic import Moduli as Moduli, cauchy_stress as cauchy_stress, elastic_m
 from .ewald import lattice_sum as lattice_sum
 from .nets import net as net, self_stress as self_stress
 from .other_tools import for_ase_tools as for_ase_tools
-from .packings import Packing as Packing, packing as packing
+from .packings import Following as Following, Packing as Packing, packing as packing
 from .pair_splitting import split as split
 from .relaxation import Relaxation as Relaxation, relaxed as relaxed
 from .repulsion import Repulsion as Repulsion

@@ -13,10 +13,13 @@ Rev. Condens. Matter Phys. 1, 347 (2010), for the physics.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from ase import Atoms
+from ase.calculators.calculator import Calculator, all_changes
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
@@ -25,6 +28,7 @@ from ..interactions.pair_laws import Overlap
 from ..lattices.bonds import Bonds, pairs_within, vectors_between
 from .calculator import PairCalculator, measure
 from .relaxation import relaxed
+from .repulsion import repulsion_of
 
 DENSE = {2: 0.9, 3: 0.7}
 """Share of the space that the spheres fill at random at first, by the number of dimensions."""
@@ -231,3 +235,59 @@ class _Spheres:
         found = np.zeros(len(held), bool)
         found[held] = (contacts <= x.shape[1]) & (largest < most)
         return found
+
+
+class Following(Calculator):
+    """Forces of contacts that open and close, for ASE's own dynamics: near pairs, listed anew once a sphere has moved far enough.
+
+    A PairCalculator keeps the contacts that it was given, which is right for small motion only: later spheres would pass through
+    each other.  There is no stiffness here, and no conventional model, which has no meaning for a new contact.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With the PairCalculator of a packing: its law and its radii.
+    skin : float
+        Distance of pairs beyond their contact that are listed, as a fraction of the sum of their radii.
+
+    Examples
+    --------
+    >>> from ase.md.verlet import VelocityVerlet
+    >>> from magphonon.interactions import Overlap
+    >>> from magphonon.stiffness import Following, packing
+    >>> atoms = packing([0.5, 0.7] * 16, 1e-2, Overlap(1.0)).atoms
+    >>> atoms.calc = Following(atoms)
+    >>> atoms.positions[0, 0] += 0.1
+    >>> energy = atoms.get_total_energy()
+    >>> done = VelocityVerlet(atoms, 0.05).run(200)
+    >>> bool(abs(atoms.get_total_energy() - energy) < 1e-3 * energy)
+    True
+    """
+
+    implemented_properties: ClassVar[list[str]] = ['energy', 'forces']
+
+    def __init__(self, atoms: Atoms, skin: float = 0.15) -> None:
+        super().__init__()
+        calc: Any = repulsion_of(atoms)
+        if calc.sites.radii is None or calc.tied or calc.load.any():
+            raise ValueError('contacts are followed between spheres with radii, without a foundation and a load: give the '
+                             'calculator radii=, or keep it as it is')
+        self._law, self._radii, self._skin, self._listed = calc.laws, calc.sites.radii, positive('skin', skin), None
+
+    def calculate(self, atoms: Atoms | None = None, properties: Sequence[str] = ('energy',),
+                  system_changes: Sequence[str] = tuple(all_changes)) -> None:
+        super().calculate(atoms, properties, system_changes)
+        x, cell = self.atoms.positions, self.atoms.cell.array
+        known = self._listed is not None and np.array_equal(cell, self._listed[1])
+        if not known or 2 * np.linalg.norm(x - self._listed[0], axis=1).max() > self._skin * self._radii.min():
+            i, j, shift, r = pairs_within(self.atoms, 2 * self._radii.max() * (1 + self._skin))
+            near = r < (1 + self._skin) * (self._radii[i] + self._radii[j])
+            self._listed = x.copy(), cell.copy(), i[near], j[near], shift[near]
+        _, _, i, j, shift = self._listed
+        R, D = vectors_between(self.atoms, i, j, shift), self._radii[i] + self._radii[j]
+        r = np.linalg.norm(R, axis=1)
+        pull = (self._law.dphi(r / D) / D / r)[:, None] * R
+        forces = np.zeros_like(x)
+        np.add.at(forces, i, pull)
+        np.subtract.at(forces, j, pull)
+        self.results = {'energy': float(self._law.phi(r / D).sum()), 'forces': forces}

@@ -7,13 +7,24 @@ from itertools import product
 
 import numpy as np
 import pytest
+from ase.md.verlet import VelocityVerlet
 from numpy.testing import assert_allclose
 
-from magphonon import DrivenVerlet, analytic_bands, modes, verdict
+from magphonon import (
+    DrivenVerlet,
+    InversePower,
+    MagneticRepulsion,
+    analytic_bands,
+    lattices,
+    modes,
+    relaxed,
+    verdict,
+)
 from magphonon.design import StiffnessDerivative, force_change, frequency_sensitivities
 from magphonon.errors import Unstable
 from magphonon.interactions import Overlap
-from magphonon.stiffness import elastic_moduli, packing
+from magphonon.stability import prestress_reserve
+from magphonon.stiffness import Following, elastic_moduli, packing
 
 ENERGY = 0.3
 
@@ -151,3 +162,66 @@ def test_a_pressure_too_low_to_be_reached_is_told(monkeypatch):
     monkeypatch.setattr('magphonon.stiffness.packings.STEPS', 50)
     with pytest.raises(Unstable, match=r'take a higher one, or approach it by steps, packing\(...\).at\(pressure\)'):
         drawn(0, 2, 2.0, 1e-4)
+
+
+@pytest.mark.parametrize(('dim', 'power'), [(2, 2.0), (3, 2.5)])
+def test_contacts_that_open_and_close_keep_the_energy_and_a_fixed_list_does_not(dim, power):
+    """The drift of Verlet's steps falls with the square of the step; spheres that leave their contacts meet others."""
+    found = drawn(2, dim, power, 3e-2)
+    v = np.zeros((len(found.atoms), 3))
+    v[:, :dim] = 0.1 * np.random.default_rng(1).normal(size=(len(v), dim))
+    v -= v.mean(axis=0)
+
+    def moved(calc, dt):
+        atoms = found.atoms.copy()
+        atoms.calc = calc(found.atoms)
+        atoms.set_velocities(v)
+        energies, run = [], VelocityVerlet(atoms, dt)
+        run.attach(lambda: energies.append(atoms.get_total_energy()), interval=5)
+        run.run(round(20 / dt))
+        return atoms, np.ptp(energies)
+
+    (atoms, coarse), (_, fine) = moved(Following, 0.1), moved(Following, 0.05)
+    assert coarse / fine == pytest.approx(4, rel=0.5)
+    x, cell, radii = atoms.positions[:, :dim], atoms.cell.array[:dim, :dim], found.radii[found.held]
+    F, *_ = own(x, cell, radii, power)
+    assert_allclose(atoms.get_forces()[:, :dim], F, atol=1e-12 * abs(F).max())
+    now = {pair[:2] for pair in own_contacts(x, cell, radii)}
+    assert now != {pair[:2] for pair in own_contacts(*at_rest(found), radii)}
+    fixed = found.atoms.copy()
+    fixed.calc = found.atoms.calc
+    fixed.positions[:] = atoms.positions
+    assert abs(fixed.get_forces()[:, :dim] - F).max() > 0.1 * abs(F).max()  # the control
+
+
+def at_rest(found):
+    dim = found.atoms.calc.dim
+    return found.atoms.positions[:, :dim], found.atoms.cell.array[:dim, :dim]
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_prestress_at_which_a_structure_collapses_is_that_of_dense_matrices(seed):
+    """Packings, and lattices with holes on a foundation: D0 + f D* is definite just below the factor and not just above."""
+    if seed:
+        atoms = drawn(seed, 2 + seed % 2, 2.0, 3e-2).atoms
+    else:
+        atoms = lattices.triangular(1.0, 1.0).repeat((4, 4, 1))
+        del atoms[5]
+        atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=9.0)
+        atoms = relaxed(atoms).atoms
+    found = prestress_reserve(atoms)
+    H0, H = (atoms.calc.rest_hessian(model).toarray() for model in ('conventional', 'complete'))
+    held = atoms.calc.dim if seed else 0  # a packing as a whole may be anywhere
+    lowest = [np.linalg.eigvalsh((H0 + f * (H - H0))[held:, held:])[0] for f in (0.999 * found.factor, 1.001 * found.factor)]
+    assert lowest[0] > 0 > lowest[1]
+    assert found.factor > 1
+    assert found.mode.shape == (len(atoms), atoms.calc.dim)
+    at_the_end = (H0 + found.factor * (H - H0)) @ found.mode.ravel()
+    assert abs(at_the_end[held:]).max() < 1e-8 * abs(H0).max()
+
+
+def test_what_only_its_tension_holds_has_no_such_prestress():
+    cell = lattices.square(1.0, 1.0).repeat((3, 3, 1))
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    with pytest.raises(ValueError, match=r'springs alone, D0, do not hold this structure'):
+        prestress_reserve(cell)
