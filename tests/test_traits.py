@@ -93,7 +93,7 @@ def numbers(found):
 def judged(atoms):
     found = mp.verdict(atoms, damping=0.01)
     assert str(found)  # for which every check is made
-    return *vars(found.buckling).values(), found.timestep_limit
+    return *vars(found['buckling']).values(), found['timestep_limit']
 
 
 def lammps(atoms, tmp_path):
