@@ -94,7 +94,7 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'lattices.rectangle': (lattices.rectangle, {'cell': (cell, NOT_PLANAR), 'width': (5.0, POSITIVE), 'height': (5.0, POSITIVE)}),
     'lattices.ribbon': (lattices.ribbon, {'cell': (cell, NOT_PLANAR), 'rows': (4, WHOLE)}),
     'find_bonds': (lattices.find_bonds, {'atoms': (cell, []), 'shells': (1, WHOLE), 'cutoff': (None, [NAN, -1.0, 'x', [1.0]])}),
-    'explicit_bonds': (lattices.explicit_bonds, {'atoms': (patch, []), 'pairs': (
+    'explicit_bonds': (lattices.bonds.explicit_bonds, {'atoms': (patch, []), 'pairs': (
         [(0, 1)], [[], [(0, 0)], [(0, 10**6)], [(0, 0.5)], [(0, 1), (1, 0)], 'x'])}),
     **{name: (getattr(mp.stiffness, name), {'reference': (cell, []), 'laws': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE),
                                   'model': ('complete', CHOICE), 'shells': (1, WHOLE)})

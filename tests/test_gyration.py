@@ -36,7 +36,8 @@ from magphonon.bands import (
 )
 from magphonon.cli.main import main
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency
-from magphonon.plotting import mode_frames, plot_shape
+from magphonon.plotting.animation import mode_frames
+from magphonon.plotting.modes import plot_shape
 from magphonon.response import (
     Dof,
     receptance,
