@@ -108,7 +108,8 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'chern_numbers': (mp.bands.chern_numbers, {'cell': (turning, ATOMS), 'model': (None, CHOICE)}),
     'finite_displacements': (mp.finite_displacements, {
         'atoms': (cell, ATOMS),
-        'supercell': ((3, 3, 1), [(2, 2, 1), (3, 3, 2), (3, 3), (3, 3.5, 1), 'x', (0, 3, 1), (NAN, 3, 1)]),
+        'supercell': ((3, 3, 1), [(2, 2, 1), (3, 3, 2), (3, 3), (3, 3.5, 1), 'x', (0, 3, 1), (NAN, 3, 1),
+                                  [[3, 0, 0], [0, 3, 0], [0, 1, 1]], [[3, 0, 0], [0, NAN, 0], [0, 0, 1]], -3 * np.eye(3)]),
         'distance': (1e-3, [0.0, -1.0, NAN, 0.5, 'x', [1.0]])}),
     'phonopy_bands': (mp.phonopy_bands, {'phonon': (phonon, [None, 4.5]), 'path': ('GM', PATH)}),
     'critical_foundation': (mp.critical_foundation, {'atoms': (cell, ATOMS), 'model': (None, CHOICE)}),

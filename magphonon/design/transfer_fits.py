@@ -166,8 +166,9 @@ def response_slopes(built: ParametricLattice, functions: Sequence[TransferFuncti
     bent = [name for name in names if name in built.changes]
     basis, own = solved(built, functions, widened) if fields is None else fields
     M = basis.T @ (mass @ basis)
+    measured = bool(system.calc.load.any())  # in a scene a load is what balances the positions of its file
     stiff = {name: basis.T @ (dH @ basis) for name, dH in zip(
-        bent, hessian_changes(system, [built.changes[name] for name in bent]), strict=True)}
+        bent, hessian_changes(system, [built.changes[name] for name in bent], measured=measured), strict=True)}
     slopes = []
     for one, w, h, x, y in own:
         inertia, weight = -(w**2) + 1j * w * damping, (x * (M @ y.T).T).sum(axis=1)
