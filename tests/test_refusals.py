@@ -111,7 +111,7 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'lattices.rectangle': (lattices.rectangle, {'cell': (cell, NOT_PLANAR), 'width': (5.0, POSITIVE), 'height': (5.0, POSITIVE)}),
     'lattices.ribbon': (lattices.ribbon, {'cell': (cell, NOT_PLANAR), 'rows': (4, WHOLE)}),
     'find_bonds': (lattices.find_bonds, {'atoms': (cell, []), 'shells': (1, WHOLE), 'cutoff': (None, [NAN, -1.0, 'x', [1.0]])}),
-    'explicit_bonds': (lattices.explicit_bonds, {'atoms': (patch, []), 'pairs': (
+    'explicit_bonds': (lattices.bonds.explicit_bonds, {'atoms': (patch, []), 'pairs': (
         [(0, 1)], [[], [(0, 0)], [(0, 10**6)], [(0, 0.5)], [(0, 1), (1, 0)], 'x'])}),
     **{name: (getattr(mp.stiffness, name), {'reference': (cell, []), 'laws': (LAW, LAWS), 'foundation': (1.0, NOT_NEGATIVE),
                                   'model': ('complete', CHOICE), 'shells': (1, WHOLE),
@@ -134,7 +134,8 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'chern_numbers': (mp.bands.chern_numbers, {'cell': (turning, ATOMS), 'model': (None, CHOICE)}),
     'finite_displacements': (mp.finite_displacements, {
         'atoms': (cell, ATOMS),
-        'supercell': ((3, 3, 1), [(2, 2, 1), (3, 3, 2), (3, 3), (3, 3.5, 1), 'x', (0, 3, 1), (NAN, 3, 1)]),
+        'supercell': ((3, 3, 1), [(2, 2, 1), (3, 3, 2), (3, 3), (3, 3.5, 1), 'x', (0, 3, 1), (NAN, 3, 1),
+                                  [[3, 0, 0], [0, 3, 0], [0, 1, 1]], [[3, 0, 0], [0, NAN, 0], [0, 0, 1]], -3 * np.eye(3)]),
         'distance': (1e-3, [0.0, -1.0, NAN, 0.5, 'x', [1.0]])}),
     'phonopy_bands': (mp.phonopy_bands, {'phonon': (phonon, [None, 4.5]), 'path': ('GM', PATH)}),
     'critical_foundation': (mp.critical_foundation, {'atoms': (cell, ATOMS), 'model': (None, CHOICE)}),

@@ -10,13 +10,12 @@ from magphonon.bands import (
     analytic_bands,
     band_path,
     complex_bands,
-    cut_off,
     edge_weights,
     finite_displacements,
     foundation_recovered,
     phonopy_bands,
 )
-from magphonon.bands.bands import edge_rows
+from magphonon.bands.bands import cut_off, edge_rows
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions import Yukawa
 from magphonon.stiffness import AllNeighbours

@@ -10,7 +10,7 @@ from scene_files import ready_scene
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed
 from magphonon.cli.main import main
-from magphonon.response import Localisation
+from magphonon.response.normal_modes import Localisation
 from magphonon.scenes import write_scene
 from magphonon.scenes.scene import read_scene
 

@@ -270,3 +270,18 @@ def test_sums_of_branches_are_smooth_where_they_cross():
     for ours, theirs in pairs.values():
         assert abs(ours - theirs).max() < DIGITS * abs(theirs).max()
     assert isinstance(variables.rest(variables.present), Rest)
+
+
+@pytest.mark.parametrize('along', range(2))
+def test_a_place_that_cannot_hear_the_source_is_named_and_a_floor_gives_it_a_level(along):
+    """In a straight row, motion along it and motion across it do not touch each other."""
+    row = lattices.chain(10.0, 0.7).repeat((5, 1, 1))
+    row.pbc = False
+    row.calc = MagneticRepulsion(row, LAW, foundation=0.1)
+    row = relaxed(row).atoms
+    across = Level(Dof(1, np.eye(3)[along]), Dof(3, np.eye(3)[1 - along]), 0.4, 0.01)
+    with pytest.raises(ValueError, match=f'particle {across.seen.particle} does not move'):
+        across.value(LinearSystem.of(row))
+    assert replace(across, floor=1e-6).value(LinearSystem.of(row)) == pytest.approx(-120, abs=1e-9)  # 20 lg 1e-6
+    heard = replace(across, seen=Dof(3, np.eye(3)[along]))
+    assert np.isfinite(heard.value(LinearSystem.of(row)))

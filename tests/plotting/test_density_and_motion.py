@@ -8,8 +8,11 @@ from motion import patch
 from PIL import Image
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, units as u
-from magphonon.bands import DensityOfStates, band_ranges, lattice_density
-from magphonon.plotting import animate, mode_frames, plot_density, plot_extents, plot_shape
+from magphonon.bands import lattice_density
+from magphonon.bands.density import DensityOfStates, band_ranges
+from magphonon.plotting import animate, plot_density, plot_extents
+from magphonon.plotting.animation import mode_frames
+from magphonon.plotting.modes import plot_shape
 from magphonon.response import density_of_states, localisation
 
 

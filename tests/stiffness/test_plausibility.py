@@ -10,7 +10,8 @@ from structures import few_first
 from magphonon import DrivenVerlet, InversePower, ToneBurst, analytic_bands, frequency_response, lattices, propagate, units as u
 from magphonon.bands import complex_bands, edge_flow, lattice_density
 from magphonon.dynamics import Harmonic, PrescribedMotion
-from magphonon.response import count_modes_below, density_of_states, harmonic_response
+from magphonon.response import density_of_states, harmonic_response
+from magphonon.response.normal_modes import count_modes_below
 from magphonon.stiffness import AllNeighbours, PairCalculator
 
 LATTICES = [lattices.chain, lattices.square, lattices.triangular, lattices.honeycomb, lattices.kagome]

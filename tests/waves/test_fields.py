@@ -9,7 +9,9 @@ from magphonon import read_scene
 from magphonon.bands import band_path
 from magphonon.cli.main import main
 from magphonon.scenes import fit_bands
-from magphonon.waves import Scan, field_at, field_map, field_of, field_ridges, read_ridges, write_points
+from magphonon.waves import Scan, field_at, field_of, field_ridges, read_ridges
+from magphonon.waves.fields import field_map
+from magphonon.waves.ridge_tables import write_points
 from workflows import bench_lattice as bench
 
 SPACING, REACH = 10e-3, 45e-3  # m

@@ -13,9 +13,11 @@ from magphonon import read_scene
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.scenes import ready_scene
-from magphonon.waves import Branch, Scan, compare, read_places, read_scan, ridge, scan_waves, wavenumber_frequency, wavevector
+from magphonon.waves import Scan, compare, read_scan, ridge, scan_waves, wavenumber_frequency, wavevector
 from magphonon.waves.rows import row_of
+from magphonon.waves.scan_tables import read_places
 from magphonon.waves.scans import DEGREES, RESAMPLED, Samples, assembled, integrated
+from magphonon.waves.wave_analysis import Branch
 
 NORMAL = 1.96
 LENGTH = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
