@@ -65,8 +65,8 @@ def prestress_reserve(atoms: Atoms) -> PrestressReserve:
     turning = springs - free.T @ calc.rest_hessian('complete') @ free  # -D*
     lowest, highest, _ = lowest_mode(springs)
     if lowest < SINGULAR * highest:
-        raise ValueError('springs alone, D0, do not hold this structure, so no factor on D* makes it collapse: hold its rim, give '
-                         'it a foundation, or look at its modes')
+        raise ValueError('springs alone, D0, do not hold this structure, so no factor on D* makes it collapse: hold its rim, '
+                         'give it a foundation, or look at its modes')
     solve = LinearOperator(springs.shape, inverse(springs))
     share, y = eigsh(turning, 1, springs, Minv=solve, which='LA', v0=np.cos(np.arange(springs.shape[0])))
     mode = (free @ y[:, 0]).reshape(len(system), calc.dim)

@@ -10,7 +10,7 @@ from scene_files import ready_scene
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed
 from magphonon.cli.main import main
-from magphonon.response import Localisation
+from magphonon.response.normal_modes import Localisation
 from magphonon.scenes import write_scene
 from magphonon.scenes.scene import read_scene
 
@@ -65,6 +65,7 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     assert 'modes of the structure: all 50, from' in shown
 
 
+@pytest.mark.slow
 def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     cell = lattices.triangular(L0, MASS)
 
