@@ -64,6 +64,7 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     assert 'modes of the structure: all 50, from' in shown
 
 
+@pytest.mark.slow
 def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     cell = lattices.triangular(L0, MASS)
 

@@ -126,23 +126,6 @@ def test_a_period_returns_to_its_beginning():
     np.testing.assert_allclose(found.sum(axis=0), 0, atol=1e-15)
 
 
-@pytest.mark.parametrize(('path', 'displacements', 'message'), [
-    ('film.avi', np.ones((2, 36, 2)), 'must end in .gif or .mp4'),
-    ('film.gif', np.ones((2, 35, 2)), r'shape \(frames, 36, 2 or 3\)'),
-    ('film.gif', np.zeros((2, 36, 2)), 'nothing moves')])
-def test_what_cannot_be_filmed_is_refused(path, displacements, message, tmp_path):
-    with pytest.raises(ValueError, match=message):
-        animate(tmp_path / path, patch(6), displacements)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_film_without_a_folder_says_so(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r'cannot be written .* choose another place'):
-        animate(tmp_path / 'none' / 'film.gif', patch(6), np.ones((1, 36, 2)))
-    with pytest.raises(ValueError, match='moves nothing'):
-        mode_frames(np.zeros((3, 2)))
-
-
 def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):
     from matplotlib.animation import FFMpegWriter
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from ase import Atoms
-from ase.constraints import FixAtoms, FixBondLength
+from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
@@ -218,14 +218,6 @@ def test_atoms_in_another_order_than_their_calculator_are_a_fault(seed):
     assert not found.fine
     assert 'their order differs from that' in str(found)
     assert found['away'] == pytest.approx(np.linalg.norm(patch.positions[order] - patch.positions, axis=1).max())
-
-
-def test_constraints_of_which_nobody_knows_what_they_hold_are_refused():
-    patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
-    patch.calc = MagneticRepulsion(patch, InversePower(b=3e3, a=4.6), foundation=0.5)
-    patch.set_constraint([*patch.constraints, FixBondLength(17, 18)])
-    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are supported'):
-        verdict(patch)
 
 
 # --- the list of checks ------------------------------------------------------------------------------------------------------

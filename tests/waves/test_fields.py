@@ -82,6 +82,7 @@ def share(points, expected, of=slice(None)):
     return np.mean((abs(points.frequencies_Hz - expected) < 1.96 * points.sigma_omega * 1e3 / (2 * np.pi))[of])
 
 
+@pytest.mark.slow
 def test_noise_alone_gives_bands_and_the_control_without_static_forces_misses(tmp_path):
     rng, scene = np.random.default_rng(1), scene_of(tmp_path)
     lab, modes, vectors = specimen(1, 0.2, 0.2)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scans import packet, scene_text, triangular_branches
 from scipy.interpolate import CubicSpline, make_interp_spline
+from structures import few_first
 
 from magphonon import read_scene
 from magphonon.bands.bloch import bloch_modes
@@ -153,7 +154,7 @@ def gappy(folder, gap, noise=0.0):
     return scan, 1e3 * scan.motions[''] - motion(scan.times[:, None] / 1000)
 
 
-@pytest.mark.parametrize('gap', [2, 5, 8, 11])
+@pytest.mark.parametrize('gap', few_first([2, 5, 8, 11], 2))
 @pytest.mark.parametrize('noise', [0.0, 0.01, 0.1])
 def test_a_short_gap_in_time_is_filled_within_the_error_that_is_told(gap, noise, tmp_path):
     try:
