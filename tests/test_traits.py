@@ -93,7 +93,7 @@ def numbers(found):
 def judged(atoms):
     found = mp.verdict(atoms, damping=0.01)
     assert str(found)  # for which every check is made
-    return *vars(found.buckling).values(), found.timestep_limit
+    return *vars(found['buckling']).values(), found['timestep_limit']
 
 
 def lammps(atoms, tmp_path):
@@ -132,10 +132,10 @@ CELLS = {
     'bloch_modes': lambda a: bands.bloch_modes(a, Q)[0],
     'damped_modes': lambda a: bands.bloch.damped_modes(a, Q, [0.1, 0.2])[0],
     'group_velocities': lambda a: mp.bands.group_velocities(a, Q).omega,
-    'cut_off': bands.cut_off,
+    'cut_off': bands.bands.cut_off,
     'sound_speeds': mp.bands.sound_speeds,
     'lattice_density': lambda a: bands.lattice_density(a, steps=6),
-    'band_ranges': lambda a: bands.band_ranges(a, 6),
+    'band_ranges': lambda a: bands.density.band_ranges(a, 6),
     'zone_map': lambda a: bands.zone_map(a, 6).omega,
     'complex_bands': lambda a: abs(mp.bands.complex_bands(a, (0, 1, 0), [9.5]).xi[:, :2]),
     'neighbour_shifts': lambda a: bands.neighbour_shifts(a, Q),
@@ -154,7 +154,7 @@ CELLS = {
 PATCHES = {
     'modes': lambda a: mp.modes(a).omega,
     'natural_frequencies': response.natural_frequencies,
-    'count_modes_below': lambda a: response.count_modes_below(a, 9.2),
+    'count_modes_below': lambda a: response.normal_modes.count_modes_below(a, 9.2),
     'local_modes': lambda a: response.local_modes(a, (0.0, 9.5)).omega,
     'frequency_response': lambda a: mp.frequency_response(a, pushed(a), [5.0, 9.0], 0.1),
     'harmonic_response': lambda a: response.harmonic_response(a, pushed(a), [5.0, 9.0], 0.1),
@@ -316,12 +316,12 @@ def test_supercells_that_other_tools_displace_are_asked_too():
 
 def test_what_is_set_later_is_asked_again():
     patch = made(PATCH)
-    assert response.count_modes_below(patch, 11.0) >= 0
+    assert response.normal_modes.count_modes_below(patch, 11.0) >= 0
     patch.calc.set(gyration=1.0)
     with pytest.raises(ValueError, match='count_modes_below does not support particles that gyrate'):
-        response.count_modes_below(patch, 11.0)
+        response.normal_modes.count_modes_below(patch, 11.0)
     patch.calc.set(gyration=0.0)
-    assert response.count_modes_below(patch, 11.0) >= 0
+    assert response.normal_modes.count_modes_below(patch, 11.0) >= 0
 
 
 def test_planes_that_keep_particles_in_their_plane_hold_nothing():

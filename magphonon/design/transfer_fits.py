@@ -245,7 +245,8 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.design import ParametricLattice, StiffnessDerivative, fit_transfer
-    >>> from magphonon.response import Dof, TransferFunction, receptance
+    >>> from magphonon.response import Dof, receptance
+    >>> from magphonon.response.transfer_functions import TransferFunction
     >>> from magphonon.stiffness import LinearSystem
     >>> patch, law = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0), InversePower(1.0, 4.0)
     >>> def build(factors):

@@ -158,7 +158,7 @@ class GaussianMixture(PairLaw, Protocol):
     --------
     >>> from magphonon import InversePower
     >>> from magphonon.interactions import Hertz, Yukawa
-    >>> from magphonon.interactions import GaussianMixture
+    >>> from magphonon.interactions.pair_laws import GaussianMixture
     >>> [isinstance(law, GaussianMixture) for law in (InversePower(1.0, 4.0), Yukawa(1.0, 1.0), Hertz(1.0, 1.0))]
     [True, True, False]
     """

@@ -342,9 +342,8 @@ class Scene(Table):
                 'a finite structure', '"magphonon modes" shows its modes')
             raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is {what}; {shown}')
         if table is None:
-            have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
-            example = ', as in "magphonon scene ' + have[0] + '"' if have else ''
-            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one{example}')
+            example = next(other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8'))
+            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one, as in "magphonon scene {example}"')
         return table
 
     def band_path(self) -> BandPath:

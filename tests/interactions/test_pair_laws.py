@@ -198,12 +198,6 @@ def test_steel_spheres_in_contact():
     assert law.phi(20.1) == law.dphi(20.1) == law.d2phi(20.1) == 0
 
 
-@pytest.mark.parametrize(('law', 'name'), [((0.0, 1.0), 'stiffness'), ((1.0, -2.0), 'diameter')])
-def test_impossible_spheres_are_refused(law, name):
-    with pytest.raises(ValueError, match=name):
-        Hertz(*law)
-
-
 @pytest.mark.parametrize('law', [LAWS['magnets'], LAWS['steep'], LAWS['dipoles'], LAWS['yukawa']], ids=str)
 def test_mixtures_of_gaussians(law):
     """The density of Gaussians integrates to the law, its moment to the moment."""
