@@ -27,6 +27,7 @@ from magphonon import (
     stiffness,
     waves,
 )
+from magphonon.bands.bands import cut_off
 from magphonon.dynamics import highest_frequency, write_lammps_input
 from magphonon.dynamics.engine import frequency_bound
 from magphonon.interactions import UprightMagnets
@@ -132,7 +133,7 @@ CELLS = {
     'bloch_modes': lambda a: bands.bloch_modes(a, Q)[0],
     'damped_modes': lambda a: bands.bloch.damped_modes(a, Q, [0.1, 0.2])[0],
     'group_velocities': lambda a: mp.bands.group_velocities(a, Q).omega,
-    'cut_off': bands.bands.cut_off,
+    'cut_off': cut_off,
     'sound_speeds': mp.bands.sound_speeds,
     'lattice_density': lambda a: bands.lattice_density(a, steps=6),
     'band_ranges': lambda a: bands.density.band_ranges(a, 6),
