@@ -1,7 +1,7 @@
 """Motions that cost no energy: how many there are, and why nothing resists them.
 
-A motion u costs no energy if `u^T K u = 0`. Sylvester's law of inertia counts them without computing any: they are the eigenvalues
-of K below the round-off of the stiffest bond.  Three causes are told apart by repeating the count with another stiffness:
+A motion u costs no energy if `u^T K u = 0`. Sylvester's law of inertia counts them without computing any: they are the
+eigenvalues of K below the round-off of the stiffest bond.  Three causes are told apart by counting again with another stiffness:
 
 - with taut members in place of slack ones there are fewer: members are slack;
 - with D0 in place of D0 + D* there are fewer: the static forces just cancel what bonds resist, the verge of buckling;
@@ -72,8 +72,8 @@ class FreeMotions:
 def free_motions(system: LinearSystem, free: sparse.csr_array, softest: NDArray[np.float64]) -> FreeMotions:
     """Motions along the directions `free`, shape (particles * dim, free), that cost no energy in a structure at rest.
 
-    A lattice is examined on a mesh of wavevectors and at the `softest` one; if its cell has more than 200 degrees of freedom, only
-    waves that fit into one or two cells.  A structure with negative eigenvalues buckles, and is not for this function.
+    A lattice is examined on a mesh of wavevectors and at the `softest` one; if its cell has more than 200 degrees of freedom,
+    only waves that fit into one or two cells.  A structure with negative eigenvalues buckles, and is not for this function.
 
     Examples
     --------

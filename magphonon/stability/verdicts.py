@@ -285,7 +285,7 @@ class Case:
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
         growth = float(np.sqrt(-moving.lowest)) if falls else 0.0
         free = _free_motions(structure, structure.free[:, z_of(structure)], soft, spring) if self.listed else FreeMotions()
-        return Buckling(spring, soft.needed, soft.q, growth, free=free), float(np.sqrt(max(moving.highest, 0.0)))
+        return Buckling(spring, soft.needed, soft.q, growth, free), float(np.sqrt(max(moving.highest, 0.0)))
 
     @property
     def stable(self) -> bool:
@@ -315,19 +315,19 @@ class Buckling:
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
+    free : FreeMotions
+        Motions that cost no energy.
     spacing : float or None
         Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
         length, or if it was not computed, such as for balls in contact.
-    free : FreeMotions
-        Motions that cost no energy.
     """
 
     spring: float
     needed: float
     softest: np.ndarray
     growth: float
+    free: FreeMotions
     spacing: float | None = None
-    free: FreeMotions = FreeMotions()
 
     @property
     def stable(self) -> bool:
@@ -372,7 +372,7 @@ def buckling(case: Case) -> Finding:
     many = search and case.large > (SPACED if case.finite else 0)
     scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
     growth, q = case.grows
-    found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.free)
+    found = Buckling(case.spring, case.softest.needed, q, growth, case.free, scale and scale * case.spacing)
     words = (_holds if found.stable else _fails)(case, found, ' in the plane' if case.calc.dim == 2 else '')
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
@@ -408,7 +408,8 @@ def _holds(case, found, where):
     if np.ndim(case.calc.foundation):
         return (f'Stable{where}, and it would stay so if all springs were softer by {_stiffness(found.spring)}, the stiffness of '
                 'the softest one.')
-    return f'Stable{where}, even without a foundation{found.free.whole}.' + (f' It would buckle below a spacing of {at}.' if at else '')
+    below = f' It would buckle below a spacing of {at}.' if at else ''
+    return f'Stable{where}, even without a foundation{found.free.whole}.{below}'
 
 
 def _spring(case, found):
