@@ -17,7 +17,6 @@ from ase.constraints import FixAtoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
-from ..bands.bloch import bloch_modes
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
@@ -45,7 +44,9 @@ from .buckling import (
     on_the_verge,
     softest_of,
     softest_out_of_plane,
+    z_of,
 )
+from .mechanisms import FreeMotions, free_motions
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
@@ -282,17 +283,12 @@ class Case:
     @property
     def verge(self) -> bool:
         """Whether the foundation is exactly as stiff as the structure needs, within round-off."""
-        return on_the_verge(self.spring, self.softest.needed) or self.flat
+        return on_the_verge(self.spring, self.softest.needed) or self.free.count > 0
 
     @cached_property
-    def flat(self) -> bool:
-        """Whether a wave of finite length costs no energy, in a lattice without foundation, on a mesh over the zone."""
-        if self.spring or self.softest.needed or self.large or not self.atoms.pbc.any():
-            return False
-        along = [np.arange(6) / 6 if periodic else np.zeros(1) for periodic in self.atoms.pbc]
-        q = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 3)
-        omega, _ = bloch_modes(self.system, q[q.any(axis=1)], 'complete')
-        return bool(omega.min() * abs(omega.min()) <= VERGE * omega.max() ** 2)
+    def free(self) -> FreeMotions:
+        """Motions that cost no energy; none if some wave has negative energy, or if foundation and bonds resist all."""
+        return _free_motions(self.system, self.system.free, self.softest, self.spring) if self.listed else FreeMotions()
 
     @cached_property
     def grows(self) -> tuple[float, NDArray[np.float64]]:
@@ -316,7 +312,8 @@ class Case:
         moving = softest_out_of_plane(structure, spring, weighted=True)
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
         growth = float(np.sqrt(-moving.lowest)) if falls else 0.0
-        return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
+        free = _free_motions(structure, structure.free[:, z_of(structure)], soft, spring) if self.listed else FreeMotions()
+        return Buckling(spring, soft.needed, soft.q, growth, free), float(np.sqrt(max(moving.highest, 0.0)))
 
     @property
     def stable(self) -> bool:
@@ -326,6 +323,11 @@ class Case:
     def unstable(self) -> bool:
         """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
         return bool(self.grows[0] or (self.above is not None and self.above[0].growth))
+
+
+def _free_motions(system, free, soft, spring):
+    """The motions along the directions `free` that cost no energy, if the softest one may be such."""
+    return FreeMotions() if soft.needed or soft.lowest + spring > VERGE * soft.highest else free_motions(system, free, soft.q)
 
 
 @dataclass(frozen=True)
@@ -341,19 +343,19 @@ class Buckling:
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
+    free : FreeMotions
+        Motions that cost no energy.
     spacing : float or None
         Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
         length, or if it was not computed, such as for balls in contact.
-    flat : bool
-        Whether a lattice has no foundation and a wave of finite length costs no energy.
     """
 
     spring: float
     needed: float
     softest: np.ndarray
     growth: float
+    free: FreeMotions
     spacing: float | None = None
-    flat: bool = False
 
     @property
     def stable(self) -> bool:
@@ -365,7 +367,7 @@ class Buckling:
         """Whether the foundation equals the needed one to within a fraction of 1e-9, so that round-off would decide whether
         motion grows.
         """
-        return self.flat or on_the_verge(self.spring, self.needed)
+        return self.free.count > 0 or on_the_verge(self.spring, self.needed)
 
 
 class Supports(NamedTuple):
@@ -408,15 +410,14 @@ def _buckling(case):
     many = search and case.large > (SPACED if case.finite else 0)
     scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
     growth, q = case.grows
-    return Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat), many
+    return Buckling(case.spring, case.softest.needed, q, growth, case.free, scale and scale * case.spacing), many
 
 
 def _fails(case, found, where):
     """Why a structure is not stable `where` it moves, in words."""
     spring = _spring(case, found)
-    if found.flat:
-        return (f'It is on the verge of buckling{where}: waves of finite length cost no energy, so round-off would decide. Give '
-                'it a foundation.')
+    if found.free.count:
+        return found.free.words(where)
     if found.verge:
         return (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring} is just what it needs, and '
                 'round-off would decide. Take a stiffer foundation.')
@@ -442,7 +443,8 @@ def _holds(case, found, where):
     if np.ndim(case.calc.foundation):
         return (f'Stable{where}, and it would stay so if all springs were softer by {_stiffness(found.spring)}, the stiffness of '
                 'the softest one.')
-    return f'Stable{where}, even without a foundation.' + (f' It would buckle below a spacing of {at}.' if at else '')
+    below = f' It would buckle below a spacing of {at}.' if at else ''
+    return f'Stable{where}, even without a foundation{found.free.whole}.{below}'
 
 
 def _spring(case, found):
@@ -459,6 +461,8 @@ def out_of_plane(case: Case) -> Finding:
     if found.stable:
         margin = f'{_times(found.spring / found.needed)} the {need} needed' if found.needed else 'stiffer than needed'
         return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
+    if found.free.count:
+        return Finding(found, found.free.words(' out of the plane'), True)
     if found.verge:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
                        'just what it needs, and round-off would decide. Take stiffer supports.', True)
