@@ -7,6 +7,7 @@ from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, read_scene, verdict
 from magphonon.dynamics import Constant
@@ -151,8 +152,8 @@ def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
                for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
 
 
-@pytest.mark.parametrize(('name', 'repeats', 'needed'), [
-    ('square', 1, 4.0), ('square', 11, 4.0), ('triangular', 1, None), ('triangular', 11, None), ('triangular', 12, None)])
+@pytest.mark.parametrize(('name', 'repeats', 'needed'), few_first([
+    ('square', 1, 4.0), ('square', 11, 4.0), ('triangular', 1, None), ('triangular', 11, None), ('triangular', 12, None)], 2))
 def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed):
     """The square lattice buckles at q = (1/2, 0) and (0, 1/2), the edge of its zone, which is that of 11 x 11 cells too.
 
@@ -181,7 +182,7 @@ def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed
         assert alone == pytest.approx(4 * np.sin(5 * np.pi / 11) ** 2, rel=1e-9)
 
 
-@pytest.mark.parametrize(('name', 'repeats'), [('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))])
+@pytest.mark.parametrize(('name', 'repeats'), few_first([('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))], 1))
 def test_half_waves_of_a_scattered_cell_against_its_bloch_matrices(name, repeats):
     cell = lattice(name, 10.0)
     perfect, law = cell.repeat(repeats), InversePower(2e3, 4.0)
