@@ -17,7 +17,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from ..interactions.bond_laws import Laws, laws_of
-from ..interactions.pair_laws import Composed, InversePower, PairLaw, local_exponent
+from ..interactions.pair_laws import MARGIN, Composed, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
 from ..stiffness.bond import interaction_along
@@ -186,10 +186,12 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
 
 
 def is_known(laws: Laws, r: float) -> bool:
-    """Whether all laws are known at a distance in mm; a measured table is not known beyond its last point."""
+    """Whether all laws are known at a distance in mm; a measured table is not known beyond its last point: the margin behind it
+    is for the motion of its neighbours.
+    """
     try:
         for law in laws_of(laws):
-            _planar(law).dphi(r)
+            _planar(law).dphi(MARGIN * r)
     except ValueError:
         return False
     return True

@@ -34,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Print the report and return the exit status: 0 if no problem was found, 1 otherwise."""
     from ..scenes.scene import read_scene
-    from .neighbours import neighbours, omission
+    from .neighbours import omission
 
     scene = read_scene(options.scene)
     try:
@@ -51,7 +51,7 @@ def run(options: Namespace) -> int:
         said += [f'{name}: {judged}' for name, judged in verdicts.items()]
         said += _large(patch, relaxation is None) if patch is not None and 'Patch' not in verdicts else []
         said += _cut_off(atoms, next(iter(verdicts.values())))
-        said += neighbours(scene)
+        said += omission(scene, verbose=True)
         said += refusals(atoms)
     else:
         said += [f'{name}: {judged}' for name, judged in verdicts.items() if not judged.fine]

@@ -28,6 +28,7 @@ SMOOTH = 1e-13
 """A knot is added if the energy between two knots, computed in one piece and in two halves, differs by more than this fraction.
 With two readings per octave none is added up to laws as steep as r^-12; if noise bends the spline in a gap, several are."""
 APART = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
+MARGIN = 1.1  # factor beyond the ends of a table up to which it is continued, for particles that move about their places
 ASTRAY = 1.5
 """Factor by which a table may deviate from the inverse power through two neighbouring readings.  A law whose exponent changes
 from 1 to 4 over an octave deviates by 1.3. Of 200 evenly spaced tables with 10 % noise none exceeded the limit; with one distant
@@ -406,7 +407,8 @@ class Tabulated:
 
     On logarithmic axes an inverse power is a straight line, which the spline reproduces exactly; between
     measured points the force stays positive and has a continuous slope and curvature.  The energy is the
-    integral of the force, zero at the last point.
+    integral of the force, zero at the last point.  Particles move about their places: up to a tenth beyond its ends (`MARGIN`)
+    the table continues as the inverse power that fits there.
 
     Parameters
     ----------
@@ -418,7 +420,7 @@ class Tabulated:
     Raises
     ------
     ValueError
-        If the table is malformed, or when the law is evaluated at a distance outside it.
+        If the table is malformed, or when the law is evaluated at a distance outside it and its margin.
 
     Warns
     -----
@@ -462,9 +464,13 @@ class Tabulated:
             x = np.sort(np.append(x, (x[:-1] + x[1:])[rough] / 2))
             object.__setattr__(self, '_knots', np.append(np.exp(x[:-1]), r[-1]))
             object.__setattr__(self, '_slopes', np.array([spline(x[:-1], n) / (6, 2, 1, 1)[3 - n] for n in (3, 2, 1, 0)]))
+        (low, high), (a, b) = np.log(r[[0, -1]]), spline(np.log(r[[0, -1]]), 1)  # beyond them straight on logarithmic axes
+        before, behind = [0, 0, a, spline(low) - a * np.log(MARGIN)], [0, 0, b, spline(high)]
+        object.__setattr__(self, '_knots', np.concatenate([[r[0] / MARGIN], self._knots, [r[-1] * MARGIN]]))
+        object.__setattr__(self, '_slopes', np.column_stack([before, self._slopes, behind]))
         # phi at each knot from the integral over the interval beyond it
         steps = self._force_integral(np.arange(len(self._knots) - 1), self._knots[1:])
-        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0))
+        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0) - steps[-1])
 
     def _rough(self):
         """Mask of the intervals whose integral of the force differs from that of their two halves."""
@@ -478,8 +484,9 @@ class Tabulated:
     def _interval(self, r):
         """Index k of the interval between two knots that holds each distance."""
         real = np.real(r)
-        if not ((real >= self.r[0]) & (real <= self.r[-1])).all():
-            bad = np.asarray(real)[~((real >= self.r[0]) & (real <= self.r[-1]))].flat[0]
+        within = (real >= self._knots[0]) & (real <= self._knots[-1])
+        if not within.all():
+            bad = np.asarray(real)[~within].flat[0]
             raise ValueError(f'distance {bad:g} mm is outside the table ({self.r[0]:g} to {self.r[-1]:g} mm); '
                              'extend the measurement, or check the spacing and its unit: a table is not extrapolated')
         return np.clip(np.searchsorted(self._knots, real, side='right') - 1, 0, len(self._knots) - 2)

@@ -103,7 +103,6 @@ def _tables(scene: Scene) -> None:
     if isinstance(scene.patch, Supercell):
         _refuse(scene, 'burst', 'it enters at the edge of a patch, and a supercell has no edge; choose another patch.kind')
     if scene.uncertainty is not None:
-        _refuse(scene, 'defects', '[uncertainty] is for the perfect lattice; remove one of the tables')
         scene.uncertainty.tolerances(scene)
 
 

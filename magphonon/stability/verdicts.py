@@ -6,7 +6,7 @@ list.  A function whose finding is never a fault is decorated with `remark` and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -24,7 +24,6 @@ from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import one_of
-from ..findings import Finding, Findings
 from ..interactions.bond_laws import laws_of, taken
 from ..interactions.law_cards import card_of
 from ..interactions.pair_laws import Hertz
@@ -57,8 +56,42 @@ modes."""
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
 
 
-CHECKS = Findings()  # the checks of a `Case` by name
-REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
+@dataclass(frozen=True)
+class Finding:
+    """What one check found.
+
+    Attributes
+    ----------
+    value : Any
+        The result in mm, g, ms; None if it does not apply or was not computed.
+    words : str
+        A sentence or two, in SI units; empty if there is nothing to say.
+    fault : bool
+        Whether a run would fail, or its result be meaningless.
+    unjudged : str
+        What was omitted because it would take too long for so many particles.
+    """
+
+    value: Any = None
+    words: str = ''
+    fault: bool = False
+    unjudged: str = ''
+
+
+CHECKS: dict[str, Callable[[Case], Finding]] = {}  # by name, in the order in which their words are printed
+REMARKS: set[str] = set()  # names of those that are never a fault
+
+
+def check(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Decorator that adds a function to the checks, under its name."""
+    CHECKS[judge.__name__] = judge  # pyright: ignore[reportAttributeAccessIssue]  functions have one
+    return judge
+
+
+def remark(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Decorator that adds a function whose finding is never a fault."""
+    REMARKS.add(judge.__name__)  # pyright: ignore[reportAttributeAccessIssue]
+    return check(judge)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -36,7 +36,7 @@ def test_scenes_are_listed_and_printed(capsys, tmp_path):
 
 MISTAKES = {
     'bad value': (['bands', '{d}/bad.toml', '-o', '{d}/out'], 'lattice.spacing_m', 'must be a positive number, not -0.01'),
-    'narrow supercell': (['bands', '{d}/narrow.toml', '-o', '{d}/out'], '(2, 2, 1)', 'give supercell=(3, 3, 1)'),
+    'narrow supercell': (['bands', '{d}/narrow.toml', '-o', '{d}/out'], '2 x 2 x 1', 'give it 3 x 3 x 1 cells'),
     'output in a file': (['bands', '{d}/good.toml', '-o', '{d}/law.csv/x'], 'law.csv/x', 'choose another place'),
     'output not writable': (['bands', '{d}/good.toml', '-o', '/proc/x'], '/proc', 'choose another place'),
     'no command': ([], 'COMMAND', 'required'),
