@@ -95,7 +95,6 @@ def answers(seed, L, s, m):
         'residual': (told['residual'], (1, 1, 0)),
         'support': (told['supports'], (0, 1, 0)),
         'linear amplitude': (told['amplitude'], (1, 0, 0)),
-        'safe displacements': (told.displacements, (1, 0, 0)),
         'no fault': (told.fine, (0, 0, 0)),
         'held': (told['buckling'].spacing or np.nan, (1, 0, 0)),
     }
