@@ -13,8 +13,6 @@ from magphonon.lattices import bonds as of_bonds, find_bonds
 from magphonon.lattices.bonds import Bonds, bonds_within, explicit_bonds, repeat_bonds
 from magphonon.lattices.patches import parallelogram
 
-# name: coordination and distance, in spacings, of the first three shells
-
 
 def as_set(bonds):
     """Bonds as a set that does not depend on their direction; shorter than the list if one of them is listed twice."""
