@@ -71,10 +71,9 @@ def _verdicts(scene, atoms, patch):
     """The verdicts on the lattice, the finite structure or the oscillator, and on the patch unless it is too large, by name."""
     from ..stability.verdicts import verdict
 
-    supercell = scene.supercell() if scene.bands is not None else None
     damping = scene.bands.damping_of(atoms) if scene.bands is not None and scene.bands.damping_per_s is not None else 0.0
     name = 'Oscillator' if scene.single else 'Structure' if scene.finite else 'Lattice'
-    verdicts = {name: verdict(atoms, supercell=supercell, damping=damping)}
+    verdicts = {name: verdict(atoms, damping=damping)}
     return verdicts | ({'Patch': verdict(patch, damping=damping)} if patch is not None and len(patch) <= JUDGED else {})
 
 

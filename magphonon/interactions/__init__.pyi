@@ -11,6 +11,7 @@ from .pair_laws import (
     Attraction as Attraction,
     Hertz as Hertz,
     InversePower as InversePower,
+    Overlap as Overlap,
     PairInteraction as PairInteraction,
     PairLaw as PairLaw,
     Tabulated as Tabulated,

@@ -402,6 +402,54 @@ class Hertz:
 
 
 @dataclass(frozen=True)
+class Overlap:
+    """Contact of soft spheres that overlap, `phi = energy/power (1 - r/d)^power`, and nothing beyond the distance d.
+
+    The distance d is the sum of the radii that the calculator has for the two particles, `MagneticRepulsion(..., radii=R)`. Power
+    2 is a linear spring, 2.5 the contact of elastic spheres (Hertz).
+
+    Parameters
+    ----------
+    energy : float
+        In mJ, positive.
+    power : float
+        Above 1, by default 2.
+
+    Raises
+    ------
+    ValueError
+        If the energy is not positive, or the power not above 1.
+
+    Examples
+    --------
+    >>> from magphonon.interactions import Overlap
+    >>> spring = Overlap(1.0)
+    >>> float(-spring.dphi(0.9)), float(spring.d2phi(0.9))  # of r/d
+    (0.1, 1.0)
+    """
+
+    energy: float
+    power: float = 2.0
+
+    def __post_init__(self) -> None:
+        positive('energy', self.energy, 'mJ')
+        positive('power - 1', self.power - 1)
+
+    def _part(self, r, order):
+        touching = np.real(r) < 1
+        return np.where(touching, np.where(touching, 1 - r, 1.0) ** (self.power - order), 0.0)
+
+    def phi(self, r: Any) -> Any:
+        return self.energy / self.power * self._part(r, 0)
+
+    def dphi(self, r: Any) -> Any:
+        return -self.energy * self._part(r, 1)
+
+    def d2phi(self, r: Any) -> Any:
+        return self.energy * (self.power - 1) * self._part(r, 2)
+
+
+@dataclass(frozen=True)
 class Tabulated:
     """A smooth law through measured force-distance data: cubic spline of `log f` over `log r`.
 

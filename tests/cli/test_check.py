@@ -40,9 +40,6 @@ SCENES = {
     'kagome just held': ('ideal', {'kind = "triangular"': 'kind = "kagome"',
                                    '[bands]': '[foundation]\nstiffness_N_per_m = 6.06e4\n\n[bands]'}, FINE, [
         '1 % more than the 6e+04 N/m needed']),  # 6 f/L0
-    'supercell of one cell': ('ideal', {'[bands]': '[bands]\nsupercell = [1, 1]'}, BAD, [
-        'Lattice: NOT OK (1 problem)', 'Finite differences would be wrong: the supercell 1 x 1 x 1 repeats every 1000 mm',
-        'give it 3 x 3 x 1 cells', 'Stable in the plane']),
     'oscillator at 60 degrees': ('oscillator', {'theta0_deg = 30.0': 'theta0_deg = 60.0'}, FINE, [
         # (1 + 2 sin 60) f; freed, D_xx = (2 (a + 1) cos^2 - 3) f/L0 = -0.5 f/L0
         'A constant force of -27320.5 N', 'only because a constraint', 'it would need a foundation of 5000 N/m.']),

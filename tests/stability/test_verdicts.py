@@ -28,7 +28,6 @@ def judged(**options):
 
 @pytest.mark.parametrize(('options', 'word'), [
     # each beside its nearest good neighbour
-    ({'supercell': (2, 2, 1)}, 'cannot be separated'), ({'supercell': (3, 3, 1)}, None),
     ({'a': 2.0, 'k': 1.99}, 'buckles'), ({'a': 2.0, 'k': 2.01}, None),
     ({'a': 2.0, 'model': 'conventional'}, 'does not show this'), ({'a': 4.0, 'model': 'conventional'}, None),
 ])
