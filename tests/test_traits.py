@@ -104,7 +104,7 @@ def lammps(atoms, tmp_path):
 
 
 def moved(atoms):
-    dyn = DrivenVerlet(atoms, 0.01, engine='compiled')
+    dyn = DrivenVerlet(atoms, 0.01, engine='ase')
     dyn.atoms.positions[0, 0] += 0.01
     dyn.run(20)
     return dyn.atoms.positions - PATCH.positions
@@ -189,7 +189,6 @@ SAME = {  # traits that change no answer, by the tool
 OWN = {  # what a tool that takes a trait refuses of it in words of its own, and what these begin with
     'complex_bands': {'constraints': 'no bond has a component'}, 'neighbour_shifts': {'attraction': 'strengths'},
     'converged_shells': {'attraction': 'strengths'},
-    'DrivenVerlet': {'out of plane': 'engine=', 'oblique': 'engine=', 'radii': 'engine='},
 }
 
 

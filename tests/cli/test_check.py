@@ -12,8 +12,6 @@ from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.response.normal_modes import natural_frequencies
 
-GOLDEN = (1 + np.sqrt(5)) / 2
-
 FINE, BAD = 0, 1
 
 # scene, changes of its text, exit status, what it must say.  The ideal law has f(L0)/L0 = 10 kN/m.
