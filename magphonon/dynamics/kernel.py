@@ -1,0 +1,214 @@
+"""Stages of time steps on displacements from rest, compiled by numba for what a structure has.
+
+A stage is a kick and the drift that follows it.  Every slot sums the forces of its own bonds, so that each bond is evaluated
+twice and no two slots write to one place. A stage reads displacements u and writes those after the drift into w; then u and w
+change places.  So the slots may be done in any order.
+
+    F = h - k u + sum_bonds s (H R + (g + t H) du)        H = e (c0 + c1 e + ...)        e = (2 R.du + t |du|^2)/r0^2
+    v <- keep C v + kick P F        w <- u + drift v
+
+C and P are the damping, the gyration and the mobility of each slot, and zero for held particles; t is one in the complete model,
+else zero.  Slots are done in pieces with fixed borders, since what vector units leave over is rounded differently: results are
+the same bit by bit for any number of threads, each of which has its own pieces and waits for the others after each stage.
+
+`piece` is written out as text for the types of its arguments, so that whatever a structure lacks is left out, and all loops over
+bonds, coefficients and dimensions are unrolled.  It contains no literal numbers (`R + R` instead of `2 * R`), whose type would
+convert all others to double precision.  Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector
+units.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+
+from .memory_layout import LINE
+from .numba_tools import COUNTED, kept, tell, vectorise, wait, written_out
+
+FAST = {'error_model': 'numpy', 'fastmath': {'contract', 'reassoc', 'nsz'}, 'forceinline': False, **COUNTED}
+
+
+@kept
+def smallest(x):
+    """The smallest kernel, by which it is tried whether kernels can be compiled."""
+    return x
+
+
+class Bonds(NamedTuple):
+    """Bonds in columns, of which each slot has one bond.
+
+    Attributes
+    ----------
+    near : tuple of uint64, or of ndarray of uint32, shape (slots,)
+        For each column the offset of the neighbour of every slot, or its slot.  On a grid every second column has the offset of
+        the one before with the other sign: its bonds are those of the neighbours, and are stored once.
+    R : tuple of ndarray
+        Components of the rest vectors in mm: shape (groups,), or (groups, slots) if each bond has its own, where a group is a
+        column, or two columns of a grid.
+    unit, g : ndarray
+        1/r0^2, and the static force by length where it turns with the bond, in the same shape.
+    strength : ndarray, shape (groups, slots), or None
+        Factors of the law of each bond; or if the bonds of a group are alike, 0 where one is missing and 1 elsewhere.
+    complete : tuple of None, or empty
+        Not empty for the complete model.
+    """
+
+    near: tuple
+    R: tuple
+    unit: np.ndarray
+    g: np.ndarray
+    strength: np.ndarray | None
+    complete: tuple
+
+
+class Sites(NamedTuple):
+    """What acts on slots.
+
+    Attributes
+    ----------
+    k : tuple of float, or of ndarray, shape (slots,)
+        Springs along each axis in N/mm.
+    load : tuple of ndarray, shape (slots,), or None
+        Static forces in N.
+    decay : ndarray, shape (3, slots), or None
+        Factors of velocities in the first, the others and the last stage of a block; None if all slots have the same.
+    push : ndarray, shape (3, slots), or (1, slots)
+        Velocities of unit kicks in 1/g.
+    turns : pair of ndarray, shape (3, slots), or None
+        Imaginary parts of `decay` and `push`, where velocities v_x + i v_y turn.
+    """
+
+    k: tuple
+    load: tuple | None
+    decay: np.ndarray | None
+    push: np.ndarray
+    turns: tuple | None
+
+
+class Some(NamedTuple):
+    """Slots in ascending order of which each thread has those from first[me] on, and numbers of each slot.
+
+    These are forces in N or places of walls in mm, shape (stages, slots, dim), or projectors on what is barred to guided
+    particles, shape (slots, dim, dim + 1), with a column to work in.
+    """
+
+    slots: np.ndarray
+    first: np.ndarray
+    values: np.ndarray
+
+
+def bits(x):
+    """The bits of x, which is not negative, as an integer: these sort like x, and vector units can compute their maximum."""
+
+
+@overload(bits)
+def _bits(x):
+    if x == types.float32:
+        return lambda x: np.float32(x).view(np.int32)
+    return lambda x: np.float64(x).view(np.int64)
+
+
+def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
+    """Do a stage for the slots from lo to hi; returns whether an increment is beyond the reach of the law."""
+
+
+@overload(piece, jit_options=FAST)
+def _piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
+    near, R, _, _, strength, complete = bonds.types
+    k, load, decay, _, turns = sites.types
+    axes, columns, each = range(len(u)), range(len(near)), R[0].ndim == 2
+    shared, listed = not isinstance(c[0], types.Array), isinstance(near[0], types.Array)
+    weighed, masked = (each and not isinstance(strength, types.NoneType)), (not each and not isinstance(strength, types.NoneType))
+    law = '{}' if shared else '{}[{n}]' if c[0].ndim == 1 else '{}[{m}]'
+    before, lines = [f'c{q} = c[{q}]' for q in range(len(c))], []
+    for n in columns:
+        back = not listed and n % 2  # the bond of the neighbour, seen from its other end
+        m = f'{n}, i' if listed else f'{n // 2}, j' if back else f'{n // 2}, i'
+        Rx, unit, g = [f'R{x}[{m}]' for x in axes], f'unit[{m}]', f'g[{m}]'
+        if not each:
+            before += [f'R{x}_{n} = R{x}[{n // 2}]' for x in axes]
+            before += [f'unit_{n}, g_{n} = unit[{n // 2}], g[{n // 2}]']
+            Rx, unit, g = [f'R{x}_{n}' for x in axes], f'unit_{n}', f'g_{n}'
+        own = [law.format(f'c{q}', n=n // 2, m=m) for q in range(len(c))]
+        if not shared and c[0].ndim == 1:
+            before += [f'c{q}_{n} = {own[q]}' for q in range(len(c))]
+            own = [f'c{q}_{n}' for q in range(len(c))]
+        quotient = own[-1]
+        for one in own[-2::-1]:
+            quotient = f'({quotient} * e + {one})'
+        lines += [f'j = {f"near[{n}][i]" if listed else f"i + near[{n}]"}']
+        lines += [f'd{x} = {f"x{x} - u{x}[j]" if back else f"u{x}[j] - x{x}"}' for x in axes]
+        squares = [f'({Rx[x]} + {Rx[x]}{f" + d{x}" * len(complete)}) * d{x}' for x in axes]
+        lines += [f'e = {f"s[{m}] * " * masked}{unit} * ({" + ".join(squares)})', f'H = {f"s[{m}] * " * weighed}e * {quotient}']
+        g = f's[{m}] * {g}' if masked else g
+        lines += ['far = max(far, abs(e))'] * (not back)
+        lines += [f'f{x} {"+-"[not back]}= H * {Rx[x]}{f" + ({g} + H) * d{x}" * len(complete)}' for x in axes]
+    springs = [f'k{x}[i]' if isinstance(k[0], types.Array) else f'k{x}' for x in axes]
+    begin = [f'x{x} = u{x}[i]; f{x} = {f"h{x}[i] " * (not isinstance(load, types.NoneType))}-{springs[x]} * x{x}' for x in axes]
+    if not isinstance(turns, types.NoneType):
+        kicks = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0][row, i], kick * P[row, i], kick * T[1][row, i]',
+                 'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
+    else:
+        damping = 'keep' if isinstance(decay, types.NoneType) else 'keep * C[row, i]'
+        kicks = [f'a{x} = {damping} * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
+    kicks += [f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes]
+
+    def all_of(name, values):
+        return f'{", ".join(f"{name}{x}" for x in axes)}, = {values}'
+
+    head = [*(all_of(a, a) for a in 'uwv'), 'near, R, unit, g, s, _ = bonds', 'k, h, C, P, T = sites']
+    head += [all_of(a, a) for a in 'Rk'] + [all_of('h', 'h')] * (not isinstance(load, types.NoneType))
+    head += ['none = drift - drift', 'top = bits(none)', *before]
+    body = [*begin, 'far = none', *lines, *kicks, 'top = max(top, bits(far))']
+    text = '\n    '.join(['def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()', *head,
+                          'for i in range(lo, hi):', *(f'    {line}' for line in body), 'return top > bits(reach)'])
+    return written_out(text, 'piece', vectorise=vectorise, bits=bits)
+
+
+def pushed(sites, row, i, f, x):
+    """Component x of the velocity of a unit kick by the force f on slot i."""
+
+
+@overload(pushed)
+def _pushed(sites, row, i, f, x):
+    if isinstance(sites.types[-1], types.NoneType):
+        return lambda sites, row, i, f, x: sites.push[row, i] * f[x]
+    return lambda sites, row, i, f, x: sites.push[row, i] * f[x] + sites.turns[1][row, i] * (f[0] if x == 1 else -f[1])
+
+
+@kept
+def stages(u, w, v, bonds, c, sites, flow, rows, reach, pieces, parts, driven, guided, led, done, me, threads):
+    """Do all stages of a block for the pieces of thread `me`; returns whether an increment was beyond the reach of the law.
+
+    Afterwards displacements are in w if the number of stages is odd, else in u.
+    """
+    none, beyond = reach - reach, False
+    for n in range(len(rows)):
+        for other in range(threads):
+            wait(done, LINE * other, n)
+        row, keep, kick, drift = rows[n], flow[n, 0], flow[n, 1], flow[n, 2]
+        for p in range(parts[me], parts[me + 1]):
+            beyond |= piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, pieces[p, 0], pieces[p, 1])
+        for m in range(driven.first[me], driven.first[me + 1]):
+            i, f = driven.slots[m], driven.values[n, m]
+            for x in range(len(u)):
+                v[x][i] += kick * pushed(sites, row, i, f, x)
+                w[x][i] = u[x][i] + drift * v[x][i]
+        for m in range(guided.first[me], guided.first[me + 1]):
+            i, barred = guided.slots[m], guided.values[m]
+            for x in range(len(u)):
+                barred[x, len(u)] = none
+                for y in range(len(u)):
+                    barred[x, len(u)] += barred[x, y] * v[y][i]
+            for x in range(len(u)):
+                v[x][i] -= barred[x, len(u)]
+                w[x][i] = u[x][i] + drift * v[x][i]
+        for m in range(led.first[me], led.first[me + 1]):
+            for x in range(len(u)):
+                w[x][led.slots[m]] = led.values[n, m, x]
+        tell(done, LINE * me, n + 1)
+        u, w = w, u
+    return beyond
