@@ -31,7 +31,7 @@ from ..stiffness.bond import Model
 TOLERANCE = 1e-13  # largest error of a fitted slope dH/de, as a fraction of the slope at rest
 RANGES = (1 / 1024, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 3 / 8, 1 / 2)
 """Largest increments |e| of the fitted polynomials; motion beyond the last one is left to ASE's loop."""
-COUNTS = (4, 6, 8, 11, 16, 24, 40)
+COUNTS = (4, 6, 8, 11, 16, 24, 31, 40)
 """Numbers of coefficients: few, because the kernel is compiled for each."""
 ALIKE = 1e-14
 """Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""

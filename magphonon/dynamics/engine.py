@@ -280,7 +280,11 @@ class Blocks:
         self._pieces = self._pieces.clip(self._pad, self._at.max(initial=0) + 1).astype(np.uint64)
         self._threads = max(1, min(threads, len(some)))
         self._parts = np.linspace(0, len(some), self._threads + 1).astype(int)
-        self._special = [self._shared(particles) for particles in (driven, self._guided, self._walls.particles)]
+        size, directions = np.linalg.eigh(self._barred)
+        away = size > 0.5  # a projector has the eigenvalues 0 and 1
+        self._normals = directions.transpose(0, 2, 1)[away][None]
+        along = np.repeat(self._guided, away.sum(axis=1))
+        self._special = [self._shared(particles) for particles in (driven, along, self._walls.particles)]
         self._rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
         self._half = half_step(damping - self._rate, calc.rate, self._guided, self._barred, dt)
         self._sort_bonds()
@@ -298,7 +302,7 @@ class Blocks:
 
     def _shared(self, particles):
         """The order of some particles by slot; their slots, and the first of each thread."""
-        order = np.argsort(self._at[particles])
+        order = np.argsort(self._at[particles], kind='stable')
         slots = self._at[particles][order]
         borders = [0, *self._pieces[self._parts[1:-1], 0].tolist(), self._wide]
         return order, slots.astype(np.uint64), np.searchsorted(slots, borders)
@@ -363,6 +367,7 @@ class Blocks:
             decay, push = np.stack([d, d * d, d]), np.stack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
             turns = tuple(self._put(x.imag.T.astype(dtype)) for x in (decay, push)) if np.iscomplexobj(d) else None
             decay = self._put(decay.real.T.astype(dtype))
+        self._push = push[:, self._driven]
         sites = Sites(tuple(self._put(x) for x in k.T) if k.ndim else (k[()],) * dim,
                       None if h is None else tuple(self._put(x.astype(dtype)) for x in h.T), decay,
                       self._put(push.real.T.astype(dtype)), turns)
@@ -451,21 +456,26 @@ class Blocks:
         forces = np.repeat(self._static[None], len(times), axis=0)
         if len(self._to):
             forces[:, self._to] += components(self._varying.forces(times), dim)[:, self._from]
+        push = self._push[rows][..., None]
+        pushed = push.real * forces
+        if np.iscomplexobj(push):
+            pushed += push.imag * forces[..., ::-1] * (-1, 1)
         course = components(self._walls.forces(np.append(times[1:], times[-1])), dim)
-        barred = np.concatenate([self._barred, np.zeros((len(self._barred), dim, 1))], axis=2)
-        special = [Some(slots, first, np.take(values, order, axis).astype(dtype)) for (order, slots, first), values, axis in
-                   zip(self._special, (forces, barred, course), (1, 0, 1), strict=True)]
+        special = [Some(slots, first, values[:, order].astype(dtype)) for (order, slots, first), values in
+                   zip(self._special, (pushed, self._normals, course), strict=True)]
         self._spare[:2] = self._state[:2]
-        (u, v, w), done = map(tuple, self._spare), np.zeros(LINE * self._threads, np.int64)
+        u, v, w = map(tuple, self._spare)
 
-        def work(me):
+        def work(me, some):
             return stages(u, w, v, self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]),
-                          self._pieces, self._parts, *special, done, me, self._threads)
+                          self._pieces, self._parts, *special, me, some)
 
-        if self._threads > 1 and self._pool is None:
-            self._pool = ThreadPoolExecutor(self._threads - 1)
-        others = [self._pool.submit(work, me) for me in range(1, self._threads)]  # pyright: ignore[reportOptionalMemberAccess]
-        beyond = any([work(0), *(other.result() for other in others)])
+        if self._threads == 1:
+            beyond = work(0, (0, len(times)))
+        else:
+            self._pool = self._pool or ThreadPoolExecutor(self._threads)
+            all_of = range(self._threads)
+            beyond = any(any(list(self._pool.map(work, all_of, [(n, n + 1)] * self._threads))) for n in range(len(times)))
         if len(times) % 2:
             self._spare[0] = self._spare[2]
         return beyond

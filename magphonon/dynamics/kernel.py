@@ -9,7 +9,7 @@ change places.  So the slots may be done in any order.
 
 C and P are the damping, the gyration and the mobility of each slot, and zero for held particles; t is one in the complete model,
 else zero.  Slots are done in pieces with fixed borders, since what vector units leave over is rounded differently: results are
-the same bit by bit for any number of threads, each of which has its own pieces and waits for the others after each stage.
+the same bit by bit for any number of threads, each of which has its own pieces.
 
 `piece` is written out as text for the types of its arguments, so that whatever a structure lacks is left out, and all loops over
 bonds, coefficients and dimensions are unrolled.  It contains no literal numbers (`R + R` instead of `2 * R`), whose type would
@@ -19,22 +19,95 @@ units.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+from warnings import warn
 
 import numpy as np
-from numba import types
-from numba.extending import overload
+from numba import njit, types
+from numba.core.options import DefaultOptions
+from numba.extending import intrinsic, overload
 
-from .memory_layout import LINE
-from .numba_tools import COUNTED, kept, tell, vectorise, wait, written_out
+if TYPE_CHECKING:
+    from typing import Any
 
+COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
+"""An internal option of numba that switches off reference counts of arrays, which take longer than a short run of slots."""
+OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
 FAST = {'error_model': 'numpy', 'fastmath': {'contract', 'reassoc', 'nsz'}, 'forceinline': False, **COUNTED}
+
+
+# --- compiling -----------------------------------------------------------------------------------------------------------
+
+
+class Spare:
+    """The disk cache of numba, made optional: code that cannot be read or written there is compiled again."""
+
+    told = False  # whether the user has been warned
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name):
+        return getattr(self._cache, name)
+
+    def load_overload(self, *arguments: Any) -> Any:
+        return self._without(self._cache.load_overload, arguments)
+
+    def save_overload(self, *arguments: Any) -> Any:
+        return self._without(self._cache.save_overload, arguments)
+
+    def _without(self, call, arguments):
+        try:
+            return call(*arguments)
+        except Exception as error:  # a damaged file may raise anything, a full disk OSError
+            if not Spare.told:
+                Spare.told = True
+                warn(f"numba's cache in {self._cache.cache_path} cannot be used ({error!r}): compiled steps are compiled again "
+                     'in each process, which takes seconds; empty this folder, or set NUMBA_CACHE_DIR to another', stacklevel=2)
+            return None
+
+
+def kept(function):
+    """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
+    try:
+        compiled = njit(cache=True, **OPTIONS)(function)
+    except RuntimeError:
+        return njit(**OPTIONS)(function)
+    compiled._cache = Spare(compiled._cache)
+    return compiled
+
+
+@intrinsic
+def vectorise(typing_context):
+    """Promise that arrays of the calling function do not overlap, and ask for wide vectors: worth a factor of 1.5."""
+    def code(context, builder, signature, arguments):
+        function = builder.function
+        try:
+            set.add(function.attributes, '"prefer-vector-width"="512"')  # a name of LLVM's; llvmlite's own `add` knows only some
+            function.attributes.add('noinline')  # neither would hold within another function
+            for argument in function.args:
+                if argument.type.is_pointer and 'noalias' not in argument.attributes:
+                    argument.add_attribute('noalias')
+        except (AttributeError, TypeError, ValueError) as error:
+            warn(f'this version of numba takes no hints for vector units ({error}): compiled steps are slower', stacklevel=2)
+        return context.get_dummy_value()
+
+    return types.void(), code
+
+
+def written_out(text, name, **names):
+    """The function `name` of a text, which is written out for what is known from types, such as a number of terms."""
+    exec(text, names)  # noqa: S102  of nothing but numbers of terms
+    return names[name]
 
 
 @kept
 def smallest(x):
     """The smallest kernel, by which it is tried whether kernels can be compiled."""
     return x
+
+
+# --- the steps -----------------------------------------------------------------------------------------------------------
 
 
 class Bonds(NamedTuple):
@@ -89,10 +162,10 @@ class Sites(NamedTuple):
 
 
 class Some(NamedTuple):
-    """Slots in ascending order of which each thread has those from first[me] on, and numbers of each slot.
+    """Slots in ascending order, of which each thread has those from first[me] on, and numbers of each slot.
 
-    These are forces in N or places of walls in mm, shape (stages, slots, dim), or projectors on what is barred to guided
-    particles, shape (slots, dim, dim + 1), with a column to work in.
+    These are changes of velocities by unit kicks in mm/ms or places of walls in mm, shape (stages, slots, dim), or directions
+    that are barred to guided particles, shape (1, slots, dim).
     """
 
     slots: np.ndarray
@@ -168,47 +241,33 @@ def _piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
 
-def pushed(sites, row, i, f, x):
-    """Component x of the velocity of a unit kick by the force f on slot i."""
-
-
-@overload(pushed)
-def _pushed(sites, row, i, f, x):
-    if isinstance(sites.types[-1], types.NoneType):
-        return lambda sites, row, i, f, x: sites.push[row, i] * f[x]
-    return lambda sites, row, i, f, x: sites.push[row, i] * f[x] + sites.turns[1][row, i] * (f[0] if x == 1 else -f[1])
-
-
 @kept
-def stages(u, w, v, bonds, c, sites, flow, rows, reach, pieces, parts, driven, guided, led, done, me, threads):
-    """Do all stages of a block for the pieces of thread `me`; returns whether an increment was beyond the reach of the law.
+def stages(u, w, v, bonds, c, sites, flow, rows, reach, pieces, parts, pushed, guided, led, me, some):
+    """Do some stages of a block, from some[0] to some[1], for the pieces of a thread `me`.
 
-    Afterwards displacements are in w if the number of stages is odd, else in u.
+    Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
     """
-    none, beyond = reach - reach, False
-    for n in range(len(rows)):
-        for other in range(threads):
-            wait(done, LINE * other, n)
+    beyond = False
+    if some[0] % 2:
+        u, w = w, u
+    for n in range(some[0], some[1]):
         row, keep, kick, drift = rows[n], flow[n, 0], flow[n, 1], flow[n, 2]
         for p in range(parts[me], parts[me + 1]):
             beyond |= piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, pieces[p, 0], pieces[p, 1])
-        for m in range(driven.first[me], driven.first[me + 1]):
-            i, f = driven.slots[m], driven.values[n, m]
+        for m in range(pushed.first[me], pushed.first[me + 1]):
+            i = pushed.slots[m]
             for x in range(len(u)):
-                v[x][i] += kick * pushed(sites, row, i, f, x)
+                v[x][i] += kick * pushed.values[n, m, x]
                 w[x][i] = u[x][i] + drift * v[x][i]
         for m in range(guided.first[me], guided.first[me + 1]):
-            i, barred = guided.slots[m], guided.values[m]
+            i, barred, along = guided.slots[m], guided.values[0, m], reach - reach
             for x in range(len(u)):
-                barred[x, len(u)] = none
-                for y in range(len(u)):
-                    barred[x, len(u)] += barred[x, y] * v[y][i]
+                along += barred[x] * v[x][i]
             for x in range(len(u)):
-                v[x][i] -= barred[x, len(u)]
+                v[x][i] -= along * barred[x]
                 w[x][i] = u[x][i] + drift * v[x][i]
         for m in range(led.first[me], led.first[me + 1]):
             for x in range(len(u)):
                 w[x][led.slots[m]] = led.values[n, m, x]
-        tell(done, LINE * me, n + 1)
         u, w = w, u
     return beyond

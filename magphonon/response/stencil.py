@@ -21,8 +21,8 @@ from numba import njit
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from ..dynamics.kernel import OPTIONS, kept, vectorise, written_out
 from ..dynamics.memory_layout import LINE, aligned_zeros, arrange
-from ..dynamics.numba_tools import OPTIONS, kept, vectorise, written_out
 from ..stiffness.bloch_bound import multiples, no_wave_grows
 
 if TYPE_CHECKING:
