@@ -222,6 +222,7 @@ def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_
         compare(range(500, 515), [name], scattered, most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
+@pytest.mark.slow
 def test_threads_change_nothing_of_that(monkeypatch):
     monkeypatch.setattr(engine, 'PIECE', 16)  # so that drives and holes lie in several pieces, strips in part of one
     for seed in range(520, 540):
@@ -248,6 +249,7 @@ def test_relaxed_and_loaded_patches_move_as_they_should():
     compare(range(400, 410), ['ase'], strained, most=120)
 
 
+@pytest.mark.slow
 def test_compiled_too():
     compare(range(410, 416), ['compiled found'], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
 

@@ -16,6 +16,9 @@ LAW, OTHER = InversePower(b=8900.0, a=4.5), Yukawa(300.0, 0.2)
 EXACT = 2e-10
 """Of the largest displacement or velocity: ASE's loop rounds positions of 50 mm at 1e-14 mm, and under constraints makes
 velocities of their differences, by a step of 0.02 ms; both add up over 70 steps of motion by 0.05 mm."""
+ONE_KERNEL = dict.fromkeys(('in space', 'damping of each', 'another lattice', 'periodic', 'holes', 'scattered', 'springs of each',
+                            'conventional', 'strengths', 'load', 'gyration', 'two laws', 'another law'), False)
+"""Without these traits all structures run through the same compiled code, so that fast tests compile once."""
 
 pytestmark = pytest.mark.filterwarnings('ignore:the foundation of')  # stiff on purpose: strains stay small
 
@@ -61,7 +64,8 @@ class Drawn:
 
     def plane(self):
         rng = self.rng
-        cell = getattr(lattices, str(rng.choice(['triangular', 'triangular', 'square', 'honeycomb'])))(L0, MASS)
+        name = str(rng.choice(['square', 'honeycomb'])) if self.one('another lattice', 0.5) else 'triangular'
+        cell = getattr(lattices, name)(L0, MASS)
         atoms = lattices.hexagon(cell, 45.0) if rng.random() < 0.5 else lattices.parallelogram(cell, 9, 8)
         if self.one('periodic', 0.15):
             atoms = cell.repeat((5, 4, 1))
@@ -88,7 +92,7 @@ class Drawn:
             atoms.set_tags(rng.integers(0, 2, count))
             laws = {(0, 0): LAW, (0, 1): LAW, (1, 1): OTHER}
         else:
-            laws = OTHER if rng.random() < 0.2 else LAW
+            laws = OTHER if self.one('another law', 0.2) else LAW
         atoms.calc = MagneticRepulsion(atoms, laws, cutoff=1.25 * L0, **options)
         return atoms
 
@@ -113,11 +117,20 @@ def misfit(states, expected):
     return max((abs(states - expected).max(axis=(1, 2)) / abs(expected).max(axis=(1, 2))).tolist())
 
 
-@pytest.mark.parametrize('seed', [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 40))])
-def test_the_engine_computes_the_states_of_ases_loop(seed):
-    drawn = Drawn(seed)
+def compare(drawn):
     off = misfit(drawn.run('compiled'), drawn.run('ase'))
     assert off < EXACT, f'{off:.2g}: {[name for name, there in drawn.traits.items() if there]}'
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_the_engine_computes_the_states_of_ases_loop(seed):
+    compare(Drawn(seed, ONE_KERNEL.copy()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', range(40))
+def test_and_that_with_all_traits(seed):
+    compare(Drawn(seed))
 
 
 def test_every_trait_is_drawn():
@@ -141,8 +154,8 @@ def test_another_motion_is_noticed(change):
 
 @pytest.mark.parametrize('seed', [0, 3])
 def test_the_bits_are_the_same_for_any_number_of_threads(seed, monkeypatch):
-    monkeypatch.setattr(engine, 'PIECE', 16)
-    drawn = Drawn(seed)
+    monkeypatch.setattr(engine, 'PIECE', 16)  # so that drives lie in several pieces
+    drawn = Drawn(seed, ONE_KERNEL | {'drives': True, 'guided': True})
     expected = drawn.run('compiled')
     for threads in (2, 3, 5):
         assert np.array_equal(drawn.run('compiled', threads=threads), expected)
@@ -159,6 +172,7 @@ def struck(engine, law=LAW, speed=2.5):
     return dyn.displacements, seen
 
 
+@pytest.mark.slow
 def test_motion_beyond_the_law_is_left_to_ases_loop_and_comes_back():
     (u, seen), (expected, _) = struck('compiled'), struck('ase')
     assert abs(u - expected).max() < 1e-10 * abs(expected).max()

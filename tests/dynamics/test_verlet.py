@@ -156,6 +156,7 @@ def test_energy_stays_bounded_over_a_million_steps():
 # --- static forces --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('theta0', [0, np.pi / 6, np.pi / 2])
 def test_balanced_static_forces_leave_nothing(theta0):
     atoms = oscillator(theta0)
