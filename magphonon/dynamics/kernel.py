@@ -19,6 +19,7 @@ units.
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import TYPE_CHECKING, NamedTuple
 from warnings import warn
 
@@ -188,54 +189,46 @@ def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
     """Do a stage for the slots from lo to hi; returns whether an increment is beyond the reach of the law."""
 
 
+def there(kind):
+    """Whether an argument of this type is not None."""
+    return not isinstance(kind, types.NoneType)
+
+
+def bond(n, axes, bonds, c):
+    """The lines of text that add the force of the bond of column n to f, for these types of arguments."""
+    near, R, _, _, strength, complete = bonds
+    each, listed = R[0].ndim == 2, isinstance(near[0], types.Array)
+    back = not listed and n % 2  # the bond of the neighbour, seen from its other end
+    place = f'[{n}, i]' if listed else f'[{n // 2}, {"j" if back else "i"}]'
+    at = place if each else f'[{n // 2}]'
+    s = f's{place} * ' if there(strength) else ''
+    law = [f'c{q}{at if isinstance(c[q], types.Array) else ""}' for q in range(len(c))]
+    quotient = reduce(lambda higher, one: f'({higher} * e + {one})', law[::-1])
+    stretch = [f'd{x} = {"" if each else s}({f"x{x} - u{x}[j]" if back else f"u{x}[j] - x{x}"})' for x in axes]
+    squares = [f'(R{x}{at} + R{x}{at}{f" + d{x}" * len(complete)}) * d{x}' for x in axes]
+    return [f'j = {f"near[{n}][i]" if listed else f"i + near[{n}]"}', *stretch, f'e = unit{at} * ({" + ".join(squares)})',
+            f'H = {s if each else ""}e * {quotient}', *['far = max(far, abs(e))'] * (not back),
+            *(f'f{x} {"+-"[not back]}= H * R{x}{at}{f" + (g{at} + H) * d{x}" * len(complete)}' for x in axes)]
+
+
 @overload(piece, jit_options=FAST)
 def _piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
-    near, R, _, _, strength, complete = bonds.types
     k, load, decay, _, turns = sites.types
-    axes, columns, each = range(len(u)), range(len(near)), R[0].ndim == 2
-    shared, listed = not isinstance(c[0], types.Array), isinstance(near[0], types.Array)
-    weighed, masked = (each and not isinstance(strength, types.NoneType)), (not each and not isinstance(strength, types.NoneType))
-    law = '{}' if shared else '{}[{n}]' if c[0].ndim == 1 else '{}[{m}]'
-    before, lines = [f'c{q} = c[{q}]' for q in range(len(c))], []
-    for n in columns:
-        back = not listed and n % 2  # the bond of the neighbour, seen from its other end
-        m = f'{n}, i' if listed else f'{n // 2}, j' if back else f'{n // 2}, i'
-        Rx, unit, g = [f'R{x}[{m}]' for x in axes], f'unit[{m}]', f'g[{m}]'
-        if not each:
-            before += [f'R{x}_{n} = R{x}[{n // 2}]' for x in axes]
-            before += [f'unit_{n}, g_{n} = unit[{n // 2}], g[{n // 2}]']
-            Rx, unit, g = [f'R{x}_{n}' for x in axes], f'unit_{n}', f'g_{n}'
-        own = [law.format(f'c{q}', n=n // 2, m=m) for q in range(len(c))]
-        if not shared and c[0].ndim == 1:
-            before += [f'c{q}_{n} = {own[q]}' for q in range(len(c))]
-            own = [f'c{q}_{n}' for q in range(len(c))]
-        quotient = own[-1]
-        for one in own[-2::-1]:
-            quotient = f'({quotient} * e + {one})'
-        lines += [f'j = {f"near[{n}][i]" if listed else f"i + near[{n}]"}']
-        lines += [f'd{x} = {f"x{x} - u{x}[j]" if back else f"u{x}[j] - x{x}"}' for x in axes]
-        squares = [f'({Rx[x]} + {Rx[x]}{f" + d{x}" * len(complete)}) * d{x}' for x in axes]
-        lines += [f'e = {f"s[{m}] * " * masked}{unit} * ({" + ".join(squares)})', f'H = {f"s[{m}] * " * weighed}e * {quotient}']
-        g = f's[{m}] * {g}' if masked else g
-        lines += ['far = max(far, abs(e))'] * (not back)
-        lines += [f'f{x} {"+-"[not back]}= H * {Rx[x]}{f" + ({g} + H) * d{x}" * len(complete)}' for x in axes]
+    axes = range(len(u))
     springs = [f'k{x}[i]' if isinstance(k[0], types.Array) else f'k{x}' for x in axes]
-    begin = [f'x{x} = u{x}[i]; f{x} = {f"h{x}[i] " * (not isinstance(load, types.NoneType))}-{springs[x]} * x{x}' for x in axes]
-    if not isinstance(turns, types.NoneType):
+    loads = [f'h{x}[i] ' if there(load) else '' for x in axes]
+    if there(turns):
         kicks = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0][row, i], kick * P[row, i], kick * T[1][row, i]',
                  'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
     else:
-        damping = 'keep' if isinstance(decay, types.NoneType) else 'keep * C[row, i]'
+        damping = 'keep * C[row, i]' if there(decay) else 'keep'
         kicks = [f'a{x} = {damping} * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
-    kicks += [f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes]
-
-    def all_of(name, values):
-        return f'{", ".join(f"{name}{x}" for x in axes)}, = {values}'
-
-    head = [*(all_of(a, a) for a in 'uwv'), 'near, R, unit, g, s, _ = bonds', 'k, h, C, P, T = sites']
-    head += [all_of(a, a) for a in 'Rk'] + [all_of('h', 'h')] * (not isinstance(load, types.NoneType))
-    head += ['none = drift - drift', 'top = bits(none)', *before]
-    body = [*begin, 'far = none', *lines, *kicks, 'top = max(top, bits(far))']
+    unpacked = 'uwvRk' + 'h' * there(load)
+    head = ['near, R, unit, g, s, _ = bonds', 'k, h, C, P, T = sites', f'{"".join(f"c{q}, " for q in range(len(c)))} = c',
+            *(f'{"".join(f"{a}{x}, " for x in axes)} = {a}' for a in unpacked), 'none = drift - drift', 'top = bits(none)']
+    body = [*(f'x{x} = u{x}[i]; f{x} = {loads[x]}-{springs[x]} * x{x}' for x in axes), 'far = none',
+            *(line for n in range(len(bonds.types[0])) for line in bond(n, axes, bonds.types, c)), *kicks,
+            *(f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes), 'top = max(top, bits(far))']
     text = '\n    '.join(['def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()', *head,
                           'for i in range(lo, hi):', *(f'    {line}' for line in body), 'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
