@@ -17,7 +17,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from ..interactions.bond_laws import Laws, laws_of
-from ..interactions.pair_laws import Composed, InversePower, PairLaw, local_exponent
+from ..interactions.pair_laws import MARGIN, Composed, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
 from ..stiffness.bond import interaction_along
@@ -60,7 +60,7 @@ class NeighbourShifts:
         return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
 
 
-@takes('all neighbours', *{*LINEAR} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional', 'radii'})
 def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     """How the frequencies of a lattice change if all neighbours repel each other.
 
@@ -108,7 +108,7 @@ class ConvergedShells:
     clear: bool
 
 
-@takes('all neighbours', *{*LINEAR} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional', 'radii'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
     """The smallest number of shells that, like every larger number, gives each frequency to within a tolerance.
 
@@ -186,10 +186,12 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
 
 
 def is_known(laws: Laws, r: float) -> bool:
-    """Whether all laws are known at a distance in mm; a measured table is not known beyond its last point."""
+    """Whether all laws are known at a distance in mm; a measured table is not known beyond its last point: the margin behind it
+    is for the motion of its neighbours.
+    """
     try:
         for law in laws_of(laws):
-            _planar(law).dphi(r)
+            _planar(law).dphi(MARGIN * r)
     except ValueError:
         return False
     return True

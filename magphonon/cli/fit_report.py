@@ -19,7 +19,7 @@ from ..scenes.frf_fits import UNITS, FrfFits
 from ..scenes.scene import Scene
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .neighbours import neighbours, omission
+from .neighbours import omission, too_few
 
 FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
 SURE = 0.8  # probability of a drift above which it is reported
@@ -113,8 +113,8 @@ def band_report(found: BandFits, points: int, fixed: list[str], verbose: bool = 
         return '\n'.join([*lines, *(['', *beside] if beside else [])])
     half = NORMAL * found.values()['bond stiffness'][1] / 2  # a relative shift of frequency is half that of the stiffness
     within = {('the ridges', k + 1): half for k in set(fit.branches)}
-    return '\n'.join([*lines, '', *neighbours(found.fitted() if fit.follows else found.scene, {'the ridges': found.points.q},
-                                              within=within)])
+    scene, ridges = found.fitted() if fit.follows else found.scene, {'the ridges': found.points.q}
+    return '\n'.join([*lines, '', *omission(scene, True, ridges), *too_few(scene, ridges, within)])
 
 
 def _correlations(fit, n):

@@ -124,7 +124,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     >>> from magphonon import MagneticRepulsion, read_scene
     >>> from magphonon.bands.bloch import bloch_modes
     >>> from magphonon.design import StiffnessDerivative, fit_dispersion
-    >>> from magphonon.waves import RidgePoints
+    >>> from magphonon.waves.ridge_tables import RidgePoints
     >>> start = read_scene('prototype').atoms()
     >>> def build(factors):
     ...     springs = factors['foundation'] * start.calc.foundation

@@ -230,6 +230,8 @@ def refusal(atoms: Atoms) -> str | None:
         return 'particles gyrate in space'
     if atoms.calc.interaction.central(atoms.calc.dim) is None:
         return 'the forces are not along the bonds'
+    if atoms.calc.sites.radii is not None:
+        return 'the laws are functions of the distance over the sum of both radii'
     if atoms.calc.dim == 2 and out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:

@@ -233,7 +233,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands.bloch import bloch_modes
     >>> from magphonon.scenes import fit_bands
-    >>> from magphonon.waves import RidgePoints
+    >>> from magphonon.waves.ridge_tables import RidgePoints
     >>> scene = read_scene(ready_scene('prototype'))
     >>> xi = np.tile(np.linspace(0.6, 2.8, 12), 2)
     >>> q, ridge = np.outer(xi / (2 * np.pi), [0, 1, 0]), np.repeat([0, 1], 12)

@@ -8,7 +8,7 @@ from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.design import StiffnessDerivative, fit_dispersion
 from magphonon.design.dispersion_fits import residuals_of
 from magphonon.plotting import plot_band_fits
-from magphonon.waves import RidgePoints
+from magphonon.waves.ridge_tables import RidgePoints
 
 
 def test_residuals_are_whitened_by_the_covariance():
