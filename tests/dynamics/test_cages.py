@@ -61,6 +61,7 @@ def test_a_magnet_that_leaves_its_cell_ends_the_run(engine):
     assert L0 < nearest_without_bond(good) < 1.11 * L0  # looked at every tenth of a spacing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('degrees', [0, 30])
 def test_a_magnet_that_turns_back_does_not(degrees):
     assert nearest_without_bond(shot(3.5, degrees, 'compiled')) > L0
@@ -142,6 +143,7 @@ def test_where_it_is_clear_at_a_glance_no_pair_without_a_bond_is_near(spacing):
     assert not cages.clear(np.full((2, len(atoms)), np.nan))
 
 
+@pytest.mark.slow
 def test_replicas_that_stand_in_each_other_are_not_judged():
     atoms = Atoms('Nd4', positions=[[0, 0, 0], [L0, 0, 0], [0, 0, 0], [L0, 0, 0]], masses=[MASS] * 4)
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=1e-3, a=1.0), bonds=[(0, 1), (2, 3)])
