@@ -165,9 +165,11 @@ def z_of(layer: LinearSystem) -> NDArray[np.int_]:
 
 
 def flat_layer(atoms: Atoms) -> bool:
-    """Whether the atoms are a layer at rest in one plane, whose particles may move out of the plane."""
+    """Whether the atoms are a layer at rest in one plane, whose particles may move out of the plane independently of their motion
+    in it, as they do unless the axis of a gyration is oblique.
+    """
     calc: Any = atoms.calc
-    if not (isinstance(calc, Repulsion) and calc.layer):
+    if not (isinstance(calc, Repulsion) and calc.layer) or np.ndim(calc.gyration) == 2:
         return False
     if calc.pairwise and (calc.load[:, 2].any() or calc.slack[:, 2].any()):  # pyright: ignore[reportAttributeAccessIssue]
         return False
