@@ -164,10 +164,16 @@ def test_a_table_passes_smoothly_through_its_points():
     np.testing.assert_allclose(table.dphi(TABLE), -table.f, rtol=1e-14)
 
 
-def test_a_table_is_not_extrapolated():
-    for r in (2.9, 45.1, np.array([10.0, 50.0]), 45.1 + 1e-20j):
+def test_a_table_goes_on_from_its_end_as_a_power_and_not_towards_contact():
+    r, power = np.geomspace(3.0, 45.0, 12), InversePower(7.0, 4.3)
+    table, far = Tabulated(r, -power.dphi(r)), np.array([20.0, 45.1, 300.0])
+    for name in ('dphi', 'd2phi'):
+        np.testing.assert_allclose(getattr(table, name)(far), getattr(power, name)(far), rtol=1e-9)
+    np.testing.assert_allclose(table.phi(far), power.phi(far) - power.phi(45.0), rtol=1e-9)
+    flat = Tabulated(r, np.append(-power.dphi(r[:-1]), -power.dphi(r[-2])))  # the last reading is as large as the one before
+    for law, x in ((table, 2.9), (table, np.array([10.0, 2.0])), (flat, 45.1)):
         with pytest.raises(ValueError, match='outside the table'):
-            LAWS['table'].d2phi(r)
+            law.d2phi(x)
 
 
 def test_laws_are_values():
