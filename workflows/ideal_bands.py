@@ -4,7 +4,8 @@ import numpy as np
 from ase.dft.kpoints import BandPath
 
 from magphonon import MagneticRepulsion, analytic_bands, read_scene, units
-from magphonon.bands import first_zone, frequency_ratio, sound_speeds, zone_map
+from magphonon.bands import frequency_ratio, sound_speeds, zone_map
+from magphonon.bands.zone import first_zone
 from magphonon.plotting.axes import letter_panels, new_axes, panels
 from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode

@@ -13,7 +13,8 @@ from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.bands import plot_bands
 from magphonon.scenes import ready_scene
 from magphonon.scenes.scene import reference
-from magphonon.stiffness import AllNeighbours, lattice_sum
+from magphonon.stiffness import AllNeighbours
+from magphonon.stiffness.ewald import lattice_sum
 
 from .rows import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 

@@ -59,7 +59,7 @@ class NeighbourShifts:
         return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
 
 
-@takes('all neighbours', *{*LINEAR} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional', 'radii'})
 def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     """How the frequencies of a lattice change if all neighbours repel each other.
 
@@ -107,7 +107,7 @@ class ConvergedShells:
     clear: bool
 
 
-@takes('all neighbours', *{*LINEAR} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional', 'radii'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
     """The smallest number of shells that, like every larger number, gives each frequency to within a tolerance.
 

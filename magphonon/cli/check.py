@@ -34,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Print the report and return the exit status: 0 if no problem was found, 1 otherwise."""
     from ..scenes.scene import read_scene
-    from .neighbours import neighbours, omission
+    from .neighbours import omission
 
     scene = read_scene(options.scene)
     try:
@@ -51,7 +51,7 @@ def run(options: Namespace) -> int:
         said += [f'{name}: {judged}' for name, judged in verdicts.items()]
         said += _large(patch, relaxation is None) if patch is not None and 'Patch' not in verdicts else []
         said += _cut_off(atoms, next(iter(verdicts.values())))
-        said += neighbours(scene)
+        said += omission(scene, verbose=True)
         said += refusals(atoms)
     else:
         said += [f'{name}: {judged}' for name, judged in verdicts.items() if not judged.fine]
@@ -84,10 +84,10 @@ def _in_short(scene, verdicts):
         return f'{scene.title}: {len(faults)} problem(s)'
     judged = next(iter(verdicts.values()))
     said = [judged.finding('buckling').words]
-    if (supports := judged.supports) is not None and supports.central:
+    if (supports := judged['supports']) is not None and supports.central:
         needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
-        said.append(f'The supports need a stiffness of {needed} out of the plane.')
-    if (amplitude := judged.amplitude) is not None and np.isfinite(amplitude):
+        said.append(f'Out of the plane nothing was computed: each support must be stiffer than {needed} there.')
+    if (amplitude := judged['amplitude']) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
 
@@ -106,7 +106,7 @@ def _cut_off(atoms, judged):
     """The cut-off frequency, the lowest at Gamma, if a foundation or held particles cause one."""
     from ..bands.bands import cut_off
 
-    if not atoms.pbc.any() or judged.residual or (lowest := cut_off(atoms)) is None:
+    if not atoms.pbc.any() or judged['residual'] or (lowest := cut_off(atoms)) is None:
         return []
     holds = 'The held particles and the foundation give' if atoms.constraints else 'The foundation gives'
     return [f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz at Gamma: below it no long waves propagate.']

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import units as u
 from ..design.least_squares import DETERMINED, FITS, NORMAL
-from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors, shells_within
+from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors
 from ..interactions.force_tables import Forces
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
 from ..scenes.frf_fits import UNITS, FrfFits
@@ -68,10 +68,8 @@ def _assumptions(magnet, forces, fit, shared):
         yield ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is about 3.5 % off the '
                'mean of the lattice. Measure several, numbered in a column "pair", or give --sigma pair=0.035.')
     spacings = fit.law.r[-1] / fit.spacing
-    known = shells_within(spacings)
-    yield (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours or more. The '
-           'law omits farther neighbours: measure to three spacings or more, or name the scene of the magnets first. "magphonon '
-           'check" estimates by how much farther neighbours would shift the frequencies.')
+    yield (f'The table reaches to {spacings:.3g} spacings, and the law goes on as it ends there. Measure farther to know the '
+           'forces of farther neighbours better, or name the scene of the magnets first.')
 
 
 def _doubts_of_forces(forces, fit):
@@ -192,10 +190,8 @@ def _both_answers(found):
     """The answers with and without farther neighbours, where the points leave both, and what to measure."""
     told = []
     for part, words in ((NEAREST, 'without'), (ALL, 'with')):
-        own = [name for name in found.weights() if (name == NEAREST) == (part == NEAREST)]
-        name = max(own, key=found.weights().__getitem__)
-        shown = [f'{"exponent" if key == "a" else key} {_interval(*found.values(part=name)[key])}' for key in found.names[:2]]
-        told.append(f'{", ".join(shown)} {words} them (weight {sum(found.weights()[one] for one in own):.2g})')
+        shown = [f'{"exponent" if key == "a" else key} {_interval(*found.values(part=part)[key])}' for key in found.names[:2]]
+        told.append(f'{", ".join(shown)} {words} them (weight {found.weights()[part]:.2g})')
     return (f'The points cannot decide whether farther neighbours act: {"; ".join(told)}. The intervals cover both. Measure '
             'more points of both branches, or the force at 1.73 spacings; a law that is a table of forces acts between all.')
 

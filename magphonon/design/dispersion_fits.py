@@ -233,7 +233,7 @@ def fit_dispersion(shells: Shells, build: Build, names: tuple[str, ...], points:
     >>> from magphonon import read_scene
     >>> from magphonon.bands.bloch import bloch_modes
     >>> from magphonon.design import Shells, StiffnessDerivative, fit_dispersion
-    >>> from magphonon.waves import RidgePoints
+    >>> from magphonon.waves.ridge_tables import RidgePoints
     >>> start = read_scene('prototype').atoms()
     >>> def build(factors):
     ...     springs = factors['foundation'] * start.calc.foundation

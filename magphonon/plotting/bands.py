@@ -177,20 +177,31 @@ def name_branches(ax: Axes, bands: Bands) -> None:
     if names.shape[1] > MOST_NAMED:
         return
     used = {'mixed', ''}
-    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     curves = [_thinned(np.array(line.get_data(), float), DRAWN) for line in ax.lines if len(line.get_xdata()) > 2]  # pyright: ignore[reportArgumentType]  no scalar
     for f, of_branch in zip(bands.frequencies_Hz.T, names.T, strict=True):
-        long = {name: LETTER * (right - left) * len(name) for name in set(of_branch)}
-        named = [k for k in _thinned(np.flatnonzero(~np.isin(of_branch, list(used))), TRIED)
-                 if left < x[k] - long[of_branch[k]] / 2 and x[k] + long[of_branch[k]] / 2 < right]
-        for away in np.outer(BESIDE, (-1, 1)) * (high - low):
-            places = {(k, y): (x[k], long[of_branch[k]], y) for k in named for y in f[k] + away}
-            room, (k, y) = _roomiest(curves, places, low, high)
-            if room > CLEAR * (high - low):
-                ax.text(x[k], y, of_branch[k], ha='center', va='center', path_effects=halo(1.5))
-                used.add(of_branch[k])
-                curves.append(np.array([x[k] + np.linspace(-0.5, 0.5) * long[of_branch[k]], np.full(50, y)]))
-                break
+        place = _place_beside(ax, curves, x, f, np.where(np.isin(of_branch, list(used)), '', of_branch))
+        if place is not None:
+            k, y, long = place
+            ax.text(x[k], y, of_branch[k], ha='center', va='center', path_effects=halo(1.5))
+            used.add(of_branch[k])
+            curves.append(np.array([x[k] + np.linspace(-0.5, 0.5) * long, np.full(50, y)]))
+
+
+def _place_beside(ax, curves, x, f, names):
+    """Index of the point of a branch f(x) to be named, height and length of its name; None if no name has room.
+
+    It is as near to the branch as the curves allow, and there as far from them as possible.
+    """
+    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+    long = LETTER * (right - left) * np.char.str_len(names.astype(str))
+    inside = (left < x - long / 2) & (x + long / 2 < right)
+    named = _thinned(np.flatnonzero(names != ''), TRIED)
+    for away in np.outer(BESIDE, (-1, 1)) * (high - low):
+        places = {(k, y): (x[k], long[k], y) for k in named[inside[named]] for y in f[k] + away}
+        room, (k, y) = _roomiest(curves, places, low, high)
+        if room > CLEAR * (high - low):
+            return k, y, long[k]
+    return None
 
 
 def _roomiest(curves, places, low, high):

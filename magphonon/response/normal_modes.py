@@ -144,7 +144,7 @@ def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
-    >>> from magphonon.response import count_modes_below
+    >>> from magphonon.response.normal_modes import count_modes_below
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
     >>> count_modes_below(patch, 3.0) == int((modes(patch).omega < 3.0).sum())

@@ -168,7 +168,7 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon.response import lock_in
+    >>> from magphonon.response.stepped import lock_in
     >>> t = np.arange(0, 20 * np.pi, 0.01)
     >>> bool(abs(abs(lock_in(0.3 * np.cos(2.0 * t), 0.01, 2.0)) - 0.3) < 1e-3)
     True
@@ -271,7 +271,7 @@ def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon.response import fourier
+    >>> from magphonon.response.stepped import fourier
     >>> t = np.arange(0, 50, 0.01)
     >>> bool(abs(fourier(np.exp(-t), 0.01, [2.0])[0] - 1 / (1 + 2j)) < 0.01)
     True

@@ -1,9 +1,9 @@
 """The law and the foundation of a scene from measured branches of its lattice, in both models.
 
-How many neighbours act, and by which law, is seldom decided by the points.  So a law that the scene only guesses is fitted
-several times: between nearest neighbours alone, between all neighbours as an inverse power, and between all neighbours with an
-exponent that relaxes to another one far away.  Each fit has the weight of its evidence (Laplace's method), and an interval is
-that of the weighted sum of the answers, the same from whatever number of shells or start the scene names.
+Whether farther neighbours act is seldom decided by the points alone.  So a law that the scene only guesses is fitted twice: as an
+inverse power between nearest neighbours, and between all neighbours with an exponent that relaxes to another one far away.  Each
+fit has the weight of its evidence (Laplace's method), and an interval is that of the weighted sum of both answers, the same from
+whatever number of shells or start the scene names.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ UNITS = {'force': 'N', **{kind.shape: unit_of(kind.parameters[kind.shape].key) f
          **dict.fromkeys((*SPRINGS, 'bond stiffness'), 'N/m')}  # of the values
 KEYS = {'_'.join([name, *filter(None, [unit.replace('/', '_per_')])]): name for name, unit in UNITS.items() if ' ' not in name}
 """The parameters by their name with a unit, as a prior names them: force_N, a, foundation_N_per_m and so on."""
-NEAREST, ALL, BENT = 'nearest neighbours alone', 'all neighbours', 'all neighbours, any law'
-"""Which neighbours act in each of the fits that are weighed against each other, and by which law."""
+NEAREST, ALL = 'nearest neighbours alone', 'all neighbours'
+"""Which neighbours act in each of the fits that are weighed against each other."""
 ANY_EXPONENT = 4.5, 3.0
 """Exponent of an inverse power before anything is measured, and its standard deviation."""
 SUSPECTS = 3  # number of ridges of which each is left out in turn, to see which one makes the points scatter
@@ -77,7 +77,7 @@ class BandFits:
     points : RidgePoints
         The points that were fitted, which share no noise.
     parts : dict of dict of DispersionFit
-        For each model, 'complete' and 'conventional', the fits by their neighbours and law: NEAREST, ALL and BENT.
+        For each model, 'complete' and 'conventional', the fits by their neighbours: NEAREST and ALL.
     lattices : dict of Shells
         The lattice of each of these fits.
     priors : dict
@@ -112,7 +112,7 @@ class BandFits:
     @property
     def of_any_law(self) -> bool:
         """Whether the intervals hold for any smooth law near an inverse power."""
-        return BENT in self.lattices
+        return BENDS[0] in self.parts['complete'][ALL].names
 
     @property
     def open(self) -> tuple[str, ...]:
@@ -181,8 +181,8 @@ class BandFits:
         fit = self.fits[one_of('model', model, MODELS)]
         part = next(part for part, one in self.parts[model].items() if one is fit)
         scene = with_factors(self.scene, fit.by_name)
-        if part == BENT:
-            r = np.geomspace(FROM * scene.lattice.spacing_m * u.m, self.lattices[BENT].r[-1], KNOTS)
+        if BENDS[0] in fit.names:
+            r = np.geomspace(FROM * scene.lattice.spacing_m * u.m, self.lattices[ALL].r[-1], KNOTS)
             scene = with_table(scene, r, -_bent(scene, fit.by_name)[0].dphi(r))
         return scene.with_shells(1 if part == NEAREST else 'auto')
 
@@ -195,8 +195,8 @@ class BandFits:
         Parameters
         ----------
         model : {'complete', 'conventional'}
-        part : {NEAREST, ALL, BENT}, optional
-            Answer of a single fit in place of the weighted sum of all.
+        part : {NEAREST, ALL}, optional
+            Answer of a single fit in place of the weighted sum.
         """
         found = []
         for fit in self._fits(model, part):
@@ -217,7 +217,7 @@ class BandFits:
         q : array_like, shape (wavevectors, 3)
             In fractions of the reciprocal vectors.
         model : {'complete', 'conventional'}
-        part : {NEAREST, ALL, BENT}, optional
+        part : {NEAREST, ALL}, optional
 
         Returns
         -------
@@ -295,7 +295,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands.bloch import bloch_modes
     >>> from magphonon.scenes import fit_bands
-    >>> from magphonon.waves import RidgePoints
+    >>> from magphonon.waves.ridge_tables import RidgePoints
     >>> scene = read_scene(ready_scene('prototype'))
     >>> xi = np.tile(np.linspace(0.6, 2.8, 12), 2)
     >>> q, ridge = np.outer(xi / (2 * np.pi), [0, 1, 0]), np.repeat([0, 1], 12)
@@ -320,8 +320,6 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     near = scene.with_shells(1).perfect_cell()
     lattices = {NEAREST: Shells(near)} if KINDS[scene.law.kind].shape else {}
     lattices[ALL] = _all_neighbours(near)
-    if 'a' in names and scene.law.kind == 'inverse_power':
-        lattices[BENT] = lattices[ALL]
     parts: dict[Any, dict[str, DispersionFit]] = {model: {} for model in MODELS}
     for model, part in product(MODELS, lattices):
         parts[model][part] = _fit(scene, lattices, part, points, names, priors, without, model)
@@ -341,10 +339,10 @@ def _fit(scene: Scene, lattices: Mapping[str, Shells], part: str, points: RidgeP
     if 'a' in names and scene.law.kind == 'inverse_power':
         a, sigma = ANY_EXPONENT
         relative = {'a': (a / scene.law.a, sigma / a)} | relative
+        if part == ALL:
+            names, relative = (*names, *BENDS), relative | dict.fromkeys(BENDS, (1.0, 1.0))
     if 'force' in names and (unsure := unsure_exponent(scene)):
         names, relative = (*names, EXPONENT), relative | {EXPONENT: (1.0, unsure)}
-    if part == BENT:
-        names, relative = (*names, *BENDS), relative | dict.fromkeys(BENDS, (1.0, 1.0))
     build = partial(_built, scene)
     fit = fit_dispersion(lattices[part], build, names, own, model, relative)
     bands = Bands(lattices[part], model, *build(fit.by_name))

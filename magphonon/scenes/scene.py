@@ -36,7 +36,7 @@ from ..response.frf import Dof
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
 from ..stiffness.bond import Model
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.relaxation import Relaxation, relaxed
+from ..stiffness.relaxation import MEND, Relaxation, enough_foundation, relaxed
 from ..stiffness.rest import freedom
 from .consistency import check
 from .fields import Table, Title, listed, reason
@@ -268,9 +268,12 @@ class Scene(Table):
             return None
         called = self._name or repr(self.title)
         try:
-            return relaxed(self.defects.applied(self._perfect(model)))
+            atoms = self.defects.applied(self._perfect(model))
+            return relaxed(atoms)
         except PhysicsError as error:
-            raise type(error)(f'{called} with [defects]: {error}') from None
+            weak, enough = (k / (u.N / u.m) for k in enough_foundation(atoms))
+            raise type(error)(f'{called} with [defects]: {str(error).partition(f"; {MEND}")[0]}; a foundation of {enough:.4g} '
+                              f'N/m holds it, {weak:.4g} N/m do not') from None
         except ValueError as error:
             raise ValueError(f'{called}: {error}') from None
 
@@ -339,9 +342,8 @@ class Scene(Table):
                 'a finite structure', '"magphonon modes" shows its modes')
             raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is {what}; {shown}')
         if table is None:
-            have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
-            example = ', as in "magphonon scene ' + have[0] + '"' if have else ''
-            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one{example}')
+            example = next(other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8'))
+            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one, as in "magphonon scene {example}"')
         return table
 
     def band_path(self) -> BandPath:

@@ -150,14 +150,18 @@ def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, w
     """
     calc, other = atoms.calc, foundation - common_support(atoms)
     if isinstance(atoms, LinearSystem):
-        z = np.unique(atoms.free[2::3].indices)
         masses, cell = atoms.masses if weighted else None, atoms.atoms
         K = calc.rest_stiffness('complete')
-        return softest(calc.bonds, K, atoms.free[:, z], cell, calc.foundation + other, masses)
+        return softest(calc.bonds, K, atoms.free[:, z_of(atoms)], cell, calc.foundation + other, masses)
     root = 1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms))
     springs, weights = other * np.eye(len(root)), root * root[:, None]
     return _over_zone(lambda q: (calc.bloch_matrix(q, 'complete')[:, 2::3, 2::3] + springs) * weights, atoms.cell.array,
                       atoms.pbc, len(atoms), _steps_of_sums(calc))
+
+
+def z_of(layer: LinearSystem) -> NDArray[np.int_]:
+    """The columns of `LinearSystem.free` of a layer that are directions along z."""
+    return np.unique(layer.free[2::3].indices)
 
 
 def flat_layer(atoms: Atoms) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 from ase.build import bulk
+from ase.constraints import FixAtoms
 from cells import PILLAR, PROTOTYPE, at, path_through, prototype
 from numpy.testing import assert_allclose
 
@@ -204,10 +205,31 @@ def test_default_displacement_lies_near_the_floor():
 @pytest.mark.parametrize(('supercell', 'right'), [((1, 1, 1), False), ((2, 2, 1), True)])
 def test_a_refused_supercell_would_give_wrong_bands(supercell, right, monkeypatch):
     cell = prototype('honeycomb')
-    monkeypatch.setattr(force_constants, 'checked_supercell', lambda calc, supercell: supercell)
+    monkeypatch.setattr(force_constants, 'checked_supercell', lambda calc, supercell: np.diag(supercell))
     path = path_through(cell, 'GMKG')
     error = discrepancy(phonopy_bands(finite_displacements(cell, supercell), path), analytic_bands(cell, path))
     assert error < PROMISE if right else error > 0.1
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_supercell_that_is_not_diagonal_gives_the_same_bands(seed):
+    """Matrices as phonopy takes them, drawn until no bond spans half of the supercell; held particles stand at their images."""
+    rng = np.random.default_rng(seed)
+    cell = prototype(['triangular', 'honeycomb', 'kagome'][seed % 3])
+    if seed >= 3:
+        cell = cell.repeat((2, 1, 1))
+        cell.set_constraint(FixAtoms([int(rng.integers(len(cell)))]))
+        cell.calc = MagneticRepulsion(cell, InversePower(b=6200.0, a=4.5824), foundation=0.2)
+    path, matrix = cell.cell.bandpath(npoints=9, pbc=cell.pbc), np.eye(3, dtype=int)
+    while True:
+        matrix[:2, :2] = rng.integers(-3, 5, (2, 2))
+        try:
+            phonon = finite_displacements(cell, matrix)
+            break
+        except ValueError:
+            continue
+    assert matrix[0, 1] or matrix[1, 0]
+    assert discrepancy(phonopy_bands(phonon, path), analytic_bands(cell, path)) < PROMISE
 
 
 def test_phonopys_symmetry_search_would_let_a_planar_chain_move_along_z(monkeypatch):

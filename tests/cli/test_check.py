@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from scene_files import ready_scene
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
 from magphonon.bands.bloch import bloch_modes
@@ -41,9 +42,9 @@ SCENES = {
     'kagome just held': ('ideal', {'kind = "triangular"': 'kind = "kagome"',
                                    '[bands]': '[foundation]\nstiffness_N_per_m = 6.06e4\n\n[bands]'}, FINE, [
         '1 % more than the 6e+04 N/m needed']),  # 6 f/L0
-    'supercell of one cell': ('ideal', {'supercell = [3, 3]': 'supercell = [1, 1]'}, BAD, [
-        'Lattice: NOT OK (1 problem)', 'Finite differences would be wrong: the supercell (1, 1, 1) repeats every 1000 mm',
-        'give supercell=(3, 3, 1)', 'Stable in the plane']),
+    'supercell of one cell': ('ideal', {'[bands]': '[bands]\nsupercell = [1, 1]'}, BAD, [
+        'Lattice: NOT OK (1 problem)', 'Finite differences would be wrong: the supercell 1 x 1 x 1 repeats every 1000 mm',
+        'give it 3 x 3 x 1 cells', 'Stable in the plane']),
     'oscillator at 60 degrees': ('oscillator', {'theta0_deg = 30.0': 'theta0_deg = 60.0'}, FINE, [
         # (1 + 2 sin 60) f; freed, D_xx = (2 (a + 1) cos^2 - 3) f/L0 = -0.5 f/L0
         'A constant force of -27320.5 N', 'only because a constraint', 'it would need a foundation of 5000 N/m.']),
@@ -78,7 +79,7 @@ def test_verdict_says_what_theory_says(name, tmp_path, capsys):
     assert ('only because a constraint' in said) == ('60 degrees' in name)
 
 
-@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('seed', few_first(range(6), 3))
 def test_a_patch_lies_within_the_spectrum_of_its_lattice(seed):
     """Why a large patch need not be judged by itself, on drawn lattices, foundations and shapes, also on some that buckle."""
     rng = np.random.default_rng(seed)

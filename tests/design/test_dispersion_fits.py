@@ -13,7 +13,7 @@ from magphonon.design import Shells, StiffnessDerivative, fit_dispersion
 from magphonon.design.dispersion_fits import Bands, residuals_of
 from magphonon.plotting import plot_band_fits
 from magphonon.stiffness.bond import MODELS
-from magphonon.waves import RidgePoints
+from magphonon.waves.ridge_tables import RidgePoints
 
 
 def test_residuals_are_whitened_by_the_covariance():

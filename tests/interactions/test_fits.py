@@ -23,7 +23,6 @@ from magphonon.interactions.fits import (
     SharedErrors,
     fit_forces,
     scene_entry,
-    shells_within,
 )
 from magphonon.interactions.force_tables import Forces
 from magphonon.interactions.pair_laws import local_exponent, repulsion
@@ -231,12 +230,6 @@ def test_the_entry_of_a_scene_is_the_fit():
     assert told['force_percent'] / 100 * 1.959964 == pytest.approx(fit.half_widths[0], rel=1e-5)
     assert told['exponent'] * 1.959964 == pytest.approx(fit.half_widths[2], rel=1e-5)
     assert local_exponent(fit.law, L0) == pytest.approx(fit.exponent, rel=1e-4)  # a spline through the curve
-
-
-@pytest.mark.parametrize(('reach', 'shells'), [(1.2, 1), (1.5, 1), (1.7330, 2), (2.08, 3), (2.6, 3), (2.65, 4)])
-def test_the_table_reaches_so_many_shells_in_both_lattices(reach, shells):
-    """Square: 1, 1.414, 2, 2.236, 2.828; triangular: 1, 1.732, 2, 2.646."""
-    assert shells_within(reach) == shells
 
 
 @pytest.mark.parametrize('digits', [6, 8, 10, 16])

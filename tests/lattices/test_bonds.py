@@ -9,8 +9,8 @@ from ase.constraints import FixAtoms
 from hypothesis import example, given, settings, strategies as st
 from oracles import LATTICES, lattice, neighbour_vectors
 
-from magphonon.lattices import bonds as of_bonds, explicit_bonds, find_bonds
-from magphonon.lattices.bonds import Bonds, bonds_within, repeat_bonds
+from magphonon.lattices import bonds as of_bonds, find_bonds
+from magphonon.lattices.bonds import Bonds, bonds_within, explicit_bonds, repeat_bonds
 from magphonon.lattices.patches import parallelogram
 
 # name: coordination and distance, in spacings, of the first three shells

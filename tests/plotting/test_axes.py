@@ -1,7 +1,5 @@
 """What holds for all drawings: pyplot is left alone, given axes are used, and axes have the units of their labels."""
 
-import subprocess
-import sys
 
 import numpy as np
 from cells import prototype
@@ -46,11 +44,6 @@ def test_given_axes_are_drawn_on():
         assert ax.has_data()
 
 
-def test_matplotlib_is_imported_only_to_draw():
-    code = "import sys, magphonon.plotting.bands, magphonon.plotting.zone; sys.exit('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
-
-
 # Units of the axes: 1 rad/ms is 1000/2 pi Hz, 1 mm/N is 1e-3 m/N, 1 mm is 1e-3 m
 
 
@@ -82,5 +75,3 @@ def test_measured_forces_stand_on_the_curve_in_metres_and_newtons():
     assert abs(points.get_ydata()[-1] / forces.f[-1] - 1) > 0.2
     residuals = next(line for line in lower.lines if len(line.get_xdata()) == 9)
     assert abs(residuals.get_ydata()).max() < 3
-
-

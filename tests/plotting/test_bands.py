@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 
 from magphonon import lattices
 from magphonon.bands.bands import Bands
-from magphonon.design import Spread
+from magphonon.design.uncertainty import Spread
 from magphonon.plotting.axes import COLOURS
 from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.response import plot_band_ribbons

@@ -9,8 +9,8 @@ from figures import drawn
 from matplotlib.figure import Figure
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
-from magphonon.plotting import legend_of_set, letter_panels, new_axes, panels, plot_bands, print_style
-from magphonon.plotting.axes import COLOURS
+from magphonon.plotting import letter_panels, new_axes, panels, plot_bands
+from magphonon.plotting.axes import COLOURS, legend_of_set, print_style
 
 TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
 """Of linear sRGB, IEC 61966-2-1."""

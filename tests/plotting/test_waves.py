@@ -115,6 +115,7 @@ def test_one_moment_of_two_simulations_is_drawn_each_on_its_own_scale(passage):
     assert [ax.get_title(loc='left') for ax in (one, other)] == ['(a) late, 0.5 s', '(b) early, 0.5 s']
 
 
+@pytest.mark.slow
 def test_a_film_has_one_scale_and_fixed_axes(passage, tmp_path):
     from PIL import Image
 

@@ -21,7 +21,7 @@ from magphonon.bands import Bands, complex_bands
 from magphonon.bands.bloch import bloch_modes, damped_modes
 from magphonon.cli.main import main
 from magphonon.response import first_order
-from magphonon.response.frf import Dof, harmonic_response, receptance
+from magphonon.response.frf import Dof, receptance
 from magphonon.scenes.scene import Scene
 from magphonon.stiffness.rest import LinearSystem
 
@@ -271,15 +271,3 @@ def test_losses_of_a_scene_reach_every_command_or_are_refused(tmp_path, capsys):
     assert saved.frequencies_Hz[-1, 0] == pytest.approx(shear, rel=1e-9)
     with pytest.raises(ValueError, match='uncertainty: tolerances are those of the bands'):
         Scene.model_validate(OF_A_FILE | {'uncertainty': {'stiffness_percent': 1.0}}, context={'folder': tmp_path})
-
-
-def test_numbers_that_are_no_losses_are_refused():
-    cell = read_scene('prototype').atoms()
-    for call in (lambda c: complex_bands(cell, GAMMA_M, [FORTY], damping=c), lambda c: damped_modes(cell, [[0, 0, 0]], c),
-                 lambda c: propagate(cell, [1.0], damping=c), lambda c: frequency_response(cell, [[1.0, 0, 0]], [0.2], c),
-                 lambda c: harmonic_response(cell, [[1.0, 0, 0]], [0.2], c)):
-        for wrong, said in ((-1.0, 'zero or positive'), ([0.1, 0.2], 'one for each of the 1 particles'), (np.nan, 'finite')):
-            with pytest.raises(ValueError, match=said):
-                call(wrong)
-    with pytest.raises(ValueError, match=r'omega must be zero or positive, not -0\.1 rad/ms'):
-        complex_bands(cell, GAMMA_M, [-0.1], damping=C)

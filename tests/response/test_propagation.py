@@ -263,21 +263,6 @@ def test_a_vector_outside_the_interval_is_noticed(monkeypatch):
         propagate(atoms, [200.0])
 
 
-@pytest.mark.parametrize(('change', 'message'), [
-    ({'times': [2.0, 1.0]}, 'increasing numbers in ms'),
-    ({'times': []}, 'one or more'),
-    ({'times': [-1.0]}, 'zero or above'),
-    ({'damping': np.full(24, 0.1)}, 'one for each of the 25 particles'),
-    ({'particles': [25]}, r'indices from 0 to 24, not \[25\]'),
-    ({'drives': [Harmonic(12, (0, 0, 1), 1.0, 0.1)]}, 'pushes along z'),
-    ({'drives': [Harmonic(25, (0, 1), 1.0, 0.1)]}, 'particle 25, but the structure has particles 0 to 24'),
-    ({'damping': 1e5, 'times': [100.0]}, 'ask for a shorter time or less damping'),
-])
-def test_bad_input_is_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        propagate(patch(5), **{'times': [1.0]} | change)
-
-
 def test_bad_structures_are_refused():
     atoms = patch(5)
     atoms.positions[1, 0] += 0.1  # beside a free one; at a corner it would only be another rest

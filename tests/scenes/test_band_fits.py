@@ -24,7 +24,8 @@ from magphonon.cli.main import main
 from magphonon.design.least_squares import DETERMINED
 from magphonon.scenes import fit_bands
 from magphonon.scenes.band_fits import MODELS, NEAREST, TELLS, parameters_of, with_factors
-from magphonon.waves import RidgePoints, Scan, read_ridges, scan_waves, write_ridges
+from magphonon.waves import Scan, read_ridges, scan_waves
+from magphonon.waves.ridge_tables import RidgePoints, write_ridges
 
 NORMAL = 1.96
 ALONG = {'K': ([1, 0.5, 0], 0), 'M': ([0, 1, 0], 90)}

@@ -13,7 +13,7 @@ from magphonon.bands import bloch_modes
 from magphonon.cli.fit_report import band_report
 from magphonon.scenes import fit_bands
 from magphonon.scenes.band_fits import NEAREST
-from magphonon.waves import RidgePoints
+from magphonon.waves.ridge_tables import RidgePoints
 
 SETS = {'all neighbours': {}, 'nearest neighbours': {'reach': 1.0}, 'screened laws': {'laws': ('screened',)}}
 

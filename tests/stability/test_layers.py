@@ -45,12 +45,12 @@ def test_the_verdict_turns_at_the_support_that_the_softest_wave_needs(name, upri
     for factor, stable in ((1.001, True), (0.999, False)):
         atoms.calc = MagneticRepulsion(atoms, law.law, foundation=[[1.0, 1.0, factor * needed]])
         judged = verdict(atoms)
-        assert judged.out_of_plane.needed == pytest.approx(needed, rel=1e-9)
-        assert judged.stable == judged.out_of_plane.stable == stable
+        assert judged['out_of_plane'].needed == pytest.approx(needed, rel=1e-9)
+        assert judged.stable == judged['out_of_plane'].stable == stable
         assert ('buckles out of the plane' in str(judged)) != stable
     planar = MagneticRepulsion(atoms, law.law, foundation=1.0)
     atoms.calc = planar
-    assert verdict(atoms).out_of_plane is None
+    assert verdict(atoms)['out_of_plane'] is None
 
 
 def test_the_growth_out_of_the_plane_is_that_of_a_run():
@@ -58,7 +58,7 @@ def test_the_growth_out_of_the_plane_is_that_of_a_run():
     cell = lattices.triangular(10.0, 0.7)
     needed = 9 * -LAW.dphi(10.0) / 10.0
     cell.calc = MagneticRepulsion(cell, LAW, foundation=[[1.0, 1.0, 0.9 * needed]])
-    rate = verdict(cell).out_of_plane.growth
+    rate = verdict(cell)['out_of_plane'].growth
     assert rate == pytest.approx(np.sqrt(0.1 * needed / 0.7), rel=1e-9)
     atoms = cell.repeat((3, 3, 1))
     atoms.calc = cell.calc.on(atoms)

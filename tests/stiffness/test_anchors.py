@@ -97,16 +97,6 @@ def test_bonds_of_another_place_are_taken_anew_or_refused():
         MagneticRepulsion(atoms[::-1], LAW, bonds=bonds)
 
 
-@pytest.mark.parametrize(('given', 'words'), [
-    ({'anchors': np.zeros((3, 3))}, r'anchors must have the shape \(9, 3\)'),
-    ({'load': np.full((9, 3), np.nan)}, r'load\[0, 0\] is nan'),
-    ({'load': np.ones((9, 3))}, 'pushes particle 0 along z'),
-])
-def test_impossible_anchors_and_loads_are_refused(given, words):
-    with pytest.raises(ValueError, match=words):
-        MagneticRepulsion(small_cluster(), LAW, cutoff=13.0, **given)
-
-
 def test_a_law_without_stiffness_is_refused_like_one_without_force():
     class Broken(InversePower):
         def d2phi(self, r):

@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes
-from magphonon.response import count_modes_below
+from magphonon.response.normal_modes import count_modes_below
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.lowest import count_below
 

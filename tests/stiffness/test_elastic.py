@@ -8,7 +8,8 @@ from oracles import LAWS, gradient, lattice, length, neighbour_vectors, second_d
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.bands import sound_speeds
 from magphonon.interactions import Yukawa
-from magphonon.stiffness import AllNeighbours, Moduli, cauchy_stress, elastic_moduli
+from magphonon.stiffness import AllNeighbours, cauchy_stress, elastic_moduli
+from magphonon.stiffness.elastic import Moduli
 
 SCALE = 10.0  # mm: a displacement gradient of one counts as this displacement in the oracle's steps
 BASES = {  # cell and fractions of lattices

@@ -5,11 +5,13 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
+from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, ToneBurst, analytic_bands, frequency_response, lattices, propagate, units as u
 from magphonon.bands import complex_bands, edge_flow, lattice_density
 from magphonon.dynamics import Harmonic, PrescribedMotion
-from magphonon.response import count_modes_below, density_of_states, harmonic_response
+from magphonon.response import density_of_states, harmonic_response
+from magphonon.response.normal_modes import count_modes_below
 from magphonon.stiffness import AllNeighbours, PairCalculator
 
 LATTICES = [lattices.chain, lattices.square, lattices.triangular, lattices.honeycomb, lattices.kagome]
@@ -35,7 +37,7 @@ def test_a_foundation_typed_in_newton_per_metre(seed):
     assert f'give {k:.6g} * units.N / units.m, which is {k / 1e3:.6g} N/mm' in str(told[0].message)
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', few_first(range(10), 2))
 def test_frequencies_typed_in_hertz(seed):
     cell, law, bond, mass, rng = drawn(seed)
     cell.calc = PairCalculator(cell, law, foundation=4 * bond * u.N / u.m)

@@ -137,9 +137,9 @@ def test_the_verdict_on_a_saddle_is_that_it_buckles():
     atoms.positions[:, :2] = x
     assert modes(atoms).omega[0] * HZ == pytest.approx(-35.74, abs=0.005)
     judged = verdict(atoms)
-    assert judged.residual == 0
+    assert judged['residual'] == 0
     assert not judged.stable
-    assert judged.buckling.growth == pytest.approx(np.sqrt(-squares[0]), rel=1e-8)
+    assert judged['buckling'].growth == pytest.approx(np.sqrt(-squares[0]), rel=1e-8)
 
 
 def test_magnets_placed_by_hand_assemble_themselves():

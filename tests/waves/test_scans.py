@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from scans import packet, scene_text, triangular_branches
 from scipy.interpolate import CubicSpline, make_interp_spline
+from structures import few_first
 
 from magphonon import read_scene
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.scenes import ready_scene
-from magphonon.waves import Branch, Scan, compare, read_places, read_scan, ridge, scan_waves, wavenumber_frequency, wavevector
+from magphonon.waves import Scan, compare, read_scan, ridge, scan_waves, wavenumber_frequency, wavevector
 from magphonon.waves.rows import row_of
+from magphonon.waves.scan_tables import read_places
 from magphonon.waves.scans import DEGREES, RESAMPLED, Samples, assembled, integrated
+from magphonon.waves.wave_analysis import Branch
 
 NORMAL = 1.96
 LENGTH = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
@@ -151,7 +154,7 @@ def gappy(folder, gap, noise=0.0):
     return scan, 1e3 * scan.motions[''] - motion(scan.times[:, None] / 1000)
 
 
-@pytest.mark.parametrize('gap', [2, 5, 8, 11])
+@pytest.mark.parametrize('gap', few_first([2, 5, 8, 11], 2))
 @pytest.mark.parametrize('noise', [0.0, 0.01, 0.1])
 def test_a_short_gap_in_time_is_filled_within_the_error_that_is_told(gap, noise, tmp_path):
     try:
