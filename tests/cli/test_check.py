@@ -7,9 +7,8 @@ import pytest
 from scene_files import ready_scene
 from structures import few_first
 
-from magphonon import InversePower, MagneticRepulsion, lattices, read_scene
+from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.bands.bloch import bloch_modes
-from magphonon.cli.check import refusals
 from magphonon.cli.main import main
 from magphonon.response.normal_modes import natural_frequencies
 
@@ -112,12 +111,3 @@ def test_the_answer_is_one_line_and_everything_has_it_first(tmp_path, capsys):
     (tmp_path / 'soft.toml').write_text(ready_scene('chain').read_text().replace('5e4', '3e4'))
     assert main(['check', str(tmp_path / 'soft.toml')]) == BAD
     assert 'Lattice: UNSTABLE (1 problem)' in capsys.readouterr().out  # faults are told in short, too
-
-
-@pytest.mark.parametrize(('name', 'refused'), [
-    ('prototype', set()), ('gyro', {'explore'})])
-def test_commands_that_do_not_take_a_structure_are_named(name, refused):
-    """As these commands refuse it when they are run: the declarations of their tools are asked."""
-    words = ' '.join(refusals(read_scene(name).perfect_cell()))
-    assert set(re.findall(r'"magphonon (\w+)"', words)) == refused
-    assert words.count('Commands that do not support') == bool(refused)  # the reason is given once
