@@ -24,7 +24,8 @@ from magphonon.dynamics.motion import Motion
 from magphonon.errors import PhysicsError
 from magphonon.response.stepped import remaining_transient
 from magphonon.scenes.scene import read_scene, ready_scenes, scene_of
-from magphonon.stiffness import AllNeighbours, ewald
+from magphonon.stiffness import AllNeighbours
+from magphonon.stiffness.ewald import lattice_sum
 
 NAN, INF = float('nan'), float('inf')
 PACKAGE = Path(mp.__file__).parent
@@ -155,7 +156,7 @@ CALLS = {  # a function, its right arguments, and wrong values of each
         'atoms': (patch, ATOMS), 'omega': ([1.0, 2.0], RISING), 'moments': (16, [63, *WHOLE[:-1]]), 'vectors': (2, [1, 2.5, NAN]),
         'seed': (0, [-1, 0.5])}),
     'local_modes': (response.local_modes, {'atoms': (patch, ATOMS), 'gap': ([0.1, 0.2], RISING)}),
-    'lock_in': (response.lock_in, {'signal': (np.ones((100, 2)), []), 'dt': (1.0, POSITIVE),
+    'lock_in': (response.stepped.lock_in, {'signal': (np.ones((100, 2)), []), 'dt': (1.0, POSITIVE),
                                    'omega': ([1.0, 1.0], [0.1, [1.0, 3.2], -1.0])}),
     'remaining_transient': (remaining_transient, {'amplitudes': ([1.0, 1.0, 1.0], [[1.0, 1.0]]), 'decay': (0.5, [1.0, NAN])}),
     'impulse_response': (response.impulse_response, {
@@ -194,7 +195,7 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'scattered': (mp.stiffness.scattered, {'atoms': (patch, []), 'scatter': (mp.stiffness.Scatter(0.1), []), 'seed': (0, [1.5])}),
     'substituted': (mp.stiffness.substituted, {'atoms': (patch, []), 'particle': (0, INDEX), 'mass': (1.0, POSITIVE[:3])}),
     'with_vacancies': (mp.stiffness.with_vacancies, {'atoms': (patch, []), 'particles': ([0], INDEX)}),
-    'lattice_sum': (ewald.lattice_sum, {'lattice': (np.eye(2), [[[1, 0], [2, 0]], [1.0, 0.0], np.zeros((0, 2)), [[1], [2]]]),
+    'lattice_sum': (lattice_sum, {'lattice': (np.eye(2), [[[1, 0], [2, 0]], [1.0, 0.0], np.zeros((0, 2)), [[1], [2]]]),
                                         'law': (3.0, [0, -1.0, NAN, '3'])}),
     'frequency_shifts': (mp.stability.frequency_shifts, {'atoms': (cell, ATOMS), 'q': ((0.2, 0.21, 0), [[NAN, 0, 0]])}),
     'sampled': (waves.sampled, {'motion': (Motion(np.arange(20.0), np.arange(2), np.zeros((20, 2, 2))), []),
@@ -284,7 +285,7 @@ SITUATIONS = {  # what is wrong, what is asked, and what the answer must show
     'a film of nothing': (lambda: plotting.animate('film.gif', patch(), np.zeros((2, 37, 2))), 'nothing moves'),
     'a film of no kind': (lambda: plotting.animate('film.avi', patch(), np.ones((2, 37, 2))), '.gif or .mp4'),
     'a film in no folder': (lambda: plotting.animate('no/film.gif', patch(), np.ones((2, 37, 2))), 'another place'),
-    'a mode without motion': (lambda: plotting.mode_frames(np.zeros((3, 2))), 'moves nothing'),
+    'a mode without motion': (lambda: plotting.animation.mode_frames(np.zeros((3, 2))), 'moves nothing'),
     'sound along nothing': (lambda: mp.stiffness.elastic_moduli(cell()).speeds([0, 0]), 'direction'),
     'a member of one end': (lambda: mp.stiffness.net(TWO, [(0, 1)]), 'a member is'),
     'a member to half a node': (lambda: mp.stiffness.net(TWO, [(0, 0.5, interactions.Spring(1.0, 1.0))]), '0.5'),

@@ -25,7 +25,7 @@ from ..errors import whole
 from ..results import InHertz, Saved
 from ..stiffness.bond import Model
 from ..stiffness.plausibility import asked_frequencies
-from ..stiffness.repulsion import Repulsion, repulsion_of
+from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 from .bloch import bloch_modes
@@ -221,7 +221,7 @@ def _on_mesh(atoms, steps, model):
         steps = 6 * int(np.ceil(STEPS[periodic] / 6 / max(1.0, len(atoms) / 6) ** (1 / periodic)))
     steps = whole('steps', steps)
     n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
-    turned = repulsion_of(atoms).turning > 0
+    turned = LinearSystem.of(atoms).atoms.calc.turning > 0  # AllNeighbours too
     if not turned:
         n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # the frequencies at -q are the same
     frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)

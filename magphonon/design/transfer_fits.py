@@ -152,7 +152,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
     return basis, own
 
 
-@takes(*LIKE)
+@takes(*{*LIKE} - {'radii'})
 def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0, fields: tuple[Any, list[Solved]] | None = None,
                     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

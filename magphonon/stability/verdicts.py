@@ -6,7 +6,7 @@ list.  A function whose finding is never a fault is decorated with `remark` and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,17 +17,15 @@ from ase.constraints import FixAtoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
-from ..bands.bloch import bloch_modes
-from ..bands.force_constants import checked_supercell
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.splittings import SPLITTINGS
 from ..errors import one_of
-from ..findings import Finding, Findings
 from ..interactions.bond_laws import laws_of, taken
 from ..interactions.law_cards import card_of
-from ..interactions.pair_laws import Hertz
+from ..interactions.members import Spring
+from ..interactions.pair_laws import Hertz, Overlap
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
@@ -44,10 +42,13 @@ from .buckling import (
     fastest_growth,
     flat_layer,
     highest_squared,
+    lowest_across,
     on_the_verge,
     softest_of,
     softest_out_of_plane,
+    z_of,
 )
+from .mechanisms import FreeMotions, free_motions
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
@@ -57,8 +58,42 @@ modes."""
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
 
 
-CHECKS = Findings()  # the checks of a `Case` by name
-REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
+@dataclass(frozen=True)
+class Finding:
+    """What one check found.
+
+    Attributes
+    ----------
+    value : Any
+        The result in mm, g, ms; None if it does not apply or was not computed.
+    words : str
+        A sentence or two, in SI units; empty if there is nothing to say.
+    fault : bool
+        Whether a run would fail, or its result be meaningless.
+    unjudged : str
+        What was omitted because it would take too long for so many particles.
+    """
+
+    value: Any = None
+    words: str = ''
+    fault: bool = False
+    unjudged: str = ''
+
+
+CHECKS: dict[str, Callable[[Case], Finding]] = {}  # by name, in the order in which their words are printed
+REMARKS: set[str] = set()  # names of those that are never a fault
+
+
+def check(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Decorator that adds a function to the checks, under its name."""
+    CHECKS[judge.__name__] = judge  # pyright: ignore[reportAttributeAccessIssue]  functions have one
+    return judge
+
+
+def remark(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Decorator that adds a function whose finding is never a fault."""
+    REMARKS.add(judge.__name__)  # pyright: ignore[reportAttributeAccessIssue]
+    return check(judge)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,9 +101,9 @@ class Verdict:
     """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
     `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` says it in words: 'residual' (N), 'buckling'
-    and 'out_of_plane' (Buckling), 'model', 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supercell',
-    'supports' (Supports), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not
-    computed.  A check runs when it is first asked for.
+    and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports' (Supports),
+    'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not computed.  A check runs when
+    it is first asked for.
     """
 
     case: Case
@@ -127,8 +162,7 @@ class Verdict:
 
 
 @takes('all neighbours', *LINEAR)
-def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
-            damping: ArrayLike = 0.0) -> Verdict:
+def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) -> Verdict:
     """Check a structure before a run: whether it is at rest and stable, its time step, its supports and its linear range.
 
     A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
@@ -147,8 +181,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     drives : sequence of drives
         Drives of the run; `Constant` drives may balance static forces, in addition to the dead load of the calculator.  A drive
         on a particle that does not exist raises ValueError.
-    supercell : three ints, optional
-        Supercell for phonopy's finite displacements.
     damping : float or array_like, shape (particles,)
         Damping rate in 1/ms, which may need shorter time steps.
 
@@ -167,7 +199,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
     refuse(atoms, all_but('a verdict of motion in the plane', 'oblique'))
-    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms)), 'supercell': supercell}
+    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms))}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
         LinearSystem.of(atoms)
@@ -195,7 +227,6 @@ class Case:
     layer: Atoms | None = None  # the flat layer with its motion out of the plane
     gyrating: LinearSystem | None = None  # with the gyration that `system` leaves out
     damping: ArrayLike = 0.0  # as for `verdict`
-    supercell: Sequence[int] | None = None  # as for `verdict`
 
     @property
     def calc(self) -> Any:
@@ -235,7 +266,7 @@ class Case:
     @property
     def touching(self) -> bool:
         """Whether particles are in mechanical contact, which they would lose at other spacings."""
-        return any(isinstance(law, Hertz) for law in laws_of(self.calc.laws))
+        return any(isinstance(law, Hertz | Overlap) for law in laws_of(self.calc.laws))
 
     @cached_property
     def softest(self) -> SoftMode:
@@ -254,17 +285,12 @@ class Case:
     @property
     def verge(self) -> bool:
         """Whether the foundation is exactly as stiff as the structure needs, within round-off."""
-        return on_the_verge(self.spring, self.softest.needed) or self.flat
+        return on_the_verge(self.spring, self.softest.needed) or self.free.count > 0
 
     @cached_property
-    def flat(self) -> bool:
-        """Whether a wave of finite length costs no energy, in a lattice without foundation, on a mesh over the zone."""
-        if self.spring or self.softest.needed or self.large or not self.atoms.pbc.any():
-            return False
-        along = [np.arange(6) / 6 if periodic else np.zeros(1) for periodic in self.atoms.pbc]
-        q = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 3)
-        omega, _ = bloch_modes(self.system, q[q.any(axis=1)], 'complete')
-        return bool(omega.min() * abs(omega.min()) <= VERGE * omega.max() ** 2)
+    def free(self) -> FreeMotions:
+        """Motions that cost no energy; none if some wave has negative energy, or if foundation and bonds resist all."""
+        return _free_motions(self.system, self.system.free, self.softest, self.spring) if self.listed else FreeMotions()
 
     @cached_property
     def grows(self) -> tuple[float, NDArray[np.float64]]:
@@ -288,7 +314,8 @@ class Case:
         moving = softest_out_of_plane(structure, spring, weighted=True)
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
         growth = float(np.sqrt(-moving.lowest)) if falls else 0.0
-        return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
+        free = _free_motions(structure, structure.free[:, z_of(structure)], soft, spring) if self.listed else FreeMotions()
+        return Buckling(spring, soft.needed, soft.q, growth, free), float(np.sqrt(max(moving.highest, 0.0)))
 
     @property
     def stable(self) -> bool:
@@ -298,6 +325,11 @@ class Case:
     def unstable(self) -> bool:
         """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
         return bool(self.grows[0] or (self.above is not None and self.above[0].growth))
+
+
+def _free_motions(system, free, soft, spring):
+    """The motions along the directions `free` that cost no energy, if the softest one may be such."""
+    return FreeMotions() if soft.needed or soft.lowest + spring > VERGE * soft.highest else free_motions(system, free, soft.q)
 
 
 @dataclass(frozen=True)
@@ -313,19 +345,19 @@ class Buckling:
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
+    free : FreeMotions
+        Motions that cost no energy.
     spacing : float or None
         Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
         length, or if it was not computed, such as for balls in contact.
-    flat : bool
-        Whether a lattice has no foundation and a wave of finite length costs no energy.
     """
 
     spring: float
     needed: float
     softest: np.ndarray
     growth: float
+    free: FreeMotions
     spacing: float | None = None
-    flat: bool = False
 
     @property
     def stable(self) -> bool:
@@ -337,7 +369,7 @@ class Buckling:
         """Whether the foundation equals the needed one to within a fraction of 1e-9, so that round-off would decide whether
         motion grows.
         """
-        return self.flat or on_the_verge(self.spring, self.needed)
+        return self.free.count > 0 or on_the_verge(self.spring, self.needed)
 
 
 class Supports(NamedTuple):
@@ -366,11 +398,7 @@ def residual(case: Case) -> Finding:
 @check
 def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
-    search = case.balanced and case.listed and not case.touching
-    many = search and case.large > (SPACED if case.finite else 0)
-    scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
-    growth, q = case.grows
-    found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
+    found, many = _buckling(case)
     words = (_holds if found.stable else _fails)(case, found, ' in the plane' if case.calc.dim == 2 else '')
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
@@ -378,17 +406,27 @@ def buckling(case: Case) -> Finding:
     return Finding(found, words, not found.stable, 'the spacing at which the structure buckles' if many else '')
 
 
+def _buckling(case):
+    """Stability by the complete model, and whether the structure is too large to search for the spacing at which it ends."""
+    search = case.balanced and case.listed and not case.touching
+    many = search and case.large > (SPACED if case.finite else 0)
+    scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
+    growth, q = case.grows
+    return Buckling(case.spring, case.softest.needed, q, growth, case.free, scale and scale * case.spacing), many
+
+
 def _fails(case, found, where):
     """Why a structure is not stable `where` it moves, in words."""
     spring = _spring(case, found)
-    if found.flat:
-        return (f'It is on the verge of buckling{where}: waves of finite length cost no energy, so round-off would decide. Give '
-                'it a foundation.')
+    if found.free.count:
+        return found.free.words(where)
     if found.verge:
         return (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring} is just what it needs, and '
                 'round-off would decide. Take a stiffer foundation.')
     room = f' A spacing above {found.spacing / u.m:.4g} m would also make it stable.' if found.spacing else ''
     words = f'It buckles{where}{_growth(found)}. It needs a foundation of {_stiffness(found.needed)} and has {spring}.{room}'
+    if case.calc.model != 'complete':
+        words += f" The {case.calc.model} model does not show this, because it leaves out D*. Use model='complete'."
     if case.gyrating is None:
         return words
     return words + (' Whether gyration holds so many particles was not computed.' if case.large else
@@ -407,7 +445,8 @@ def _holds(case, found, where):
     if np.ndim(case.calc.foundation):
         return (f'Stable{where}, and it would stay so if all springs were softer by {_stiffness(found.spring)}, the stiffness of '
                 'the softest one.')
-    return f'Stable{where}, even without a foundation.' + (f' It would buckle below a spacing of {at}.' if at else '')
+    below = f' It would buckle below a spacing of {at}.' if at else ''
+    return f'Stable{where}, even without a foundation{found.free.whole}.{below}'
 
 
 def _spring(case, found):
@@ -424,19 +463,12 @@ def out_of_plane(case: Case) -> Finding:
     if found.stable:
         margin = f'{_times(found.spring / found.needed)} the {need} needed' if found.needed else 'stiffer than needed'
         return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
+    if found.free.count:
+        return Finding(found, found.free.words(' out of the plane'), True)
     if found.verge:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
                        'just what it needs, and round-off would decide. Take stiffer supports.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
-
-
-@check
-def model(case: Case) -> Finding:
-    """Model of the calculator."""
-    if case.stable or case.calc.model == 'complete':
-        return Finding(case.calc.model)
-    return Finding(case.calc.model, f"The {case.calc.model} model does not show this, because it leaves out D*. Use "
-                   "model='complete'.", fault=True)
 
 
 @remark
@@ -501,17 +533,6 @@ def contact(case: Case) -> Finding:
                    'rest. Start with a larger distance.', fault=True)
 
 
-@check
-def supercell(case: Case) -> Finding:
-    """Supercell for phonopy's finite displacements."""
-    if case.supercell is None:
-        return Finding()
-    try:
-        return Finding(checked_supercell(case.calc, case.supercell))
-    except ValueError as error:
-        return Finding(None, f'Finite differences would be wrong: {error}.', fault=True)
-
-
 @remark
 def supports(case: Case) -> Finding:
     """Stiffness that supports must have out of the plane."""
@@ -522,7 +543,20 @@ def supports(case: Case) -> Finding:
     magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
     wave, alone = critical_support(case.system, magnets=True) if magnets else (None, None)
     found = Supports(wave, alone, critical_support(case.system, magnets=False)[0])
-    return Finding(found, _support(found) if found.central else '')
+    return Finding(found, _support(found) if found.central else _across(case))
+
+
+def _across(case):
+    """What a flat net would do out of its plane, which its tension stiffens, in words."""
+    members = [law for law in laws_of(case.calc.laws) if isinstance(law, Spring)]
+    if not members:
+        return ''
+    lowest = lowest_across(case.system) if case.finite else 0.0
+    would = '' if not case.finite else ', which would cost no energy'
+    if lowest:
+        would = f', whose lowest frequency would be {u.in_words("Hz", u.hertz(lowest), digits=6)}'
+    return (f'Not modelled: motion along z{would}. It is included by dim=3 in Python, or in a scene by '
+            '[foundation.out_of_plane] with stiffness_N_per_m = 0.')
 
 
 def _support(found):

@@ -11,6 +11,7 @@ from .defects import (
 from .elastic import cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
 from .nets import net as net, self_stress as self_stress
 from .other_tools import for_ase_tools as for_ase_tools
+from .packings import Following as Following, packing as packing
 from .pair_splitting import split as split
 from .relaxation import relaxed as relaxed
 from .rest import LinearSystem as LinearSystem

@@ -109,6 +109,17 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     return calc.supercells[0], atoms
 
 
+def jumped(calc: Repulsion, atoms: Atoms) -> bool:
+    """Whether a particle is farther from where the last call saw it than particles move between calls."""
+    own, before = calc.reference, calc.seen
+    if before is None or len(before) != len(own):
+        before = own.positions
+    if len(atoms) != len(own) or not abs(atoms.positions - before).max(initial=0.0) > calc.near:  # asked at each call
+        return False
+    # motion may lead to the sites of others
+    return calc.seen is None or not (atoms.has('momenta') and atoms.get_momenta().any())
+
+
 def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
     """Raise ValueError if the particles are in another order than in the reference, such as sorted by symbol.
 
@@ -116,7 +127,7 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
     to the next, they were reordered, unless all moved together.
     """
     own = calc.reference
-    if not _jumped(calc, atoms) or atoms.cell.rank != own.cell.rank or (atoms.pbc != own.pbc).any() or not strayed(calc, atoms):
+    if atoms.cell.rank != own.cell.rank or (atoms.pbc != own.pbc).any() or not strayed(calc, atoms):
         return
 
     def places(of):
@@ -135,14 +146,3 @@ def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
         raise ValueError(f'the particles are in another order than in the calculator: particle {k} is at the site of particle '
                          f'{site[k]}; put the particles into the order of the calculator, or make a calculator for these '
                          'positions, PairCalculator(atoms, law, ...), or for a periodic cell atoms.calc.on(atoms)')
-
-
-def _jumped(calc, atoms):
-    """Whether a particle is farther from where the last call saw it than particles move between calls."""
-    own, before = calc.reference, calc.seen
-    if before is None or len(before) != len(own):
-        before = own.positions
-    if len(atoms) != len(own) or not abs(atoms.positions - before).max(initial=0.0) > calc.near:  # asked at each call
-        return False
-    # motion may lead to the sites of others
-    return calc.seen is None or not (atoms.has('momenta') and atoms.get_momenta().any())

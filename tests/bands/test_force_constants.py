@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands, units as u
 from magphonon.bands import extracted_dstar, force_constants, foundation_recovered
-from magphonon.interactions import Yukawa
 
 PATHS = {'chain': 'GX', 'square': 'GXMG', 'triangular': 'GMKG', 'honeycomb': 'GMKG', 'kagome': 'GMKG'}
 
@@ -75,17 +74,6 @@ def test_phonopy_itself_returns_hertz():
     # three modes: motion along z has the frequency zero, below all others here
     assert abs(frequencies[:, 0]).max() < 1e-9
     assert_allclose(frequencies[:, 1:], analytic_bands(cell, path).frequencies_Hz, rtol=PROMISE)
-
-
-def test_several_shells_another_law_and_a_given_supercell():
-    cell = prototype('honeycomb', law=Yukawa(c=1.0, kappa=0.2), shells=3)
-    path = path_through(cell, 'GMKG')
-    exact = analytic_bands(cell, path)
-    default, given = finite_displacements(cell), finite_displacements(cell, supercell=(4, 3, 1))
-    assert len(default.supercell) == 2 * 3 * 3  # bonds of 20 mm, lattice planes 15 mm apart
-    assert len(given.supercell) == 2 * 4 * 3
-    assert discrepancy(phonopy_bands(default, path), exact) < PROMISE
-    assert discrepancy(phonopy_bands(given, path), exact) < PROMISE
 
 
 # --- modes ---------------------------------------------------------------------------------------------------------
