@@ -134,7 +134,7 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     """Masses, stiffnesses and frequencies of a size that the units in the keys make likely."""
     numbers = ', '.join(f'law.{key} = {value!r}' for key, value in scene.law if isinstance(value, float))
     f = frequency_scale(calc)
-    if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
+    if f and not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
         raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; check their units and '
                          f'exponents ({numbers})')
     if scene.members:

@@ -253,8 +253,7 @@ class Scene(Table):
             foundation = self.foundation.springs(foundation)
         sites = {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
         gyration = getattr(self.lattice, 'gyration_rad_per_s', 0.0) / u.s
-        spatial = atoms.pbc.all() or (self.foundation is not None and self.foundation.out_of_plane is not None)
-        return sites | ({'gyration': gyration} if gyration else {}) | ({} if spatial else {'dim': 2})
+        return sites | ({'gyration': gyration} if gyration else {})
 
     @property
     def turns(self) -> bool:
