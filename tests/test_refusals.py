@@ -24,7 +24,8 @@ from magphonon.dynamics.motion import Motion
 from magphonon.errors import PhysicsError
 from magphonon.response.stepped import remaining_transient
 from magphonon.scenes.scene import read_scene, ready_scenes, scene_of
-from magphonon.stiffness import AllNeighbours, ewald
+from magphonon.stiffness import AllNeighbours
+from magphonon.stiffness.ewald import lattice_sum
 
 NAN, INF = float('nan'), float('inf')
 PACKAGE = Path(mp.__file__).parent
@@ -194,7 +195,7 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'scattered': (mp.stiffness.scattered, {'atoms': (patch, []), 'scatter': (mp.stiffness.Scatter(0.1), []), 'seed': (0, [1.5])}),
     'substituted': (mp.stiffness.substituted, {'atoms': (patch, []), 'particle': (0, INDEX), 'mass': (1.0, POSITIVE[:3])}),
     'with_vacancies': (mp.stiffness.with_vacancies, {'atoms': (patch, []), 'particles': ([0], INDEX)}),
-    'lattice_sum': (ewald.lattice_sum, {'lattice': (np.eye(2), [[[1, 0], [2, 0]], [1.0, 0.0], np.zeros((0, 2)), [[1], [2]]]),
+    'lattice_sum': (lattice_sum, {'lattice': (np.eye(2), [[[1, 0], [2, 0]], [1.0, 0.0], np.zeros((0, 2)), [[1], [2]]]),
                                         'law': (3.0, [0, -1.0, NAN, '3'])}),
     'frequency_shifts': (mp.stability.frequency_shifts, {'atoms': (cell, ATOMS), 'q': ((0.2, 0.21, 0), [[NAN, 0, 0]])}),
     'sampled': (waves.sampled, {'motion': (Motion(np.arange(20.0), np.arange(2), np.zeros((20, 2, 2))), []),

@@ -9,6 +9,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
+from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, critical_foundation, lattices, units as u, verdict
 from magphonon.bands import force_constants
@@ -41,8 +42,8 @@ def cell_of(name, law, foundation=0.0, model='complete', repeat=(1, 1, 1)):
 def logarithms(atoms, dt, steps, damping=0.0, start=None):
     """Logarithm of the size of the motion after each fifth of a run, over that of its tiny start, by default a random one."""
     start = np.random.default_rng(0).normal(size=(len(atoms), 2)) if start is None else start
-    atoms.positions[:, :2] += 1e-12 * start
-    dyn = DrivenVerlet(atoms, dt, damping=damping, engine='compiled', allow_unstable=True)
+    atoms.positions[:, :2] += 1e-10 * start
+    dyn = DrivenVerlet(atoms, dt, damping=damping, engine='ase', allow_unstable=True)
     size = [np.linalg.norm(atoms.calc.displacements(atoms))]
     for _ in range(5):
         dyn.run(steps // 5)
@@ -77,7 +78,7 @@ def test_triangular_holds_itself_above_a_of_3(a, stable):
     assert growth(cell_of('triangular', law, model='conventional', repeat=(2, 1, 1)), expected)[1] < BOUNDED
 
 
-@pytest.mark.parametrize('name', LATTICES)
+@pytest.mark.parametrize('name', few_first(['triangular', 'honeycomb', 'chain', 'square', 'kagome'], 2))
 @pytest.mark.parametrize('share', [0.99, 1.01])
 def test_foundation_that_just_holds(name, share):
     a, needed, repeat = LATTICES[name]
@@ -111,7 +112,7 @@ def oscillator(theta0, model='complete'):
     return atoms
 
 
-@pytest.mark.parametrize('engine', ['ase', 'compiled'])
+@pytest.mark.parametrize('engine', few_first(['ase', 'compiled'], 1))
 def test_oscillator_at_a_right_angle_grows_as_its_imaginary_frequency(engine, paper):
     atoms, rate = oscillator(np.pi / 2), paper['oscillator']['growth_rate_at_pi_over_2'] / u.s
     atoms.positions[3, 0] = 1e-6 * u.mm
@@ -127,7 +128,7 @@ def test_oscillator_at_a_right_angle_grows_as_its_imaginary_frequency(engine, pa
 
 # --- the time step ---------------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('zeta', [0.0, 0.1, 1.0, 5.0])
+@pytest.mark.parametrize('zeta', few_first([0.0, 0.1, 1.0, 5.0], 2))
 @pytest.mark.parametrize(('model', 'k'), [('complete', 0.0), ('conventional', 0.0), ('complete', 3.0)])
 def test_verlet_with_exact_damping_is_stable_up_to_omega_dt_of_2(model, k, zeta):
     # The top of the triangular bands is at M: (6a - 2) f/L0 with D*, 6a without; + k on a foundation.
@@ -214,7 +215,7 @@ def test_too_large_a_displacement_makes_a_stable_lattice_look_unstable(d, stable
     assert (lowest > 0) == stable
 
 
-@pytest.mark.parametrize('L0', [1.0, 3.0, 10.0])
+@pytest.mark.parametrize('L0', few_first([1.0, 3.0, 10.0], 1))
 @pytest.mark.parametrize(('name', 'repeat'), [('square', (1, 1, 1)), ('square', (2, 2, 1)), ('honeycomb', (1, 1, 1)),
                                               ('honeycomb', (2, 1, 1)), ('kagome', (1, 1, 1)), ('kagome', (2, 1, 1))])
 def test_just_what_is_needed_is_the_verge(name, repeat, L0):
@@ -234,7 +235,7 @@ def test_just_what_is_needed_is_the_verge(name, repeat, L0):
             assert 'nan' not in str(judged)
 
 
-@pytest.mark.parametrize('repeat', [1, 2, 3])
+@pytest.mark.parametrize('repeat', few_first([1, 2, 3], 2))
 @pytest.mark.parametrize(('a', 'stable', 'grows'), [(3.0, False, False), (3.01, True, False), (2.99, False, True)])
 def test_waves_that_cost_nothing_without_a_foundation_are_the_verge(a, stable, grows, repeat):
     """Rows of a triangular lattice slide at no cost where a = 3: the stiffness against shear goes as (a - 3) f/L0."""

@@ -11,8 +11,7 @@ from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
 from magphonon.plotting.structures import plot_lattice
 from magphonon.plotting.zone import plot_ratio, plot_zone
-from magphonon.scenes import ready_scene
-from magphonon.scenes.scene import reference
+from magphonon.scenes import ready_scene, reference
 
 from .rows import BRANCHES, Check, Outcome, pairs, save_picture
 

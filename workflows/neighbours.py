@@ -5,14 +5,12 @@ lattices.
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, relaxed, units
-from magphonon.bands import sound_speeds
-from magphonon.bands.bloch import bloch_modes
+from magphonon.bands import bloch_modes, sound_speeds
 from magphonon.interactions import Yukawa
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.bands import plot_bands
-from magphonon.scenes import ready_scene
-from magphonon.scenes.scene import reference
+from magphonon.scenes import ready_scene, reference
 from magphonon.stiffness import AllNeighbours
 from magphonon.stiffness.ewald import lattice_sum
 

@@ -6,8 +6,7 @@ from .axes import (
     new_figure as new_figure,
     panels as panels,
 )
-from .bands import plot_bands as plot_bands, plot_edge_bands as plot_edge_bands
-from .density import plot_density as plot_density
+from .bands import plot_bands as plot_bands, plot_density as plot_density, plot_edge_bands as plot_edge_bands
 from .fits import plot_band_fits as plot_band_fits, plot_fit as plot_fit
 from .modes import plot_extents as plot_extents, plot_mode as plot_mode
 from .response import (

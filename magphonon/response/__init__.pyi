@@ -17,6 +17,5 @@ from .spectral_density import density_of_states as density_of_states
 from .stepped import (
     impulse_response as impulse_response,
     replicas as replicas,
-    stepped_response as stepped_response,
 )
 from .transfer_functions import estimated as estimated, read_transfer as read_transfer

@@ -17,7 +17,6 @@ from ase.constraints import FixAtoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
-from ..bands.force_constants import checked_supercell
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
@@ -25,6 +24,7 @@ from ..dynamics.splittings import SPLITTINGS
 from ..errors import one_of
 from ..interactions.bond_laws import laws_of, taken
 from ..interactions.law_cards import card_of
+from ..interactions.members import Spring
 from ..interactions.pair_laws import Hertz, Overlap
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
@@ -42,6 +42,7 @@ from .buckling import (
     fastest_growth,
     flat_layer,
     highest_squared,
+    lowest_across,
     on_the_verge,
     softest_of,
     softest_out_of_plane,
@@ -100,9 +101,9 @@ class Verdict:
     """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
     `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` says it in words: 'residual' (N), 'buckling'
-    and 'out_of_plane' (Buckling), 'model', 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supercell',
-    'supports' (Supports), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not
-    computed.  A check runs when it is first asked for.
+    and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports' (Supports),
+    'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not computed.  A check runs when
+    it is first asked for.
     """
 
     case: Case
@@ -161,8 +162,7 @@ class Verdict:
 
 
 @takes('all neighbours', *LINEAR)
-def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
-            damping: ArrayLike = 0.0) -> Verdict:
+def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) -> Verdict:
     """Check a structure before a run: whether it is at rest and stable, its time step, its supports and its linear range.
 
     A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
@@ -181,8 +181,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     drives : sequence of drives
         Drives of the run; `Constant` drives may balance static forces, in addition to the dead load of the calculator.  A drive
         on a particle that does not exist raises ValueError.
-    supercell : three ints, optional
-        Supercell for phonopy's finite displacements.
     damping : float or array_like, shape (particles,)
         Damping rate in 1/ms, which may need shorter time steps.
 
@@ -201,7 +199,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
     refuse(atoms, all_but('a verdict of motion in the plane', 'oblique'))
-    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms)), 'supercell': supercell}
+    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms))}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
         LinearSystem.of(atoms)
@@ -229,7 +227,6 @@ class Case:
     layer: Atoms | None = None  # the flat layer with its motion out of the plane
     gyrating: LinearSystem | None = None  # with the gyration that `system` leaves out
     damping: ArrayLike = 0.0  # as for `verdict`
-    supercell: Sequence[int] | None = None  # as for `verdict`
 
     @property
     def calc(self) -> Any:
@@ -401,16 +398,21 @@ def residual(case: Case) -> Finding:
 @check
 def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
-    search = case.balanced and case.listed and not case.touching
-    many = search and case.large > (SPACED if case.finite else 0)
-    scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
-    growth, q = case.grows
-    found = Buckling(case.spring, case.softest.needed, q, growth, case.free, scale and scale * case.spacing)
+    found, many = _buckling(case)
     words = (_holds if found.stable else _fails)(case, found, ' in the plane' if case.calc.dim == 2 else '')
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
                   'be softer. Check a smaller cell of the same lattice, or another number of repeats.')
     return Finding(found, words, not found.stable, 'the spacing at which the structure buckles' if many else '')
+
+
+def _buckling(case):
+    """Stability by the complete model, and whether the structure is too large to search for the spacing at which it ends."""
+    search = case.balanced and case.listed and not case.touching
+    many = search and case.large > (SPACED if case.finite else 0)
+    scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
+    growth, q = case.grows
+    return Buckling(case.spring, case.softest.needed, q, growth, case.free, scale and scale * case.spacing), many
 
 
 def _fails(case, found, where):
@@ -423,6 +425,8 @@ def _fails(case, found, where):
                 'round-off would decide. Take a stiffer foundation.')
     room = f' A spacing above {found.spacing / u.m:.4g} m would also make it stable.' if found.spacing else ''
     words = f'It buckles{where}{_growth(found)}. It needs a foundation of {_stiffness(found.needed)} and has {spring}.{room}'
+    if case.calc.model != 'complete':
+        words += f" The {case.calc.model} model does not show this, because it leaves out D*. Use model='complete'."
     if case.gyrating is None:
         return words
     return words + (' Whether gyration holds so many particles was not computed.' if case.large else
@@ -465,15 +469,6 @@ def out_of_plane(case: Case) -> Finding:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
                        'just what it needs, and round-off would decide. Take stiffer supports.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
-
-
-@check
-def model(case: Case) -> Finding:
-    """Model of the calculator."""
-    if case.stable or case.calc.model == 'complete':
-        return Finding(case.calc.model)
-    return Finding(case.calc.model, f"The {case.calc.model} model does not show this, because it leaves out D*. Use "
-                   "model='complete'.", fault=True)
 
 
 @remark
@@ -538,17 +533,6 @@ def contact(case: Case) -> Finding:
                    'rest. Start with a larger distance.', fault=True)
 
 
-@check
-def supercell(case: Case) -> Finding:
-    """Supercell for phonopy's finite displacements."""
-    if case.supercell is None:
-        return Finding()
-    try:
-        return Finding(checked_supercell(case.calc, case.supercell))
-    except ValueError as error:
-        return Finding(None, f'Finite differences would be wrong: {error}.', fault=True)
-
-
 @remark
 def supports(case: Case) -> Finding:
     """Stiffness that supports must have out of the plane."""
@@ -559,7 +543,20 @@ def supports(case: Case) -> Finding:
     magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
     wave, alone = critical_support(case.system, magnets=True) if magnets else (None, None)
     found = Supports(wave, alone, critical_support(case.system, magnets=False)[0])
-    return Finding(found, _support(found) if found.central else '')
+    return Finding(found, _support(found) if found.central else _across(case))
+
+
+def _across(case):
+    """What a flat net would do out of its plane, which its tension stiffens, in words."""
+    members = [law for law in laws_of(case.calc.laws) if isinstance(law, Spring)]
+    if not members:
+        return ''
+    lowest = lowest_across(case.system) if case.finite else 0.0
+    would = '' if not case.finite else ', which would cost no energy'
+    if lowest:
+        would = f', whose lowest frequency would be {u.in_words("Hz", u.hertz(lowest), digits=6)}'
+    return (f'Not modelled: motion along z{would}. It is included by dim=3 in Python, or in a scene by '
+            '[foundation.out_of_plane] with stiffness_N_per_m = 0.')
 
 
 def _support(found):

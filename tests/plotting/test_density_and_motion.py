@@ -118,14 +118,6 @@ def test_a_film_has_all_frames_on_one_scale(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ['film.gif']
 
 
-def test_a_period_returns_to_its_beginning():
-    shape = np.array([[0.0, 2.0], [1.0, 0.0]])
-    found = mode_frames(shape, 0.5, frames=8)
-    np.testing.assert_allclose(found[0], shape / 4)
-    np.testing.assert_allclose(found[4], -shape / 4, atol=1e-15)
-    np.testing.assert_allclose(found.sum(axis=0), 0, atol=1e-15)
-
-
 def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):
     from matplotlib.animation import FFMpegWriter
 

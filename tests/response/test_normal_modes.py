@@ -3,13 +3,13 @@
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms, FixedLine
-from motion import oscillator, patch
+from ase.constraints import FixAtoms
+from motion import patch
 from numpy.testing import assert_allclose
 from scipy.sparse.linalg import eigsh
 from structures import few_first
 
-from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.response import frf
 from magphonon.response.chebyshev import (
     BLOCK,
@@ -132,17 +132,6 @@ def test_equal_frequencies_have_one_shape_on_every_processor(monkeypatch, seed):
         assert_allclose(alike[:, at], [moved[at], *np.zeros(len(alike) - 1)], atol=1e-12)
 
 
-def test_modes_are_within_the_constraints():
-    atoms = oscillator(np.pi / 4)
-    np.testing.assert_allclose(modes(atoms).omega, np.sqrt([20000, 70000]) / u.s, rtol=1e-12)
-    atoms.set_constraint([*atoms.constraints, FixedLine(3, (3, 4, 0))])
-    found = modes(atoms)
-    np.testing.assert_allclose(found.omega, np.sqrt(np.array([0.6, 0.8]) ** 2 @ [20000, 70000]) / u.s, rtol=1e-12)
-    np.testing.assert_allclose(abs(found.shapes[0, 3]), np.array([0.6, 0.8]) / np.sqrt(1 * u.kg), rtol=1e-12)
-    with pytest.raises(ValueError, match='has 1 modes, not 2'):
-        modes(atoms, 2)
-
-
 def test_modes_are_those_about_rest():
     atoms, moved = patch(), patch()
     moved.positions[24] += 0.3
@@ -155,23 +144,6 @@ def test_modes_are_those_about_rest():
 OMEGA, GAMMA = np.linspace(0.1, 1.3, 25), 0.05  # from below the cut-off at 0.167 rad/ms to above omega_max = 0.94
 
 
-@pytest.mark.parametrize('small', [0, 10**6])
-def test_response_is_the_direct_solution(monkeypatch, small):
-    monkeypatch.setattr(frf, 'SMALL', small)  # by the series, by the modes
-    monkeypatch.setattr(frf, 'harmonic_response', None)
-    atoms = patch(12)
-    force = pushed(atoms, 65, (1, 0.5j)) + pushed(atoms, 20, (0, -2))
-    expected = harmonic_response(atoms, force, OMEGA, GAMMA).response
-    scale = abs(expected).max(axis=(1, 2), keepdims=True)
-    for tolerance in (1e-3, 1e-6, 1e-10):
-        found = frequency_response(atoms, force, OMEGA, GAMMA, tolerance=tolerance).response
-        assert (abs(found - expected) <= tolerance * scale).all()
-    some = frequency_response(atoms, force, OMEGA, GAMMA, particles=[65, 0, 30], tolerance=1e-10).response
-    assert (abs(some - expected[:, [65, 0, 30]]) <= 1e-10 * scale).all()
-    other = harmonic_response(patch(12, model='conventional'), force, OMEGA, GAMMA).response
-    assert (abs(other - expected) > 0.01 * scale).any()
-
-
 def test_decay_in_the_gap_is_resolved_far_below_the_driven_motion():
     atoms = chain(200, foundation=2.0)
     omega, gamma = np.array([0.2]), 0.01
@@ -182,15 +154,6 @@ def test_decay_in_the_gap_is_resolved_far_below_the_driven_motion():
     decay = x[abs(x).argmin()]
     np.testing.assert_allclose(found[1:] / found[:-1], decay, rtol=1e-8)  # tolerance of 1e-9 of the driven, 0.4 a site
     assert abs(decay) < 0.5
-
-
-def test_undamped_and_weakly_damped_response_is_solved_directly(monkeypatch):
-    atoms = chain(200, foundation=2.0)  # 400 degrees of freedom
-    monkeypatch.setattr(frf, 'chebyshev_blocks', None)
-    for damping in (0.0, 1e-5):
-        found = frequency_response(atoms, pushed(atoms, 100), [0.9], damping).response
-        expected = harmonic_response(atoms, pushed(atoms, 100), [0.9], damping).response
-        np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize('count', few_first([20, 200], 1))

