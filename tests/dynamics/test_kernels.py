@@ -55,8 +55,9 @@ def test_a_law_with_knots_or_an_end_within_reach_gets_no_polynomial():
     law = Increments(bent, 'complete', np.array([10.0]))
     assert law.polynomial(RANGES[1]) is not None
     assert law.polynomial(RANGES[2]) is None  # past the knots at 9.9 and 10.1
-    short = Increments(Tabulated(r, r**-4.5), 'complete', np.array([17.9]))
-    assert short.polynomial(1 / 64) is None  # the table ends
+    short = Increments(Tabulated(r, r**-4.5), 'complete', np.array([5.0]))
+    assert short.polynomial(1 / 16) is not None
+    assert short.polynomial(1 / 2) is None  # the table ends, and the tenth that it continues below its first point
     straight = Increments(Tabulated(r, r**-4.5), 'complete', np.array([10.0]))
     assert straight.polynomial(1 / 4) is not None  # an inverse power, whatever the knots
 
