@@ -15,7 +15,8 @@ from magphonon.scenes import fit_bands
 from magphonon.scenes.band_fits import NEAREST
 from magphonon.waves.ridge_tables import RidgePoints
 
-SETS = {'all neighbours': {}, 'nearest neighbours': {'reach': 1.0}, 'screened laws': {'laws': ('screened',)}}
+SETS = {'all neighbours': {}, 'nearest neighbours': {'reach': 1.0}, 'screened laws': {'laws': ('screened',)},
+        'heavy pillars': {'heavy': True}}
 
 
 def measured(drawn, rng, modes=(0, 1)):
@@ -29,6 +30,11 @@ def scene_of(folder, drawn, off=(1.0, 1.0, 1.0), shells='1'):
     """A scene whose force, exponent and foundation are `off` by these factors."""
     f, a, k = np.array([drawn.force, drawn.a, 1e3 * drawn.k]) * off
     text = scene_text(0.01, 1e-3 * drawn.mass, f * 0.01**a, a, k).replace('triangular', drawn.kind)
+    if drawn.pillar:
+        radius, height = 8e-4, 0.04
+        modulus, density = 4 * k * height**3 / (3 * np.pi * radius**4), 1e-3 * drawn.pillar / (np.pi * radius**2 * height)
+        text = text[: text.index('[foundation]')] + (f'[foundation.pillar]\nyoungs_modulus_Pa = {modulus}\nradius_m = {radius}\n'
+                                                     f'height_m = {height}\ndensity_kg_per_m3 = {density}\n')
     (folder / 'my.toml').write_text(text.replace('shells = 1', f'shells = {shells}'))
     return read_scene(folder / 'my.toml')
 
@@ -83,7 +89,8 @@ def test_uncertainties_that_are_too_large_are_named(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('kind', 'draws'), [('all neighbours', 48), ('nearest neighbours', 24), ('screened laws', 24)])
+@pytest.mark.parametrize(('kind', 'draws'), [('all neighbours', 48), ('nearest neighbours', 24), ('screened laws', 48),
+                                             ('heavy pillars', 24)])
 def test_coverage(kind, draws, tmp_path):
     """The table of docs/coverage.md: drawn after all choices of the fit were made."""
     found, alone = [], []
