@@ -39,6 +39,7 @@ LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'f
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
 RAYLEIGH = 33 / 140
 """Share of the mass of a cantilever that moves with its tip while it bends as under a static force."""
+HEAVY = 5.0  # 3 m omega^2/k of a pillar above which Rayleigh's mass is off by more than a percent of the stiffness
 STEP = 1e-4  # of a difference of the stiffness of a pillar
 MOST_CELLS = 10**6
 """Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
@@ -228,6 +229,15 @@ class Foundation(Table):
     def law(self, in_plane: PairLaw) -> Law:
         """The pair law of the particles, which is `in_plane` for particles at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
+
+    def doubts(self, omega: Any) -> list[str]:
+        """A line that says up to which of some frequencies in rad/ms pillars act as springs, if they do not at all of them."""
+        if self.pillar is None or (x := np.max(self.pillar.heaviness(omega))) <= HEAVY:
+            return []
+        limit = u.hertz(np.max(omega) * np.sqrt(HEAVY / x))
+        return [f'Above {limit:.3g} Hz the pillars are too heavy for springs with 33/140 of their mass, as they count here: at '
+                f'{u.hertz(np.max(omega)):.4g} Hz 3 m omega^2/k is {x:.3g}, and true frequencies are lower. A fit of ridges '
+                'uses the stiffness of the pillars at each frequency.']
 
     @property
     def moving_mass(self) -> float:
