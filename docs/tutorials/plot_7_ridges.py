@@ -41,8 +41,8 @@ print(rows[0])
 # The fit
 # -------
 # The two tables are fitted together, as one measurement.  The scene gives the spacing, the mass and the starting values of the
-# fit.  Real magnets repel all others; these simulated ones repel nearest neighbours only.  The fit does not need to be told: it is
-# made for both, and each answer counts with the weight that the points give it.
+# fit.  Real magnets repel all others; these simulated ones repel nearest neighbours only.  The fit does not need to be told: it
+# is made for both, and each answer counts with the weight that the points give it.
 
 from magphonon import read_scene
 from magphonon.scenes import fit_bands
