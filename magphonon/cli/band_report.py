@@ -57,6 +57,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
         page += _decays(lossy)
         page += _topology(atoms) if gyrates else _by_phonopy(scene, atoms, bands, phonon)
     page += disagreement(scene, bands)
+    page += scene.foundation.doubts(bands['complete'].omega) if scene.foundation else []
     if not gyrates:
         page += omission(scene, verbose)
     if verbose and not gyrates:
@@ -66,9 +67,10 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
 
 def _stability(atoms):
     """Whether the foundation or gyration holds the lattice, in words, and whether it buckles."""
-    if atoms.calc.turning:
-        found = verdict(atoms).finding('buckling')
-        return found.words, found.fault
+    judged = verdict(atoms)
+    if atoms.calc.turning or judged.case.free.count:
+        found = judged.finding('buckling')
+        return found.words, found.fault and not judged.case.free.count
     needed, softest = critical_foundation(atoms, 'complete')
     given, needed = _spring_in_plane(atoms), needed / (units.N / units.m)
     place = ' in the plane' if atoms.calc.layer or atoms.calc.dim == 2 else ''

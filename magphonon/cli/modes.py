@@ -47,6 +47,7 @@ class Patch(NamedTuple):
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
+    from ..stability.verdicts import verdict
     from .neighbours import omission
 
     scene = read_scene(options.scene)
@@ -68,6 +69,7 @@ def run(options: Namespace) -> None:
             answer, lines = _patch_report(scene, patch)
         told += [answer, *(everything if options.verbose else []), *lines]
         told += [] if scene.finite else omission(scene, options.verbose)
+        told += [verdict(atoms).finding('supports').words] if scene.members and atoms.calc.dim == 2 else []
 
 
 def _lattice(scene, cell, folder, save):

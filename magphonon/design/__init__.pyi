@@ -1,4 +1,4 @@
-from .dispersion_fits import DispersionFit as DispersionFit, fit_dispersion as fit_dispersion
+from .dispersion_fits import Shells as Shells, fit_dispersion as fit_dispersion
 from .objectives import (
     BandEdge as BandEdge,
     BurstEnergy as BurstEnergy,

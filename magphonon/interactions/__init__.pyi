@@ -1,6 +1,7 @@
 from .fits import Fit as Fit, SharedErrors as SharedErrors, fit_forces as fit_forces, scene_entry as scene_entry
 from .force_tables import Forces as Forces, read_forces as read_forces
 from .magnet_pairs import (
+    MagnetLaw as MagnetLaw,
     calibrated as calibrated,
     magnet_law as magnet_law,
     pair_force as pair_force,

@@ -134,7 +134,7 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     """Masses, stiffnesses and frequencies of a size that the units in the keys make likely."""
     numbers = ', '.join(f'law.{key} = {value!r}' for key, value in scene.law if isinstance(value, float))
     f = frequency_scale(calc)
-    if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
+    if f and not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
         raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; check their units and '
                          f'exponents ({numbers})')
     if scene.members:
@@ -151,4 +151,5 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     density = mass / lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {mass:.6g} and {lattice.spacing_given} make {density / 1e3:.2g} g/cm3, denser than any '
-                      'metal; check their units, which are kg and m', stacklevel=2)
+                      'metal; check their units, which are kg and m'
+                      + ' (g and mm in files that ASE reads)' * isinstance(lattice, FileLattice), stacklevel=2)

@@ -24,6 +24,7 @@ from ..dynamics.splittings import SPLITTINGS
 from ..errors import one_of
 from ..interactions.bond_laws import laws_of, taken
 from ..interactions.law_cards import card_of
+from ..interactions.members import Spring
 from ..interactions.pair_laws import Hertz, Overlap
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
@@ -41,6 +42,7 @@ from .buckling import (
     fastest_growth,
     flat_layer,
     highest_squared,
+    lowest_across,
     on_the_verge,
     softest_of,
     softest_out_of_plane,
@@ -541,7 +543,20 @@ def supports(case: Case) -> Finding:
     magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
     wave, alone = critical_support(case.system, magnets=True) if magnets else (None, None)
     found = Supports(wave, alone, critical_support(case.system, magnets=False)[0])
-    return Finding(found, _support(found) if found.central else '')
+    return Finding(found, _support(found) if found.central else _across(case))
+
+
+def _across(case):
+    """What a flat net would do out of its plane, which its tension stiffens, in words."""
+    members = [law for law in laws_of(case.calc.laws) if isinstance(law, Spring)]
+    if not members:
+        return ''
+    lowest = lowest_across(case.system) if case.finite else 0.0
+    would = '' if not case.finite else ', which would cost no energy'
+    if lowest:
+        would = f', whose lowest frequency would be {u.in_words("Hz", u.hertz(lowest), digits=6)}'
+    return (f'Not modelled: motion along z{would}. It is included by dim=3 in Python, or in a scene by '
+            '[foundation.out_of_plane] with stiffness_N_per_m = 0.')
 
 
 def _support(found):

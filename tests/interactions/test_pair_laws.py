@@ -156,18 +156,21 @@ def test_a_table_passes_smoothly_through_its_points():
     np.testing.assert_allclose(table.dphi(TABLE), -table.f, rtol=1e-14)
 
 
-def test_a_table_continues_by_a_tenth_as_an_inverse_power_and_no_farther():
-    law = LAWS['table']
-    for end, beyond in ((law.r[0], law.r[0] / np.linspace(1, 1.099, 7)), (law.r[-1], law.r[-1] * np.linspace(1, 1.099, 7))):
-        f, a = -law.dphi(end), end * law.d2phi(end) / -law.dphi(end)
-        np.testing.assert_allclose(-law.dphi(beyond), f * (beyond / end) ** -a, rtol=1e-12)
-        np.testing.assert_allclose(law.d2phi(beyond), f * a / beyond * (beyond / end) ** -a, rtol=1e-12)
+def test_a_table_continues_as_an_inverse_power_by_a_tenth_towards_contact_and_without_end_away_from_it():
+    law = Tabulated(TABLE, 4000 * TABLE**-4.0)
+    flat = Tabulated(TABLE, np.append(law.f[:-1], law.f[-2]))  # a last reading as large as the one before is no tail
+    bent = LAWS['table']
+    for table, end, ratio in ((law, 45.0, 300.0), (bent, 45.0, 1.099), (flat, 45.0, 1.099), (bent, 3.0, 1 / 1.099)):
+        beyond = end * np.geomspace(1, ratio, 7)
+        f, a = -table.dphi(end), end * table.d2phi(end) / -table.dphi(end)
+        np.testing.assert_allclose(-table.dphi(beyond), f * (beyond / end) ** -a, rtol=1e-11)
+        np.testing.assert_allclose(table.d2phi(beyond), f * a / beyond * (beyond / end) ** -a, rtol=1e-11)
         work = f * end / (a - 1) * (1 - (beyond / end) ** (1 - a))  # the integral of the force from the end
-        np.testing.assert_allclose(law.phi(beyond), law.phi(end) - work, rtol=1e-12, atol=1e-14)
-    assert law.phi(law.r[-1]) == 0
-    for r in (law.r[0] / 1.11, law.r[-1] * 1.11, np.array([10.0, 60.0]), 1.11 * law.r[-1] + 1e-20j):
+        np.testing.assert_allclose(table.phi(beyond), table.phi(end) - work, rtol=1e-11, atol=1e-14)
+        assert table.phi(table.r[-1]) == 0
+    for table, r in ((law, 3 / 1.11), (flat, 45 * 1.11), (law, np.array([10.0, 2.0])), (flat, 1.11 * 45 + 1e-20j)):
         with pytest.raises(ValueError, match='outside the table'):
-            law.d2phi(r)
+            table.d2phi(r)
 
 
 def test_laws_are_values():
