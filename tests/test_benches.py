@@ -65,9 +65,9 @@ def without_pictures(monkeypatch):
     monkeypatch.setattr(burst, '_draw', lambda *_: None)
 
 
-@pytest.mark.parametrize('seed', [2, 11, 30])
+@pytest.mark.parametrize('seed', [2, 11, 12])
 def test_a_stranger_reaches_bands(seed, tmp_path, capsys, monkeypatch):
-    """Of a triangular, a square and a kagome lattice, the last with a hole."""
+    """Of a triangular and a square lattice, and of a triangular one with a hole."""
     without_pictures(monkeypatch)
     walk(seed, tmp_path, capsys, ['check', 'bands'])
 
@@ -75,16 +75,18 @@ def test_a_stranger_reaches_bands(seed, tmp_path, capsys, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize('piece', range(10))
 def test_one_hundred_strangers(piece, tmp_path, capsys, monkeypatch):
-    """All reach the bands; every fifth also sends a burst and opens the sliders.  Fifteen have pillars that are too weak."""
+    """All check their scene, every second one draws bands, every tenth sends a burst and opens the sliders.  Fifteen have pillars
+    that are too weak.
+    """
     without_pictures(monkeypatch)
     for seed in range(10 * piece, 10 * piece + 10):
         (own := tmp_path / str(seed)).mkdir()
-        walk(seed, own, capsys, ['check', 'bands', *(['burst', 'explore'] if seed % 5 == 0 else [])])
+        walk(seed, own, capsys, ['check', *['bands'] * (seed % 2), *['burst', 'explore'] * (seed % 10 == 0)])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('seed', range(100, 400))
 def test_more_strangers(seed, tmp_path, capsys, monkeypatch):
-    """Through all commands, a quarter of an hour."""
+    """Through all commands, about an hour."""
     without_pictures(monkeypatch)
     walk(seed, tmp_path, capsys, ['check', 'bands', 'burst', 'explore'])
