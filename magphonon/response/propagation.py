@@ -29,6 +29,7 @@ from scipy import sparse
 from ..dynamics.drives import Constant, PrescribedMotion, ToneBurst, check_drives, constant_push, forces_and_walls
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive, refuse_memory
+from ..stiffness.plausibility import warn_of_amplitude, warn_of_speed, warn_of_times
 from ..stiffness.rest import LinearSystem, components, static_forces
 from ..stiffness.sites import site_damping
 from ..traits import LINEAR, takes
@@ -217,13 +218,15 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     (21, 61, 2)
     """
     times = _increasing(times)
-    rates, tolerance = site_damping(damping, len(atoms)), positive('tolerance', tolerance)
+    rates, tolerance = site_damping(damping, len(atoms), atoms.calc), positive('tolerance', tolerance)
     drives = list(drives)
     check_drives(drives, atoms)
     push = constant_push(drives, len(atoms))
     system = LinearSystem.nearest(atoms).moving()
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
+    warn_of_times(system.calc, times[-1])
+    warn_of_speed(system.calc, atoms.get_velocities())
     particles = system.recorded(particles)
     refuse_memory(f'the motion of {len(particles)} particles at {len(times)} times',
                   32 * len(times) * len(particles) * system.dim, 'ask for fewer')
@@ -241,6 +244,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         motion = (y.reshape(2 * len(times), len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
         _, seen, led = np.intersect1d(particles, load.walls.particles, return_indices=True)
         motion[:, 0, seen] = components(load.walls.forces(times), system.dim)[:, led]
+        warn_of_amplitude(system.calc, motion[:, 0])
         return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
     try:
