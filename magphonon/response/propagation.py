@@ -244,12 +244,13 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         motion = (y.reshape(2 * len(times), len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
         _, seen, led = np.intersect1d(particles, load.walls.particles, return_indices=True)
         motion[:, 0, seen] = components(load.walls.forces(times), system.dim)[:, led]
-        warn_of_amplitude(system.calc, motion[:, 0])
         return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
     try:
         if alike or system.stable:
-            return moved(stable_interval(K))
+            answer = moved(stable_interval(K))
+            warn_of_amplitude(system.calc, answer.displacements)
+            return answer
     except Outside:
         pass
     interval = whole_interval(system.K)

@@ -27,8 +27,8 @@ STIFF = 100.0, 2e3
 are to be seen (the prototype's is
 0.18).  A lattice of unit masses or lengths has no units."""
 TYPED = 5.0  # stiffness in N/mm of the stiffest supports of benches; those typed in N/m are mostly larger numbers
-WEAK = 1e-7
-"""Fraction of the foundation below which the stiffest bond was probably typed in N m^a instead of N mm^a, which is 1000^a times
+WEAK = 1e-25, 1e-7
+"""Fractions of the foundation between which the stiffest bond was probably typed in N m^a instead of N mm^a, which is 1000^a times
 as large.  Magnets of 1 mN beside pillars of 5 N/mm have 6e-6."""
 BENCH = 2.0, 5e-3
 """From this spacing in mm on, a particle of less than this mass in g was probably typed in kg."""
@@ -85,7 +85,7 @@ def warn_of_units(calc: Repulsion) -> None:
 
 def _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring):
     force = float(sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[0].max(initial=0.0))
-    if 0 < bond < WEAK * spring:
+    if WEAK[0] * spring < bond < WEAK[1] * spring:
         _warn(f'the stiffest bond has {bond:.3g} N/mm beside a foundation of {spring:.6g} N/mm; if b of the law was meant in '
               'N m^a, give b * units.N * units.m**a')
     steepness = min(bond * shortest / force, 100) if force else 0  # at ten times the distance the force is 0.1**steepness

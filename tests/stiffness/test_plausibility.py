@@ -148,7 +148,7 @@ def hot():
     patch = paper().repeat((3, 3, 1))
     patch.calc = paper().calc.on(patch)
     patch.set_momenta(np.random.default_rng(0).normal(size=(9, 3)) * np.sqrt(0.707 * 300 * kB))  # as MaxwellBoltzmannDistribution
-    return DrivenVerlet(patch, 0.1)
+    return DrivenVerlet(patch, 0.1).run(1)
 
 
 # name: the slip, and what is said of it, most of it with the number that was meant; None where nobody can know
