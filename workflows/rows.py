@@ -1,7 +1,7 @@
 """A number with its reference, a picture, and the result of a workflow."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -114,6 +114,11 @@ class Check:
         """Whether the number agrees with its reference; for a control, whether it clearly differs."""
         apart, bound = self.difference, self.tolerance  # a NaN passes neither comparison
         return bool(apart > bound if self.control else apart <= bound)
+
+    def against(self, wrong, control='D0'):
+        """The control of this row: the number that a wrong model gives for it, which must differ from the reference."""
+        model = 'D0 alone' if control == 'D0' else control
+        return replace(self, quantity=f'control: {model}, {self.quantity}', here=float(wrong), control=control)
 
     @property
     def cells(self):
