@@ -34,7 +34,7 @@ def main(out):
     for k, (name, motion) in enumerate(BURSTS.items()):
         maps.append([])
         for model, patch in patches.items():
-            site, passage = scene.burst.send(k, cell, patch)
+            site, passage = scene.burst.send(k, cell, patch, engine='compiled')
             wave = waves(passage.row, cell, scene.burst.source)[0]
             checks += compared(f'{motion} burst, {model} simulation', wave, motion, model, name)
             maps[-1].append(wave)
@@ -44,7 +44,8 @@ def main(out):
             if name == 'shear':
                 shear[model] = patch, site, passage
     checks += drawn_branches(cell)
-    checks += ase_loop.burst(scene, cell, 0, lambda record, wave: compared(record, wave, 'transverse', 'complete', 'shear'))
+    checks += ase_loop.burst(scene, cell, 0, shear['complete'][2].row,
+                             lambda record, wave: compared(record, wave, 'transverse', 'complete', 'shear'))
     patch, point = scene.patch_atoms(), scene.burst.model_copy(update={'source': 'point'})
     checks.append(Check('control: transverse burst from a point: spread of the motion along a front (amplitudes)',
                         spread(patch, cell, *point.send(0, cell, patch), 'transverse'), 0, NEARLY_PLANE,

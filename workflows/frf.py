@@ -44,7 +44,8 @@ def main(out):
             Check(f'frf phase, error against the closed form (rad), {at}', abs(phase).max(), 0, 2 * TOLERANCE),  # twice as steep
             Check(f'frf from one impulse, error against the closed form, {at}',
                   departure(impulse.response[:, k], complete[k]), 0, TOLERANCE),
-            Check(f'frf from the stiffness matrix, error against the closed form, {at}', departure(stiff[:, k], complete[k]), 0, 1e-9),
+            Check(f'frf from the stiffness matrix, error against the closed form, {at}',
+                  departure(stiff[:, k], complete[k]), 0, 1e-9),
         ]
         off = departure(conventional[:, k], complete[k][::FEW])
         if theta0 < np.pi / 2:

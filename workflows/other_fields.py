@@ -1,7 +1,8 @@
 """Other fields: ions, electrons, gyroscopes, tensegrity, strings, foams and argon; closed forms and numbers of public codes.
 
 Most references are closed forms of the theory of a field, written out here from knowledge of it, not read in its publications.
-Those of others say so: frequencies that TsgFEM saved, numbers in the tests of IonSim.jl, the Hessian of matscipy, vibrations by ASE.
+Those of others say so: frequencies that TsgFEM saved, numbers in the tests of IonSim.jl, the Hessian of matscipy, vibrations by
+ASE.
 
 Not found in full text, and therefore not among the rows: the tables of Wang et al. 2018 (one-way gap), Chong et al. 2021, Lee et
 al. 2025 (magnets on cantilevers) and Watkins et al. 2020 (demultiplexer), the Chern numbers of the spindle lattice of Mitchell et
@@ -25,10 +26,9 @@ from scipy.special import zeta
 from magphonon import InversePower, analytic_bands, critical_foundation, lattices, modes, relaxed
 from magphonon.bands import chern_numbers, sound_speeds
 from magphonon.interactions import Spring
-from magphonon.lattices import find_bonds
 from magphonon.plotting.axes import COLOURS, legend_of_set, new_axes
 from magphonon.scenes.scene import reference
-from magphonon.stiffness import AllNeighbours, PairCalculator, elastic_moduli, net, self_stress
+from magphonon.stiffness import AllNeighbours, PairCalculator, net, self_stress
 from magphonon.stiffness.matrices import lossless_modes
 
 from .rows import Check, Outcome, save_picture
@@ -70,7 +70,7 @@ class Row:
 def main(out):
     """Numbers of each field, and a picture of the numbers that D0 alone gives."""
     fields = (_ion_chains, _ions_of_two_masses, _zigzag, _electrons, _penning, _gyroscopes, _tensions, _strings, _prisms,
-              _tensegrities, _honeycombs, _stressed_lattice, _argon, _argon_cluster, _mixture)
+              _tensegrities, _honeycombs, _stressed_lattice, _argon_cluster, _mixture)
     rows = [row for field in fields for row in field()]
     return Outcome([check for row in rows for check in row.checks], [_draw(out, rows)])
 
@@ -121,7 +121,7 @@ def _ion_chains():
 
 
 def _ions_of_two_masses():
-    """Two ions in one static trap, by hand: axially `K = [[2, -1], [-1, 2]]`, across it `k - 1/2` and `1/2`; and a printed chain."""
+    """Two ions in one static trap, by hand: `K = [[2, -1], [-1, 2]]` along it, k - 1/2 and 1/2 across; a printed chain."""
     k = 20.0
     for mu in (0.25, 3.0):
         pair = ions(np.array([[0, 0, -1.0], [0, 0, 1.0]]), [k, k, 1.0], masses=[1.0, mu])
@@ -134,7 +134,7 @@ def _ions_of_two_masses():
     ytterbium, barium = 170.936 * 1.66054e-27, 2.28997e-25  # kg; four and one of them
     five = ions(np.linspace(-2.5, 2.5, 5)[:, None] * [0, 0, 1.0], [30.0, 30.0, 1.0], masses=[1, 1, 1, 1, barium / ytterbium])
     omega = modes(five).omega[:5]
-    for n, megahertz in enumerate((0.280, 0.388, 0.480, 0.570), 2):  # of 0.158 for the lowest: the last digits of both are rounded
+    for n, megahertz in enumerate((0.280, 0.388, 0.480, 0.570), 2):  # of 0.158 for the lowest; last digits are rounded
         yield Row(MIXED, f'five ions, axial mode {n} (MHz)', 0.158 * omega[n - 1] / omega[0], megahertz, None, 5e-3, PRINTED_IONS)
 
 
@@ -362,19 +362,6 @@ class LennardJones:
 
     def d2phi(self, r):
         return 24 * self.epsilon / r**2 * (26 * (self.sigma / r) ** 12 - 7 * (self.sigma / r) ** 6)
-
-
-def _argon():
-    """Law cut off at nine spacings, which changes the energy by 0.1 %; the printed numbers have two or three digits."""
-    law, cell = LennardJones(), bulk('Ar', 'fcc', a=np.sqrt(2))
-    cell.set_masses([MASS])
-    r = find_bonds(cell, cutoff=9.1).lengths
-    rest = brentq(lambda spacing: (law.dphi(spacing * r) * r).sum(), 1.0, 1.2)
-    yield Row(ARGON, 'distance of neighbours, 1.09 sigma', rest, 1.09, None, 0.005, 'memory')
-    yield Row(ARGON, 'energy per atom, -8.6 epsilon', law.phi(rest * r).sum(), -8.6, None, 0.006, 'memory')
-    cell.set_cell(cell.cell * rest, scale_atoms=True)
-    cell.calc = PairCalculator(cell, law, cutoff=9.1 * rest)
-    yield Row(ARGON, 'bulk modulus, 75 epsilon/sigma^3', elastic_moduli(cell).bulk, 75, None, 0.007, 'memory')
 
 
 def _argon_cluster():

@@ -12,11 +12,10 @@ DPI = 220
 BRANCHES = 'shear', 'longitudinal'
 """Names of the two branches of a planar lattice, by ascending frequency."""
 SOURCES = {
-    'printed': 'printed in a publication, with its page, figure or equation',
+    'printed': 'printed in a publication, which is named',
     'open code or data': 'from a code or data of others, which is named with its version',
     'closed form': 'derived for the workflow by other means than those of the package',
     'two methods': 'from another method of the package: two methods agree, which reproduces nothing',
-    'memory': 'quoted from memory',
 }
 """By whom a reference may be."""
 ROUNDING = 1e-9
