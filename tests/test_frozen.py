@@ -21,8 +21,8 @@ SCENES = ('prototype', 'ideal', 'oscillator', 'rings', 'neighbours', 'square', '
 DIGITS = {'burst': 2e-5, 'response': 1e-9}
 """Largest change, as a fraction of the largest number of its kind: where none is named 1e-11, twelve digits less one for sums in
 another order.  ASE's loop rounds each position at each step: `ideal` is 44 m wide, its positions have a spacing of 7e-12 mm, its
-burst moves particles by 1e-5 mm, and 200 roundings add up to some twenty spacings (1e-6 of the burst was seen).  A response near a
-resonance is fifty times as sensitive as the stiffness; around a vacancy particles rest within 1e-12 of the forces of bonds."""
+burst moves particles by 1e-5 mm, and 200 roundings add up to some twenty spacings (1e-6 of the burst was seen).  A response near
+a resonance is fifty times as sensitive as the stiffness; around a vacancy particles rest within 1e-12 of the forces of bonds."""
 
 
 def numbers(name):
@@ -65,7 +65,7 @@ def of_structure(atoms):
     lowest = (modes(atoms) if size < 30 else modes(atoms, 6)).omega
     push = np.zeros((len(atoms), 3))
     push[driven, :2] = 0.6, 0.8
-    scale = 1 / verdict(atoms).finding('timestep_limit').value   # half the highest frequency
+    scale = 1 / verdict(atoms)['timestep_limit']   # half the highest frequency
     answer = frequency_response(atoms, push, scale * np.array([0.3, 0.5, 0.8, 1.3]), 0.05 * scale).response
     burst = ToneBurst([driven], (0.6, 0.8), 1e-4 * scale**2 * atoms.get_masses()[driven], 0.6 * scale, 3)
     run = DrivenVerlet(atoms, 0.2 / scale, [burst], damping=0.02 * scale, engine='ase')

@@ -242,6 +242,7 @@ def test_answers_are_those_of_single_pairs(question, kind):
     assert noticed or kind == 'layer'
 
 
+@pytest.mark.slow
 def test_compiled_steps_of_sites_of_their_own():
     assert compare(compiled_steps, 'sites', [1])
 

@@ -16,9 +16,10 @@ from magphonon import read_scene
 from magphonon.bands import band_path
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import Forces
-from magphonon.response import TransferFunction
+from magphonon.response.transfer_functions import TransferFunction
 from magphonon.scenes import fit_bands, fit_frf
-from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
+from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves
+from magphonon.waves.ridge_tables import write_points, write_ridges
 
 from . import bench_lattice as bench
 from .rows import Check, Outcome

@@ -12,8 +12,7 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, analytic_ba
 from magphonon.dynamics import Recorder
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panels
 from magphonon.response.frf import harmonic_response
-from magphonon.scenes import ready_scene
-from magphonon.scenes.scene import reference
+from magphonon.scenes import ready_scene, reference
 from magphonon.waves.wave_source import burst_setup
 
 from .oscillator import oscillator

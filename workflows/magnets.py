@@ -14,8 +14,7 @@ from magphonon.interactions.magnets import Cuboid, Ring, Sphere
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 from magphonon.plotting.axes import COLOURS, letter_panels, new_figure
 from magphonon.plotting.fits import plot_fit
-from magphonon.scenes import ready_scene
-from magphonon.scenes.scene import reference
+from magphonon.scenes import ready_scene, reference
 
 from .rows import Check, Outcome, Reported, save_picture
 

@@ -12,8 +12,7 @@ from magphonon import (
     read_scene,
     units as u,
 )
-from magphonon.bands import band_path, sound_speeds
-from magphonon.bands.bloch import bloch_modes
+from magphonon.bands import band_path, bloch_modes, sound_speeds
 from magphonon.interactions import Hertz, Yukawa
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.bands import plot_bands

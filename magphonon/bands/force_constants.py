@@ -10,15 +10,15 @@ constants *are* the foundation stiffness.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase import Atoms
+from ase.build import make_supercell
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from .. import units
@@ -57,7 +57,7 @@ of any unit of length."""
 
 
 @takes(*LIKE, 'all neighbours')
-def finite_displacements(atoms: Atoms, supercell: Sequence[int] | int | None = None, distance: float | None = None) -> Phonopy:
+def finite_displacements(atoms: Atoms, supercell: ArrayLike | None = None, distance: float | None = None) -> Phonopy:
     """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
 
     phonopy can use the symmetry of the positions to save displacements. This is switched off, because the forces may have less
@@ -73,10 +73,11 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | int | None = N
     ----------
     atoms : ase.Atoms
         One periodic cell with its PairCalculator or AllNeighbours; displacements start from the calculator's reference.
-    supercell : int or three ints, optional
-        Number of cells along each lattice vector, 1 along directions that are not periodic; one number counts for all others. By
-        default the smallest supercell in which no bond spans half of it. With AllNeighbours no supercell is large enough: the
-        bands are then right at the wavevectors that fit the supercell, and interpolated between them.
+    supercell : int, three ints or array_like of ints, shape (3, 3), optional
+        Number of cells along each lattice vector, 1 along directions that are not periodic; one number counts for all others. A
+        matrix is phonopy's, whose columns hold the vectors of the supercell. By default the smallest supercell in which no bond
+        spans half of it. With AllNeighbours no supercell is large enough: the bands are then right at the wavevectors that fit
+        the supercell, and interpolated between them.
     distance : float, optional
         Displacement in mm, to both sides, from 1e-12 to 0.1 of the shortest bond. By default 1e-5 of the shortest bond, or
         less if the stiffness changes over so short a length (`SHARES`), as between spheres that barely touch; for other laws
@@ -105,18 +106,18 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | int | None = N
 
     calc, free = _cell_calculator(atoms)
     rest = calc.reference
-    cells = enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
+    matrix = np.diag(enough_cells(calc)) if supercell is None else checked_supercell(calc, supercell)
     distance = default_distance(calc) if distance is None else _checked_distance(distance, calc.bonds.lengths.min())
 
     moving, held = atoms[free], rest[~free]
     cell = PhonopyAtoms(symbols=moving.get_chemical_symbols(), masses=moving.get_masses(), cell=rest.cell.array,
                         positions=rest.positions[free])
-    phonon = Phonopy(cell, np.diag(cells), primitive_matrix='P', is_symmetry=False,
+    phonon = Phonopy(cell, matrix, primitive_matrix='P', is_symmetry=False,
                      symprec=SAME_PLACE * calc.bonds.lengths.min())
     phonon.unit_conversion_factor = TO_HZ
     phonon.generate_displacements(distance, is_plusminus=True, is_diagonal=False)
 
-    displaced = _supercell_atoms(phonon, rest.pbc) + held.repeat(cells)
+    displaced = _supercell_atoms(phonon, rest.pbc) + make_supercell(held, matrix.T)
     displaced.calc = calc.on(displaced)  # phonopy's order of particles, not that of `repeat`
     forces = []
     for structure in tqdm(phonon.supercells_with_displacements, desc='displacements', delay=2, disable=None, leave=False):
@@ -153,29 +154,39 @@ def enough_cells(calc: Repulsion) -> NDArray[np.int_]:
 
 
 def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
-    """The `supercell` as three whole numbers, or ValueError if bonds could not be told apart in it."""
+    """The `supercell` as a matrix of whole numbers, shape (3, 3), or ValueError if bonds could not be told apart in it."""
     pbc = calc.reference.pbc
     if np.ndim(supercell) == 0:
         supercell = np.where(pbc, whole('supercell', supercell), 1)
-    if np.shape(supercell) != (3,):
-        raise ValueError(f'supercell must be three numbers of cells along the lattice vectors, as (3, 3, 1), or one number, not '
-                         f'{supercell!r}')
-    supercell = np.array([whole(f'supercell[{axis}]', n) for axis, n in enumerate(supercell)])
-    if (supercell[~pbc] > 1).any():
-        raise ValueError(f'the supercell {_ints(supercell)} repeats a direction that is not periodic; '
-                         f'give supercell={_ints(np.where(pbc, supercell, 1))}')
+    if np.shape(supercell) not in ((3,), (3, 3)):
+        raise ValueError('supercell must be one number of cells, three along the lattice vectors, as (3, 3, 1), or a matrix of '
+                         f'three rows as phonopy takes it, not {supercell!r}')
+    if np.ndim(supercell) == 1:
+        supercell = np.diag([whole(f'supercell[{axis}]', n) for axis, n in enumerate(supercell)])
+    told, still = _told(np.array(supercell)), np.eye(3, dtype=int)
+    if not np.array_equal(supercell, np.rint(supercell)) or np.linalg.det(supercell) < 0.5:
+        raise ValueError(f'the supercell {told} must consist of whole numbers and have a positive determinant')
+    matrix = np.array(supercell, dtype=int)
+    if (matrix != still)[~pbc].any() or (matrix != still)[:, ~pbc].any():
+        raise ValueError(f'the supercell {told} repeats or mixes in a direction that is not periodic: there, row and column must '
+                         f'be those of the unit matrix; give supercell={_ints(np.where(pbc, matrix.diagonal(), 1))}')
     if not calc.pairwise:
-        return supercell
+        return matrix
     # phonopy lays the force constant between two particles on their shortest connection: that is the bond only if
     # every other image of its end is farther away.
-    reduced = minkowski_reduce(calc.reference.cell.array * supercell[:, None], pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
+    reduced = minkowski_reduce(matrix.T @ calc.reference.cell.array, pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
     vectors = np.asarray(reduced)[pbc]
     narrowest, longest = np.linalg.norm(vectors, axis=1).min(), calc.bonds.lengths.max()
     if not narrowest > 2 * longest * (1 + 1e-9):
-        raise ValueError(f'the supercell {_ints(supercell)} repeats every {narrowest:g} mm, so a bond of {longest:g} mm reaches '
-                         f'images of the same particle on two sides, and their forces cannot be separated; '
-                         f'give supercell={_ints(np.maximum(supercell, enough_cells(calc)))}')
-    return supercell
+        raise ValueError(f'the supercell {told} repeats every {narrowest:g} mm, so a bond of {longest:g} mm reaches images of '
+                         'the same particle on two sides, and their forces cannot be separated; '
+                         f'give it {_told(np.diag(np.maximum(abs(matrix).max(axis=0), enough_cells(calc))))} cells')
+    return matrix
+
+
+def _told(matrix):
+    along = matrix.diagonal()
+    return str(matrix.tolist()) if (matrix != np.diag(along)).any() else ' x '.join(map(str, along))
 
 
 def _ints(supercell):
@@ -267,7 +278,7 @@ def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) 
 def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
     """The same path on phonopy's unit cell, as `bands.path_of` makes it."""
     # ASE's path has vectors only where it is periodic; phonopy repeats the cell only there
-    pbc = path.cell.mask() if isinstance(path, BandPath) else np.diag(phonon.supercell_matrix) > 1
+    pbc = path.cell.mask() if isinstance(path, BandPath) else (phonon.supercell_matrix != np.eye(3)).any(axis=0)
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)
 
 

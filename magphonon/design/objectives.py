@@ -276,6 +276,10 @@ class Level(Objective):
         x, y = (rest.response(place, self.omega, self.damping) for place in (self.seen, self.source))
         h = complex(self.seen.seen(y))
         power = abs(h) ** 2 + self.floor**2
+        if not power:
+            raise ValueError(f'particle {self.seen.particle} does not move along {self.seen.direction} for a force on particle '
+                             f'{self.source.particle} along {self.source.direction}, so its level is no number: choose another '
+                             'place or direction, or a floor')
         c = -2 * DECIBEL * h.conjugate() / power
         z = 1j * self.omega * self.damping - self.omega**2
         return DECIBEL * np.log(power), form(rest.system.calc.bonds, (c * x)[..., None], y[..., None], z).real

@@ -105,7 +105,7 @@ def spacing_change(law: PairLaw) -> LawDerivative:
     return LawDerivative(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
 
 
-@takes(*LIKE)
+@takes(*{*LIKE} - {'radii'})
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[StiffnessDerivative],
                             model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies with respect to the logarithms of parameters.
@@ -172,19 +172,21 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     return omega, slopes
 
 
-@takes(*LIKE)
-def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivative]) -> list[sparse.csr_array]:
+@takes(*{*LIKE} - {'radii'})
+def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivative], *,
+                    measured: bool = False) -> list[sparse.csr_array]:
     """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, including the change of the rest positions.
 
     A parameter that exerts the forces g moves the rest positions by `H^-1 g`, with H of the complete model as in all statics,
-    and this changes the stiffness of each bond.  Particles with a dead load do not move, because their load is assumed to follow.
+    and this changes the stiffness of each bond.  A dead load is constant.  Positions that were `measured` stay: the load that
+    balances them stands for what nobody knows, and follows.
     """
     calc, P, found = system.calc, system.free, []
     C, R = calc.bonds.incidence, calc.bond_vectors
     pushes, moved = _pushes(system, changes)
     for change, push, moves in zip(changes, pushes, moved, strict=True):
         dK = _stiffness_change(calc, change, calc.model)
-        if moves:
+        if moves and not measured:
             motion = (P @ inverse(P.T @ calc.rest_hessian('complete') @ P)(P.T @ push.ravel())).reshape(push.shape)
             dK = dK + stiffness_change(R, C @ motion, calc.interaction, calc.model)
         found.append(hessian(calc.bonds, dK, change.foundation))
@@ -200,7 +202,7 @@ def _pushes(system, changes):
     pushes, moved = [], []
     for change in changes:
         pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
-        push = (C.T @ ((pull / r)[:, None] * R) + change.foundation * springs) * ~calc.load.any(axis=1)[:, None]
+        push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
         largest = max(abs(pull).max(), abs(change.foundation * springs).max())
         pushes.append(push)
         moved.append(bool(abs(P.T @ push.ravel()).max(initial=0.0) > SHIFTING * largest))

@@ -231,6 +231,8 @@ def refusal(atoms: Atoms) -> str | None:
         return 'the structure is not planar'
     if atoms.calc.interaction.central(2) is None:
         return 'the forces are not along the bonds'
+    if atoms.calc.sites.radii is not None:
+        return 'the laws are functions of the distance over the sum of both radii'
     if out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:

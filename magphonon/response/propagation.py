@@ -216,9 +216,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     >>> moved.displacements.shape  # times, particles, x and y
     (21, 61, 2)
     """
-    times = finite('times', np.atleast_1d(times))
-    if times.ndim != 1 or not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
-        raise ValueError('times must be one or more increasing numbers in ms, zero or above')
+    times = _increasing(times)
     rates, tolerance = site_damping(damping, len(atoms)), positive('tolerance', tolerance)
     drives = list(drives)
     check_drives(drives, atoms)
@@ -256,6 +254,13 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         raise Unstable(f'the structure is unstable: its motion grows by e^{growth:.0f} in {times[-1]:g} ms; ask for a shorter '
                          'time, or ask magphonon.verdict what would hold the structure')
     return moved(interval)
+
+
+def _increasing(times):
+    times = finite('times', np.atleast_1d(times))
+    if times.ndim != 1 or not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
+        raise ValueError('times must be one or more increasing numbers in ms, zero or above')
+    return times
 
 
 def _initial_state(atoms, system, walls):

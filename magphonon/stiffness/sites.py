@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import finite, not_negative, one_of
+from ..errors import finite, not_negative, one_of, positive
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -48,6 +48,7 @@ class Sites:
                                                       settable=True))
     gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim),
                                                     settable=True, seldom=True))
+    radii: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_radii(given, len(atoms)), seldom=True))
 
     @classmethod
     def names(cls, **wanted: bool) -> tuple[str, ...]:
@@ -157,6 +158,16 @@ def site_strengths(strengths: ArrayLike | None, particles: int) -> NDArray[np.fl
     if strengths is None:
         return np.broadcast_to(1.0, particles)
     given = finite('strengths', strengths, (particles,)).copy()
+    given.flags.writeable = False
+    return given
+
+
+def site_radii(radii: ArrayLike | None, particles: int) -> NDArray[np.float64] | None:
+    """The radii of the particles in mm, read-only; None where the law is one of the distance itself."""
+    if radii is None:
+        return None
+    given = np.broadcast_to(finite('radii', radii), particles).copy()
+    positive('the smallest of the radii', given.min(), 'mm')
     given.flags.writeable = False
     return given
 

@@ -101,7 +101,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     Examples
     --------
     >>> import tempfile
-    >>> from magphonon.waves import read_places
+    >>> from magphonon.waves.scan_tables import read_places
     >>> file = tempfile.mkdtemp() + '/points.csv'
     >>> with open(file, 'w') as table:
     ...     _ = table.write('point,x_mm,y_mm\nA1,0,0\nA2,10,0\n')

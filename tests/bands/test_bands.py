@@ -7,8 +7,9 @@ from ase.dft.kpoints import BandPath
 from cells import LAW, cell_of
 from numpy.testing import assert_allclose
 from oracles import LATTICES, lattice
+from structures import few_first
 
-from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands
+from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands
 from magphonon.bands import Bands, band_path, group_velocities, sound_speeds
 from magphonon.bands.bands import path_of, points_on
 from magphonon.bands.bloch import bloch_modes
@@ -70,23 +71,6 @@ def test_polarisations_in_a_turned_cell():
 
 
 # Group velocities
-
-
-@pytest.mark.parametrize('model', MODELS)
-@pytest.mark.parametrize('name', LATTICES)
-def test_group_velocities_against_differences(name, model):
-    atoms = cell_of(name, foundation=0.2)  # every branch stable, and away from zero
-    q = random_q(atoms)
-    omega, velocity = group_velocities(atoms, q, model)
-    h = 1e-5  # rad/mm
-    distinct = np.diff(omega, axis=1, prepend=-np.inf, append=np.inf)
-    distinct = np.minimum(distinct[:, :-1], distinct[:, 1:]) > 0.02 * omega.max()  # else differences mix the branches
-    assert distinct.sum() > 10
-    for axis in range(atoms.calc.dim):
-        step = atoms.cell.array[:, axis] * h / (2 * np.pi)
-        numerical = (bloch_modes(atoms, q + step, model)[0] - bloch_modes(atoms, q - step, model)[0]) / (2 * h)
-        # quadratic in h, and largest where branches come close: (h L omega/gap)^2 is 1e-4, of which 1e-7 was measured
-        assert abs(velocity[..., axis] - numerical)[distinct].max() < 2e-7 * abs(velocity[distinct]).max()
 
 
 def test_group_velocity_of_the_gap():
@@ -230,7 +214,7 @@ def test_ases_band_structure_holds_hertz():
     assert bands.frequencies_Hz[0, 0] == pytest.approx(1e3 * np.sqrt(0.02 / 0.7) / (2 * np.pi), rel=1e-12)
 
 
-@pytest.mark.parametrize('foundation', [0.02, 0.0])
+@pytest.mark.parametrize('foundation', few_first([0.02, 0.0], 1))
 def test_ases_picture_of_bands_has_all_of_them_within_its_axes(foundation):
     from matplotlib.figure import Figure
 
@@ -253,13 +237,6 @@ def test_paths_through_lattices_of_any_size(name, points, spacing):
     alike = lattice(name, 10.0)
     np.testing.assert_allclose(path.kpts, alike.cell.bandpath(points, npoints=60, pbc=alike.pbc).kpts, atol=1e-12)
     np.testing.assert_array_equal(path.cell.array, lattice(name, spacing).cell.array)
-
-
-def test_a_path_that_ase_does_not_know_is_refused():
-    with pytest.raises(ValueError, match='ASE finds no path GQ through the zone of '):
-        band_path(lattice('triangular'), 'GQ')
-    with pytest.raises(ValueError, match='not periodic'):
-        band_path(lattices.parallelogram(lattice('triangular'), 4, 4))
 
 
 def test_special_points_of_longer_names_are_on_the_path():

@@ -194,17 +194,6 @@ def test_no_bin_lies_below_zero_where_no_mode_does():
     assert counted(found)[-1] == pytest.approx(2, rel=1e-9)
 
 
-def test_bad_input_is_refused():
-    patch = lattices.parallelogram(lattices.square(L0, M), 5, 5)
-    patch.calc = MagneticRepulsion(patch, LAW)
-    with pytest.raises(ValueError, match='not periodic and has no zone'):
-        lattice_density(patch)
-    with pytest.raises(ValueError, match='two or more increasing frequencies'):
-        lattice_density(cell('square'), [0.2, 0.1])
-    with pytest.raises(ValueError, match='steps must be a whole number'):
-        lattice_density(cell('square'), steps=0)
-
-
 def test_ases_density_holds_hertz_and_all_modes():
     cell = lattice('honeycomb')
     cell.calc = MagneticRepulsion(cell, LAWS['magnets'], foundation=0.2)

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 from scene_files import ready_scene
+from structures import few_first
 
-import magphonon
 from magphonon.cli.main import main
 from magphonon.scenes.scene import read_scene, ready_scenes
 
@@ -35,7 +35,7 @@ def test_scenes_are_listed_and_printed(capsys, tmp_path):
 
 MISTAKES = {
     'bad value': (['bands', '{d}/bad.toml', '-o', '{d}/out'], 'lattice.spacing_m', 'must be a positive number, not -0.01'),
-    'narrow supercell': (['bands', '{d}/narrow.toml', '-o', '{d}/out'], '(2, 2, 1)', 'give supercell=(3, 3, 1)'),
+    'narrow supercell': (['bands', '{d}/narrow.toml', '-o', '{d}/out'], '2 x 2 x 1', 'give it 3 x 3 x 1 cells'),
     'output in a file': (['bands', '{d}/good.toml', '-o', '{d}/law.csv/x'], 'law.csv/x', 'choose another place'),
     'output not writable': (['bands', '{d}/good.toml', '-o', '/proc/x'], '/proc', 'choose another place'),
     'no command': ([], 'COMMAND', 'required'),
@@ -114,23 +114,15 @@ def test_reader_that_has_seen_enough_is_no_error():
     assert (done.returncode, done.stderr) == (0, '')
 
 
-def test_every_public_name_is_there_and_listed():
-    for name in magphonon.__all__:
-        assert getattr(magphonon, name).__doc__, name
-    assert {'response', 'DrivenVerlet'} <= set(dir(magphonon))
-    with pytest.raises(AttributeError, match="No magphonon attribute nonsense"):
-        _ = magphonon.nonsense
-
-
 # --- what an import costs --------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize(('statement', 'absent'), [
+@pytest.mark.parametrize(('statement', 'absent'), few_first([
     ('import magphonon', ['numpy', 'scipy', 'ase', 'phonopy', 'matplotlib', 'pydantic', 'numba']),
     ('from magphonon import MagneticRepulsion, InversePower, lattices, stiffness, units',
      ['phonopy', 'matplotlib', 'pydantic', 'numba', 'ase.md']),
     ('from magphonon import analytic_bands, finite_displacements, plot_bands', ['phonopy', 'matplotlib', 'pydantic', 'ase.md']),
     ('from magphonon import cli', ['numpy', 'ase', 'phonopy', 'matplotlib', 'pydantic']),
-])
+], 1))
 def test_import_is_light(statement, absent):
     done = subprocess.run([sys.executable, '-c', f'{statement}\nimport sys\nprint(*sys.modules)'], capture_output=True, text=True,
                           check=True, timeout=600)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from ase import Atoms
+from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, MagneticRepulsion, lattices, units
+from magphonon import InversePower, MagneticRepulsion, lattices, relaxed, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.design import sensitivities
 from magphonon.design.sensitivities import (
@@ -12,11 +14,13 @@ from magphonon.design.sensitivities import (
     exponent_change,
     force_change,
     frequency_sensitivities,
+    hessian_changes,
     screening_change,
     spacing_change,
 )
 from magphonon.interactions import Yukawa
 from magphonon.interactions.pair_laws import Tabulated
+from magphonon.stiffness.rest import LinearSystem
 
 STEP = 1e-5  # of central differences: STEP^2 times a third derivative of some 100 is 1e-8
 Q = np.array([[0, 0, 0], [0.11, 0.07, 0], [0.5, 0, 0], [1 / 3, 1 / 3, 0], [0.3, -0.2, 0]])  # Gamma, M, K, and between
@@ -117,3 +121,26 @@ def test_branches_that_cross_keep_their_own_slopes(mixed, monkeypatch):
     order = [0, 1] if abs(found - smooth).max() < abs(found - smooth[:, ::-1]).max() else [1, 0]
     assert_allclose(found[:, order], smooth, atol=1e-5 * abs(smooth).max())
     assert abs(smooth[:, 0] - smooth[:, 1]).max() > 0.02 * abs(smooth).max()  # by the exponent: a mixture has neither's
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_dead_load_stays_when_the_magnets_become_stronger(seed):
+    """Magnets between two held ones, each pushed along the row, against a row that was relaxed anew."""
+    draw = np.random.default_rng(seed)
+    size = int(draw.integers(3, 7))
+    load = np.pad(draw.uniform(1, 4, (size - 2, 1)), ((1, 1), (0, 2)))
+
+    def row(strength):
+        atoms = Atoms(['H'] * size, np.arange(size)[:, None] * [1.0, 0, 0], masses=np.ones(size))
+        atoms.set_constraint(FixAtoms([0, size - 1]))
+        atoms.calc = MagneticRepulsion(atoms, InversePower(strength, 4.0), foundation=9.0, load=load)
+        return relaxed(atoms).atoms
+
+    here, change = row(1.0), StiffnessDerivative(law=force_change(InversePower(1.0, 4.0)))
+    (slope,) = hessian_changes(LinearSystem.of(here), [change])
+    up, down = (LinearSystem.of(row(np.exp(e))).calc.rest_hessian().toarray() for e in (1e-4, -1e-4))
+    assert_allclose(slope.toarray(), (up - down) / 2e-4, atol=1e-6 * abs(up).max())
+    (following,) = hessian_changes(LinearSystem.of(here), [change], measured=True)
+    assert abs((following - slope).toarray()).max() > 0.1 * abs(slope).max()  # the control: a load that follows
+    with pytest.raises(ValueError, match='moves the particles'):
+        frequency_sensitivities(here, [[0, 0, 0]], [change])

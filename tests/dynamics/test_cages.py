@@ -17,7 +17,7 @@ from motion import L0, LAW, MASS, patch
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.dynamics import Diverged
 from magphonon.dynamics.cages import Cages, pairs_without_bond
-from magphonon.lattices import explicit_bonds
+from magphonon.lattices.bonds import explicit_bonds
 
 ENGINES = ['ase', 'compiled']
 

@@ -116,7 +116,6 @@ def test_a_patch_with_a_rim_keeps_it():
     ({'defects': {'vacancies_m': [[0.0, 0.0], [0.0, 1e-4]]}}, r'names the particle at \[0, 0\] twice'),
     ({'defects': {'vacancies_m': [[0.0]]}}, r'vacancies_m\[0\] must be a place \[x, y\]'),
     ({'patch': None, 'frf': None}, r'defects: there is no structure for it; add a table \[patch\]'),
-    ({'uncertainty': {'mass_percent': 1.0}}, r'defects: \[uncertainty\] is for the perfect lattice'),
 ])
 def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
     def written(value):

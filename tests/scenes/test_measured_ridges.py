@@ -14,7 +14,8 @@ import pytest
 
 from magphonon import read_scene, units as u
 from magphonon.scenes import fit_bands
-from magphonon.waves import read_ridges, scan_waves, write_ridges
+from magphonon.waves import read_ridges, scan_waves
+from magphonon.waves.ridge_tables import write_ridges
 from workflows import bench_lattice as bench
 from workflows.bench import line_scan
 

