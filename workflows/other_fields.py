@@ -218,7 +218,7 @@ def _gyroscopes():
 
 @dataclass(frozen=True)
 class Tensions:
-    """Constant forces in N between first, second, ... neighbours, at the distances 1, 2, ... mm; they have no stiffness D0."""
+    """Constant forces in N, as of films, between neighbours at the distances 1, 2, ... mm; they have no stiffness D0."""
 
     T: tuple
 
@@ -301,22 +301,6 @@ def _prisms():
         yield Row(PRISMS, f'{n} struts: modes without stiffness once prestressed, the six rigid motions', zeros, 6, blind, 0)
 
 
-@dataclass(frozen=True)
-class Film:
-    """The law of a film, whose tension does not depend on its length."""
-
-    tension: float
-
-    def phi(self, r):
-        return self.tension * r
-
-    def dphi(self, r):
-        return self.tension + 0 * r
-
-    def d2phi(self, r):
-        return 0 * r
-
-
 def _honeycombs():
     """Speeds of sound of a honeycomb with bond stiffness k along and t across, when the forces on both sublattices balance."""
     cell, k = lattices.honeycomb(1.0, MASS), 1.0
@@ -328,7 +312,7 @@ def _honeycombs():
         slow, fast = (np.sqrt((1.5 * t + 3 / 8 * c * (k - t) - inner) / 2) for c in (1, 3))
         yield Row(NETS, f'stretched by {stretch:g}: shear wave', found[0], slow, blind[0])
         yield Row(NETS, f'stretched by {stretch:g}: longitudinal wave', found[1], fast, blind[1])
-    cell.calc = PairCalculator(cell, Film(2.0))
+    cell.calc = PairCalculator(cell, Tensions((2.0,)))
     density = 2 * MASS / (1.5 * np.sqrt(3))
     found, blind = (density * sound_speeds(cell, model=model)[1] ** 2 for model in ('complete', 'conventional'))
     yield Row(FOAM, 'dry foam, shear modulus sigma/(sqrt(3) a)', found, 1 / np.sqrt(3), blind)
