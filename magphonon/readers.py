@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import csv
 import io
+import zipfile
 from collections.abc import Mapping
 from importlib.metadata import entry_points
+from math import prod
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from .universal import read_datasets
 MARKS = {b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf-16', b'\xef\xbb\xbf': 'utf-8-sig'}
 REFUSED = {*map(chr, {*range(32)} - {*b'\t\n\r\f'}), '\ufffd'}  # characters that no table of text holds
 TIMES = Asked({'time': TIME}, [], {})
+MOST_NUMBERS = 10_000_000  # of all arrays of a file, which have 0.2 GB as text
 UNITS = 'unit', 'units'  # attributes of arrays that tell their unit, in small letters
 
 
@@ -75,17 +78,27 @@ def _workbook(path):
     return '\n'.join(map('\t'.join, filled[0]))
 
 
+def _refuse_many(path, count):
+    """Raise ValueError for arrays that would fill the memory, before they are unpacked: a file of 3 MB may hold 3 GB of zeros."""
+    if count > MOST_NUMBERS:
+        raise ValueError(f'{path} holds {count / 1e6:.3g} million numbers, more than the {MOST_NUMBERS / 1e6:g} million that are '
+                         'read; export the columns of the measurement alone')
+
+
 def numpy_file(path: str | PathLike[str]) -> dict[str, Any]:
     """The arrays of a .npz file."""
+    with zipfile.ZipFile(path) as packed:
+        _refuse_many(path, sum(one.file_size for one in packed.infolist()) // 8)
     with open(path, 'rb') as file:  # np.load leaves it open where it fails
         return dict(np.load(file, allow_pickle=False).items())
 
 
 def matlab_file(path: str | PathLike[str]) -> dict[str, Any]:
     """The variables of a .mat file; the fields of a structure are columns."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     try:
+        _refuse_many(path, sum(prod(shape) for _, shape, _ in whosmat(path)))
         found = loadmat(path, squeeze_me=True)
     except NotImplementedError:  # version 7.3, which is HDF5
         return hdf5_file(path)
@@ -100,6 +113,7 @@ def hdf5_file(path: str | PathLike[str]) -> dict[str, Any]:
 
     def visit(name, node):
         if isinstance(node, h5py.Dataset) and node.dtype.kind in 'iufSUOV':
+            _refuse_many(path, node.size)
             unit = next((unit for key, unit in node.attrs.items() if key.lower() in UNITS), '')
             values = node.asstr()[()] if node.dtype.kind in 'SO' else node[()]
             found.append((f'{Path(name).name} [{unit}]' if unit else Path(name).name, values))

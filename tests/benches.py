@@ -85,6 +85,7 @@ class Bench:
     mass: float
     stiffness: float
     needed: float  # of the foundation
+    force: float  # between nearest neighbours
     hertz: tuple  # lowest and highest frequency
     table: bytes
     hole: bool
@@ -97,8 +98,10 @@ class Bench:
         patch = '\n[patch]\nkind = "rectangle"\nwidth_m = {:.6g}\nheight_m = {:.6g}\n'.format(*np.array(sides) * L)
         place = ((0.2 * L, 6.1 * L), (0.3 * L, 3.1 * L))[self.ready == 'prototype']
         for key, value in {'kind = "(triangular|square)"': f'kind = "{self.kind}"', 'spacing_m': L, 'mass_kg': self.mass,
-                           'carriers_Hz': [round((self.hertz[0] + 2 * self.hertz[1]) / 3, 2)], 'force_N': 1e-4 * self.needed * L,
-                           'duration_s': 60 / self.hertz[1], 'path': None, 'directions_deg': None}.items():
+                           'cycles': None, 'duration_s': None,
+                           'carriers_Hz': f'[{(self.hertz[0] + 2 * self.hertz[1]) / 3:.4g}]\ncycles = 2\nduration_s = '
+                                          f'{10 / self.hertz[1]:.4g}', 'force_N': 1e-4 * self.needed * L,
+                           'path': None, 'directions_deg': None}.items():
             line = f'{key} = {value}' if '=' not in key else value
             text = re.sub(rf'(?m)^{key}( .*)?$', '' if value is None else line, text)
         text = re.sub(r'(?s)\[foundation.*?(?=\n\[)', self.support(), text)
@@ -139,7 +142,8 @@ def drawn(seed):
     f = force(r) * (1 + rng.normal(0, 0.01, len(r))) + force(r).max() * (2e-4 + rng.normal(0, 2e-4, len(r)))
     hole = kind != 'chain' and rng.random() < 0.3
     ready = 'square' if kind == 'square' and rng.random() < 0.7 else 'prototype'
-    return Bench(kind, spacing, float(np.round(mass, 7)), float(stiffness), float(needed), hertz, written(rng, r, f), bool(hole),
+    return Bench(kind, spacing, float(np.round(mass, 7)), float(stiffness), float(needed),
+                 float(force(np.array([spacing]))[0]), hertz, written(rng, r, f), bool(hole),
                  bool(rng.random() < 0.5), ready)
 
 

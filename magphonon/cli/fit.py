@@ -32,6 +32,7 @@ from ..errors import not_negative, one_of, positive
 from ..headers import LACKS
 from ..readers import content
 from ..tables import MOST_BYTES
+from ..universal import NO_FUNCTIONS
 from .arguments import add_force, add_style, add_verbose, drawing, force, length, ready_table, share
 
 HELP = 'the force between two particles, or the lattice, from measurements'
@@ -124,18 +125,20 @@ def held(file: str, contact: float = 0.0) -> tuple[str, Any]:
     """The kind of records in a file, and these records; `contact` in mm is needed if a table of forces gives gaps."""
     if file.endswith('.toml'):
         raise ValueError(f'{file} is a scene and holds no measurements')
-    content(file, MOST_BYTES)  # what cannot be read at all has one cause
-    faults = []
-    for kind, (module, reader) in KINDS.items():
+    table, faults = isinstance(content(file, MOST_BYTES), str), []  # what cannot be read at all has one cause
+    for kind, (module, reader) in [*KINDS.items()][0 if table else 2 :]:  # no instrument records forces over distances
         try:
             given = {'contact': contact} if kind == 'forces' else {}
             return kind, getattr(import_module(f'magphonon.{module}'), reader)(file, **given)
         except ValueError as error:
             faults.append(str(error))
-    for fault in (fault for fault in faults if LACKS not in fault):  # the columns are those of this kind
-        raise ValueError(fault)
-    raise ValueError(f'{file} holds no columns that are known; name those of forces r_mm,f_N, of ridges as spectrum writes them, '
-                     'of transfer functions frequency_Hz,re_m_per_N,im_m_per_N, of a scan time_s,point,u_x_m')
+    for fault in faults:
+        if LACKS not in fault and NO_FUNCTIONS not in fault:  # the columns, or the functions, are those of this kind
+            raise ValueError(fault)
+    header = faults[0].partition('(its header is ')[2].partition('); a table')[0]
+    raise ValueError(f'{file} holds no columns that are known' + f': its header is {header}' * bool(header) + '; name those of '
+                     'forces r_mm,f_N, of ridges as spectrum writes them, of transfer functions frequency_Hz,re_m_per_N, '
+                     'im_m_per_N, of a scan of several points time_s,point,u_x_m')
 
 
 def _columns(kind, record):

@@ -203,7 +203,7 @@ def _pushes(system, changes):
     for change in changes:
         pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
         push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
-        largest = max(abs(pull).max(), abs(change.foundation * springs).max())
+        largest = max(abs(pull).max(), abs(change.foundation * springs).max(), abs(calc.law.dphi(r)).max())
         pushes.append(push)
         moved.append(bool(abs(P.T @ push.ravel()).max(initial=0.0) > SHIFTING * largest))
     return pushes, moved

@@ -151,4 +151,5 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     density = mass / lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {mass:.6g} and {lattice.spacing_given} make {density / 1e3:.2g} g/cm3, denser than any '
-                      'metal; check their units, which are kg and m', stacklevel=2)
+                      'metal; check their units, which are kg and m'
+                      + ' (g and mm in files that ASE reads)' * isinstance(lattice, FileLattice), stacklevel=2)

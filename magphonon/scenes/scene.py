@@ -60,6 +60,13 @@ POINTS = 200
 MOST_IN_A_CELL = 30
 """Largest number of particles in the cell of a file whose bands are computed to find how many neighbours it needs."""
 
+DEEPEST = 100  # largest number of names in a key with dots; those of a scene have four
+START = '"magphonon scene prototype" prints a scene to start from'
+SLIPS = {r'=\s*[-+]?\d+,\d': 'numbers take a decimal point, as in 0.01',
+         r'\\': "a path takes slashes, as in 'C:/bench/particles.csv'",
+         r'=\s*[-+]?[\d.]+(e-?\d+)?\s*[^\W\d_]': 'a number stands alone: its unit is in the name of the key'}
+"""What a line that is not TOML may hold, and what to write instead."""
+
 
 @contextmanager
 def _units_told_by_keys():
@@ -391,16 +398,16 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     try:
         text = source.text
     except UnicodeDecodeError as error:
-        raise ValueError(f'{source} is not TOML: its byte {error.start + 1} is not text in UTF-8; '
-                         '"magphonon scene prototype" prints a scene to start from') from None
+        raise ValueError(f'{source} is not TOML: its byte {error.start + 1} is not text in UTF-8; {START}') from None
     try:
+        if any(words.count('.') > DEEPEST for words in re.split(r'[=,\[\]{}#\n]', text)):
+            raise RecursionError  # of 100 kB of nested names tomllib would make 10 GB
         data = tomllib.loads(text)
     except ValueError as error:
         words = re.sub(r"\('([^()]*?)',?\)", lambda keys: '[' + keys[1].replace("', '", '.') + ']', str(error))
-        raise ValueError(f'{source} is not TOML ({words}); "magphonon scene prototype" prints a scene to start from') from None
+        raise ValueError(f'{source} is not TOML ({words}); {_slip(source, text, words)}') from None
     except RecursionError:
-        raise ValueError(f'{source} is not a scene: it nests lists or tables hundreds deep; "magphonon scene prototype" prints '
-                         'one to start from') from None
+        raise ValueError(f'{source} is not a scene: it nests lists or tables hundreds deep; {START}') from None
     try:
         with np.errstate(over='raise', divide='raise', invalid='raise'):
             scene = Scene.model_validate(data, context={'folder': source.folder})
@@ -411,6 +418,15 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
                          'check their units and exponents, first those of [law]') from None
     except ValidationError as error:
         raise ValueError('\n'.join(f'{source}: {fault}' for fault in _faults(error, data))) from None
+
+
+def _slip(source, text, words):
+    """What to write instead of a line that is not TOML."""
+    found = re.search(r'at line (\d+)', words)
+    line = text.splitlines()[int(found[1]) - 1] if found else ''
+    if source.suffix not in ('', '.toml'):
+        return f'tables of measurements are for "magphonon fit"; {START}'
+    return next((mend for slip, mend in SLIPS.items() if re.search(slip, line)), START)
 
 
 def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = None) -> None:

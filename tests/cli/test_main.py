@@ -1,14 +1,18 @@
 """The command `magphonon`: what it shows and writes, and how it fails."""
 
+import ast
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from scene_files import ready_scene
 from structures import few_first
 
-from magphonon.cli.main import main
+import magphonon
+from magphonon.cli.main import main, parser_of
 from magphonon.scenes.scene import read_scene, ready_scenes
 
 
@@ -135,3 +139,15 @@ def test_a_report_goes_into_a_folder_of_its_own(tmp_path, capsys):
     assert main(['reproduce', 'chain', '-o', str(tmp_path)]) == 2
     assert 'summary.json exists; name another place with -o, or give --force' in capsys.readouterr().err
     assert [file.read_text() for file in tmp_path.iterdir()] == ['mine']
+
+
+def test_messages_name_only_options_that_exist():
+    """In all texts of the package, but for those of phonopy and of the queue of a cluster."""
+    (commands,) = (action for action in parser_of()._actions if action.choices)
+    known = {'--version', '--no-sym-fc', '--nosym', '--nonac', '--band', '--tolerance', '--ntasks', '--job-name', '--time'}
+    known |= {flag for command in commands.choices.values() for action in command._actions for flag in action.option_strings}
+    texts = [(file.name, node.value) for file in Path(magphonon.__file__).parent.rglob('*.py')
+             for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    named = {(file, flag) for file, text in texts for flag in re.findall(r'(?<![\w-])--[a-z][a-z-]+', text)}
+    assert len(named) > 40
+    assert [one for one in sorted(named) if one[1] not in known] == []

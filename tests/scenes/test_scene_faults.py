@@ -203,7 +203,11 @@ def test_missing_table_is_shown_in_a_scene_that_has_it(table):
     (b'spacing: 10 mm', 'line 1'), (b'title = "\xff"', 'byte 10'), (b'', "lacks the key 'title'"),
     (b'x = ' + 1200 * b'[' + 1200 * b']', 'is not a scene: it nests lists or tables hundreds deep'),
     (b'title = "a"\n[lattice]\n[lattice]\n', 'is not TOML (Cannot declare [lattice] twice'),
-    (b'#' * (10 * 2**20 + 1), 'more than the 10 MB that are read')], ids=range(6))
+    (b'x' + 50_000 * b'.x' + b' = 1', 'is not a scene: it nests lists or tables hundreds deep'),  # which took 10 GB
+    (b'[lattice]\nspacing_m = 0,01', 'numbers take a decimal point, as in 0.01'),
+    (b'[lattice]\nspacing_m = 10 mm', 'its unit is in the name of the key'),
+    (b'title = "C:\\Users\\x"', "a path takes slashes, as in 'C:/bench/particles.csv'"),
+    (b'#' * (10 * 2**20 + 1), 'more than the 10 MB that are read')], ids=range(10))
 def test_files_that_are_no_scene(content, words, tmp_path, request):
     request.addfinalizer(partial(sys.setrecursionlimit, sys.getrecursionlimit()))
     sys.setrecursionlimit(1000)  # Python's own; symfc, which other tests import, raises it

@@ -160,6 +160,20 @@ def test_files_of_ase_are_read_in_mm(name, tmp_path):
     assert_allclose(np.sort(bloch_modes(scene.atoms(), q)[0]), bloch_modes(ready, q)[0], rtol=2e-3)
 
 
+def test_what_a_file_of_ase_leaves_open_is_told(tmp_path):
+    """Which frame of a film is taken; and that lengths in metres make a crystal denser than any metal."""
+    film = [lattices.triangular(spacing, 0.7) for spacing in (8.0, 9.0, 10.0)]
+    ase.io.write(tmp_path / 'film.extxyz', film)
+    tables = {'title': 'mine', 'lattice': {'kind': 'file', 'file': 'film.extxyz'}, 'law': LAW}
+    with pytest.warns(UserWarning, match='a film of 3 frames; the scene takes the last one'):
+        scene = Scene.model_validate(tables, context={'folder': tmp_path})
+    assert scene.lattice.spacing_m == pytest.approx(0.01)
+    ase.io.write(tmp_path / 'POSCAR', lattices.fcc(0.01, 0.7), format='vasp')
+    with pytest.warns(UserWarning, match=r'denser than any metal; check their units, .* \(g and mm in files that ASE reads\)'):
+        Scene.model_validate(tables | {'lattice': {'kind': 'file', 'file': 'POSCAR', 'mass_kg': 7e-4}},
+                             context={'folder': tmp_path})
+
+
 @pytest.mark.parametrize('column', ['held', 'mass_kg', 'stiffness_N_per_m'])
 def test_columns_of_tables_mean_nothing_to_ase(column, tmp_path):
     """They must not be read and forgotten in silence."""
