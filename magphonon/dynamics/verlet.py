@@ -45,7 +45,7 @@ from .engine import Blocks, half_step, highest_frequency, refusal, refuse_long_d
 from .splittings import SPLITTINGS, STEPS_SHARE
 
 ENGINES = ('auto', 'ase', 'compiled')
-ENOUGH = 20_000  # number of particles from which on another thread pays
+ENOUGH = 100_000  # number of particles of a thread from which on another one pays
 COMPILING_PAYS, BESIDE = 2e6, 1000
 """An evaluation of the forces takes ASE's loop 0.15 us for each particle and for BESIDE more.  COMPILING_PAYS of these take as
 long as loading compiled steps, 0.3 s; the seconds that these take to be compiled, once on a machine, are saved in ten runs."""
@@ -98,7 +98,7 @@ class DrivenVerlet(VelocityVerlet):
     loginterval : int
         Steps between two lines of the log, and between two frames of the trajectory.
     threads : int, optional
-        Number of threads of compiled blocks; results do not depend on it. By default one for each 20 000 particles, limited by
+        Number of threads of compiled blocks; results do not depend on it. By default one for each 100 000 particles, limited by
         OMP_NUM_THREADS if it is set, or else by the number of idle cores.
     **kwargs
         `trajectory` and other arguments of ASE's MolecularDynamics.
