@@ -28,8 +28,8 @@ are to be seen (the prototype's is
 0.18).  A lattice of unit masses or lengths has no units."""
 TYPED = 5.0  # stiffness in N/mm of the stiffest supports of benches; those typed in N/m are mostly larger numbers
 WEAK = 1e-25, 1e-7
-"""Fractions of the foundation between which the stiffest bond was probably typed in N m^a instead of N mm^a, which is 1000^a times
-as large.  Magnets of 1 mN beside pillars of 5 N/mm have 6e-6."""
+"""Fractions of the foundation between which the stiffest bond was probably typed in N m^a instead of N mm^a, which is 1000^a
+times as large.  Magnets of 1 mN beside pillars of 5 N/mm have 6e-6."""
 BENCH = 2.0, 5e-3
 """From this spacing in mm on, a particle of less than this mass in g was probably typed in kg."""
 PRESSURE = 100.0
