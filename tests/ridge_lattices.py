@@ -37,6 +37,15 @@ def drawn_law(rng, kind):
             'screened': lambda r: (r**-2 + decay / r) * np.exp(-decay * (r - 1))}[kind]
 
 
+def cantilever(x):
+    """Stiffness at the tip of a beam that vibrates, in static ones, from w = w' = 0 and w'' = 0, w = 1 at its ends."""
+    z = np.asarray(x, float) ** 0.25
+    c, s, C, S, one, none = np.cos(z), np.sin(z), np.cosh(z), np.sinh(z), 1 + 0 * z, 0 * z
+    clamped, free = [[one, none, one, none], [none, one, none, one]], [[-c, -s, C, S], [c, s, C, S]]
+    shape = np.linalg.solve(np.moveaxis(np.array([*clamped, *free]), (0, 1), (-2, -1)), np.array([0.0, 0, 0, 1])[:, None])[..., 0]
+    return -(z**3) / 3 * (s * shape[..., 0] - c * shape[..., 1] + S * shape[..., 2] + C * shape[..., 3])
+
+
 @dataclass
 class Drawn:
     """A lattice, and the ridges that a bench would find."""
@@ -50,6 +59,7 @@ class Drawn:
     shifts: np.ndarray
     stiffness: np.ndarray
     tension: np.ndarray
+    pillar: float = 0.0
 
     @classmethod
     def with_law(cls, kind, law, force, foundation, reach=REACH, mass=0.7):
@@ -64,13 +74,15 @@ class Drawn:
                    -slope[which] / L, f[which] / r[near] / L)
 
     @classmethod
-    def of(cls, seed, laws=('discs', 'rings', 'cubes', 'power', 'two powers'), reach=REACH):
-        """One that is stable, with its law drawn among `laws`, and the generator of its noise."""
+    def of(cls, seed, laws=('discs', 'rings', 'cubes', 'power', 'two powers'), reach=REACH, heavy=False):
+        """One that is stable, with its law drawn among `laws`, and the generator of its noise; `heavy` pillars have a mass."""
         rng = np.random.default_rng(seed)
         while True:
             kind, law = str(rng.choice([*VECTORS])), drawn_law(rng, str(rng.choice(laws)))
             one = cls.with_law(kind, law, rng.uniform(0.1, 0.4), np.exp(rng.uniform(np.log(0.03), 0)), reach)
-            if 2.8 < one.a < 7 and one.omega(rng.uniform(0, 1, (200, 3)) * [1, 1, 0]).min() > 0.05 * np.sqrt(one.k / 0.7):
+            one.pillar = rng.uniform(0.2, 1.5) * one.mass if heavy else 0.0
+            ends = one.omega(rng.uniform(0, 1, (200, 3)) * [1, 1, 0])
+            if 2.8 < one.a < 7 and ends.min() > 0.05 * np.sqrt(one.k / 0.7) and 3 * one.pillar * ends.max() ** 2 < 150 * one.k:
                 return one, rng
 
     def squares(self, q):
@@ -83,8 +95,15 @@ class Drawn:
 
     def omega(self, q):
         """Frequencies, shape (wavevectors, 2); negative where the lattice is unstable."""
-        squares = (self.k + self.squares(np.asarray(q, float))) / self.mass
-        return np.sign(squares) * np.sqrt(abs(squares))
+        own = self.squares(np.asarray(q, float))
+        if not self.pillar:
+            return np.sign(self.k + own) * np.sqrt(abs(self.k + own) / self.mass)
+        low, high = np.zeros(own.shape), np.full(own.shape, np.sqrt(200 * self.k / (3 * self.pillar)))
+        for _ in range(48):  # mass omega^2 - k(omega) rises with omega
+            middle = (low + high) / 2
+            soft = self.mass * middle**2 - self.k * cantilever(3 * self.pillar * middle**2 / self.k) < own
+            low, high = np.where(soft, middle, low), np.where(soft, high, middle)
+        return low
 
     def ridges(self, rng, modes=(0, 1)):
         """Measured points: columns xi, sigma_xi, q, ridge, omega and sigma_omega, with noise of what they state or less."""

@@ -10,6 +10,7 @@ from ase.constraints import FixAtoms, FixedLine
 from scene_files import ready_scene
 from scipy.linalg import eigvals, expm, sqrtm
 from scipy.optimize import brentq
+from structures import few_first
 
 from magphonon import (
     DrivenVerlet,
@@ -285,6 +286,7 @@ def test_gyration_does_not_hold_a_saddle():
             assert np.allclose(np.linalg.norm(found, axis=0), 1, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_check_and_frf_judge_a_lattice_that_gyrates_to_the_end(tmp_path, capsys):
     text = ready_scene('gyro').read_text().replace('cells_1 = 24', 'cells_1 = 6').replace('cells_2 = 12', 'cells_2 = 6')
     place = 'at_m = [0.0, 0.0]\ndirection_deg = 0.0\n'
@@ -313,7 +315,7 @@ def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monk
     assert 'use a smaller patch' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('turn', [1.0, -1.0, 'each'])
+@pytest.mark.parametrize('turn', few_first([1.0, -1.0, 'each'], 1))
 def test_bursts_reach_the_branches_above_all_stiffness(turn):
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=3.0)
@@ -365,6 +367,7 @@ def test_the_command_tells_chern_numbers_and_leaves_phonopy_out(capsys, tmp_path
     assert main(['bands', '--verbose', str(tmp_path / 'own.toml'), '-o', str(tmp_path / 'own')]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.peer
 def test_chern_numbers_are_those_of_pythtb():
     """Its fluxes of states by the root of K, which share nothing with ours but K; drawn masses, gyration and foundation."""

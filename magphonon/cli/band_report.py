@@ -57,6 +57,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
         page += _decays(lossy)
         page += _topology(atoms) if gyrates else _by_phonopy(scene, atoms, bands, phonon)
     page += disagreement(scene, bands)
+    page += scene.foundation.doubts(bands['complete'].omega) if scene.foundation else []
     if not gyrates:
         page += omission(scene, verbose)
     if verbose and not gyrates:

@@ -34,7 +34,7 @@ def run(options: Namespace) -> None:
         first, lines = _responses(scene, plan, folder, save)
         lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
         told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save),
-                 *omission(scene, options.verbose)]
+                 *omission(scene, options.verbose), *(scene.foundation.doubts(plan.omega) if scene.foundation else [])]
 
 
 def _measured(scene, options):

@@ -44,7 +44,7 @@ from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit
 from .sensitivities import StiffnessDerivative
 
-Build = Callable[[dict[str, float]], tuple[PairLaw, Foundation, Mapping[str, StiffnessDerivative]]]
+Build = Callable[[dict[str, float]], tuple[Any, ...]]
 FOLLOWS = 1.5
 """Scatter up to which a model is taken to fit the points: their uncertainties are estimates, and the simulated ridges of the
 prototype have 1.4.  Simulated scans with ridges of other waves had 1.9 or more if they supported the wrong model."""
@@ -61,6 +61,7 @@ STRAYS = 3.0
 this many uncertainties from its own branch, and this many times nearer to the other."""
 OBLIQUE = 2.8
 """Reach in spacings of the neighbours that count for oblique waves, which need to be known to a tenth of a bin only."""
+SETTLES = 40  # halvings of the distance between a frequency and that of pillars with their stiffness there
 DIGITS = 5  # of the directions of rows: tables have six of a wavevector
 STEP = 1e-4  # step of xi in rad for the slope of a branch
 ROUNDS, FARTHEST = 6, 3
@@ -122,12 +123,16 @@ class Shells:
 
     def matrices(self, q: NDArray[np.float64], model: Model, law: PairLaw | LawDerivative | None,
                  foundation: Foundation) -> NDArray[np.complex128]:
-        """Bloch matrices divided by the masses, shape (wavevectors, particles * dim, particles * dim), for a law and springs."""
+        """Bloch matrices divided by the masses, shape (wavevectors, particles * dim, particles * dim), for a law and springs.
+
+        A foundation of one dimension has a stiffness for each wavevector.
+        """
         (A, B), (edge, around) = self.sums(q), self._edge
-        springs = each_spring(foundation, len(self.masses), self.dim)
+        by_wave = np.ndim(foundation) == 1
+        each = np.reshape(foundation, (-1, 1)) if by_wave else each_spring(foundation, len(self.masses), self.dim)
         if around and law is not None:
-            springs = springs - around * law.dphi(edge)
-        D: Any = np.diag(springs / np.repeat(self.masses, self.dim)).astype(complex)
+            each = each - around * law.dphi(edge)
+        D: Any = (each / np.repeat(self.masses, self.dim))[..., None] * np.eye(A.shape[-1], dtype=complex)
         if law is None:
             return np.broadcast_to(D, A.shape[1:])
         D = D + np.tensordot(law.d2phi(self.r), A, 1)
@@ -136,25 +141,43 @@ class Shells:
 
 @dataclass(frozen=True)
 class Bands:
-    """The bands of `Shells` with a law and springs, and their slopes by parameters."""
+    """The bands of `Shells` with a law and springs, and their slopes by parameters.
+
+    `excess`, of pillars that are too heavy for springs, says by how much their stiffness in N/mm at angular frequencies exceeds
+    the foundation, and the slope of that by the logarithm of the foundation.
+    """
 
     shells: Shells
     model: Model
     law: PairLaw
     foundation: Foundation
     changes: Mapping[str, StiffnessDerivative]
+    excess: Callable[[Any], tuple[Any, Any]] | None = None
 
-    def omega(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Frequencies in rad/ms, shape (wavevectors, branches); negative for unstable modes."""
-        return signed_root(hermitian_eigenvalues(self.shells.matrices(q, self.model, self.law, self.foundation)))
+    def omega(self, q: NDArray[np.float64], at: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Frequencies in rad/ms, shape (wavevectors, branches); negative for unstable modes.
 
-    def slopes(self, q: NDArray[np.float64], names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        Heavy pillars have their stiffness at the frequencies `at`, shape (wavevectors,), by default at that of each branch.
+        """
+        if self.excess is None or at is not None:
+            springs = self.foundation if self.excess is None else self.foundation + self.excess(at)[0]
+            return signed_root(hermitian_eigenvalues(self.shells.matrices(q, self.model, self.law, springs)))
+        squares = np.square(omega := self.omega(q, np.zeros(len(q))))
+        for _ in range(SETTLES):
+            there = [np.square(self.omega(q, np.sqrt(squares[:, k]))[:, k]) for k in range(omega.shape[1])]
+            squares = (squares + np.transpose(there)) / 2
+        return np.sqrt(squares) * np.sign(omega)
+
+    def slopes(self, q: NDArray[np.float64], names: Sequence[str],
+               at: NDArray[np.float64] | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Squares of the frequencies and their derivatives by ln p, shape (parameters, wavevectors, branches).
 
         Between branches that cross, the derivative is one of any mixture of their modes; only points exactly there feel it.
         """
-        squares, v = np.linalg.eigh(self.shells.matrices(q, self.model, self.law, self.foundation))
-        dD = [self.shells.matrices(q, self.model, self.changes[name].law, self.changes[name].foundation) for name in names]
+        more, steeper = (0.0, 0.0) if self.excess is None or at is None else self.excess(at)
+        squares, v = np.linalg.eigh(self.shells.matrices(q, self.model, self.law, self.foundation + more))
+        dD = [self.shells.matrices(q, self.model, self.changes[name].law,
+                                   self.changes[name].foundation + (steeper if name == 'foundation' else 0.0)) for name in names]
         return squares, np.einsum('qai,pqab,qbi->pqi', v.conj(), dD, v, optimize=True).real
 
     @property
@@ -214,8 +237,8 @@ def fit_dispersion(shells: Shells, build: Build, names: tuple[str, ...], points:
     shells : Shells
         The lattice, whose bonds say which neighbours count.
     build : callable
-        Function that takes a dict from parameter name to factor. It returns the law, the foundation in N/mm, and a dict of
-        `StiffnessDerivative` that says what each parameter changes.
+        Function that takes a dict from parameter name to factor. It returns the law, the foundation in N/mm, a dict of
+        `StiffnessDerivative` that says what each parameter changes, and the `excess` of heavy pillars if there are any.
     names : tuple of str
         The parameters to fit.
     points : RidgePoints
@@ -308,7 +331,7 @@ def _settled(bands, names, points, priors, branches_in, start, passes=range(PASS
             return np.append(white @ ((points.omega**2 - omega * abs(omega)) / scale), priors.root @ (priors.centre - x))
 
         def jacobian(x, modes=modes, scale=scale, white=white) -> Any:
-            slopes = bands(*x).slopes(points.q, names)[1][:, n, modes]
+            slopes = bands(*x).slopes(points.q, names, points.omega)[1][:, n, modes]
             return -np.vstack([white @ (slopes / scale).T, priors.root])
 
         found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType, reportGeneralTypeIssues]  the stubs of scipy know no function as jac
@@ -357,7 +380,7 @@ def _followed(bands, points, modes):
 def _at(bands, points, modes, xi=None):
     """Frequencies of these branches at the phases xi, by default those of the points."""
     q = points.q if xi is None else points.q * (xi / points.xi)[:, None]
-    return bands.omega(q)[np.arange(len(points)), modes]
+    return bands.omega(q, points.omega)[np.arange(len(points)), modes]
 
 
 def _assignments(bands, parameters, points):
@@ -392,7 +415,7 @@ def _told(points, count):
 
 def _off_branches(bands, points, unit):
     """Sum of the squared distances, in `unit`, of each ridge from each branch; infinite for a branch of another motion."""
-    off = ((bands.omega(points.q) - points.omega[:, None]) / unit[:, None]) ** 2
+    off = ((bands.omega(points.q, points.omega) - points.omega[:, None]) / unit[:, None]) ** 2
     found = np.array([off[points.ridge == k].sum(axis=0) for k in range(len(points.motions))])
     for k in np.flatnonzero(_told(points, off.shape[1])):
         found[k, np.arange(off.shape[1]) != branch_names(off.shape[1] // 2).index(points.motions[k])] = np.inf

@@ -30,7 +30,6 @@ from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..lattices.bonds import bonds_within
 from ..stiffness.bond import MODELS, Model
-from ..stiffness.matrices import signed_root
 from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
 from .laws import KINDS, TableLaw
@@ -228,9 +227,10 @@ class BandFits:
         for name, fit in self.parts[one_of('model', model, MODELS)].items():
             if part in (None, name):
                 bands = Bands(self.lattices[name], model, *_built(self.scene, fit.by_name))
-                squares, slopes = bands.slopes(q, fit.names)
-                steep = np.divide(slopes, 2 * abs(squares), out=np.zeros_like(slopes), where=slopes != 0)
-                found.append((signed_root(squares), np.apply_along_axis(fit.sigma_along, 0, steep)))
+                omega = bands.omega(q)
+                steep = np.stack([bands.slopes(q, fit.names, at)[1][..., k] for k, at in enumerate(omega.T)], axis=-1)
+                relative = np.divide(steep, 2 * omega**2, out=np.zeros_like(steep), where=steep != 0)
+                found.append((omega, np.apply_along_axis(fit.sigma_along, 0, relative)))
         omega, sigma = (np.array(each) for each in zip(*found, strict=True))
         return mixed_interval(omega, sigma, self._share(model, part))
 
@@ -361,8 +361,9 @@ def _built(scene, factors):
     """Law and springs of a scene with its parameters multiplied by `factors`, and the change of stiffness by each of them."""
     there = with_factors(scene, factors)
     law, changes = _bent(there, factors) if BENDS[0] in factors else (there.law.potential(), {})
-    springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
-    return law, springs, changes_of(there) | changes
+    feet = there.foundation
+    excess = feet.pillar.excess if feet and feet.pillar and feet.pillar.mass_kg else None
+    return law, feet.springs(feet.stiffness) if feet else 0.0, changes_of(there) | changes, excess
 
 
 def _bent(scene, factors):

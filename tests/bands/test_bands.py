@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 from oracles import LATTICES, lattice
 from structures import few_first
 
-from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands
+from magphonon import MagneticRepulsion, analytic_bands
 from magphonon.bands import Bands, band_path, group_velocities, sound_speeds
-from magphonon.bands.bands import path_of, points_on
+from magphonon.bands.bands import path_of
 from magphonon.bands.bloch import bloch_modes
 
 MODELS = ('complete', 'conventional')
@@ -31,16 +31,6 @@ def test_large_zones_are_diagonalised_in_batches(monkeypatch):
     monkeypatch.setattr('magphonon.bands.bloch.BATCH_BYTES', 5000)
     for whole, parts in zip(at_once, bloch_modes(atoms, q, vectors=True), strict=True):
         np.testing.assert_array_equal(whole, parts)
-
-
-def test_velocities_of_large_zones_are_computed_in_batches(monkeypatch):
-    atoms = cell_of('kagome', foundation=0.3)
-    q = np.concatenate([random_q(atoms, 50), [[0, 0, 0], [0.5, 0, 0], [1 / 3, 1 / 3, 0]]])  # where branches cross
-    at_once = group_velocities(atoms, q)
-    monkeypatch.setattr('magphonon.bands.bloch.BATCH_BYTES', 5000)
-    monkeypatch.setattr('magphonon.bands.bands.CROSSINGS', 7)
-    for whole, parts in zip(at_once, group_velocities(atoms, q), strict=True):
-        np.testing.assert_allclose(whole, parts, rtol=0, atol=1e-12)
 
 
 def test_polarisations_of_a_triangular_lattice():
@@ -188,12 +178,6 @@ def test_cells_typed_with_some_digits_have_bands_along_every_path_that_ase_finds
             analytic_bands(typed, foreign.cell.bandpath(npoints=9, pbc=foreign.pbc))
 
 
-def test_a_path_by_its_names_alone(prototype):
-    named, path = analytic_bands(prototype, 'GMKG'), prototype.cell.bandpath('GMKG', npoints=300, pbc=prototype.pbc)
-    assert_allclose(named.omega, analytic_bands(prototype, path).omega, rtol=1e-12)
-    assert_allclose(phonopy_bands(finite_displacements(prototype), 'GMKG').omega, named.omega, rtol=1e-7)
-
-
 def test_points_of_the_path_have_their_symmetry():
     # K of ASE's path is K of this cell, whichever of the two hexagonal bases it has
     for angle in (60, 120):
@@ -228,19 +212,3 @@ def test_ases_picture_of_bands_has_all_of_them_within_its_axes(foundation):
     assert len(ax.lines) >= 2
     assert bands._repr_png_().startswith(b'\x89PNG')
     assert bands.to_ase().plot(Figure().add_subplot(), emax=50).get_ylim()[1] == 50
-
-
-@pytest.mark.parametrize('spacing', [1e-5, 1e-3, 1.0, 10.0, 1e5])
-@pytest.mark.parametrize(('name', 'points'), [('triangular', 'GMKG'), ('square', 'GXMG'), ('fcc', 'GXWKGL')])
-def test_paths_through_lattices_of_any_size(name, points, spacing):
-    path = band_path(lattice(name, spacing), points, 60)
-    alike = lattice(name, 10.0)
-    np.testing.assert_allclose(path.kpts, alike.cell.bandpath(points, npoints=60, pbc=alike.pbc).kpts, atol=1e-12)
-    np.testing.assert_array_equal(path.cell.array, lattice(name, spacing).cell.array)
-
-
-def test_special_points_of_longer_names_are_on_the_path():
-    """ASE's path of an oblique lattice goes through H and H1, which are two."""
-    path = band_path(Atoms('Nd', cell=[[1, 0, 0], [0.2, 1.3, 0], [0, 0, 5]], pbc=(1, 1, 0)))
-    assert list(points_on(path)) == ['G', 'Y', 'H', 'C', 'H1', 'X']
-    assert_allclose(points_on(path)['H1'], path.special_points['H1'])

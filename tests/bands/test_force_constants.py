@@ -150,17 +150,6 @@ def test_symmetrised_force_constants_lose_the_foundation_gap():
     assert abs(foundation_recovered(phonon)).max() < 1e-12
 
 
-def test_full_force_constants_read_the_same():
-    cell = awkward()
-    path = path_through(cell, 'GMKG')
-    phonon = finite_displacements(cell)
-    compact = phonopy_bands(phonon, path), extracted_dstar(phonon, cell)
-    phonon.produce_force_constants()
-    assert phonon.force_constants.shape[:2] == (12, 12)
-    assert_allclose(phonopy_bands(phonon, path).omega, compact[0].omega, rtol=1e-12)
-    assert_allclose(extracted_dstar(phonon, cell), compact[1], atol=1e-14)
-
-
 # --- displacement and supercell: both sides of what works ------------------------------------------------------------
 
 

@@ -191,7 +191,7 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
     ((r'\[19.1\]', '[91]'), 'the carrier of 91 Hz lies above .* in the complete model, 74.* conventional model reaches'),
     (('(?s)\\[patch\\].*?\n\n', ''), r'has no table \[patch\]; add one'),
     (('(?s)\\[burst\\].*?\n\n', ''), r'has no table \[burst\]; add one'),
-    ((r'cells_(.) = 32', r'cells_\1 = 9'), r'the row along R2 has 7 particles .* at least 8; enlarge \[patch\]'),
+    ((r'cells_(.) = 32', r'cells_\1 = 9'), r'the row along R2 has 7 particles .* at least 8; make \[patch\] 1\.3 times as large'),
 ])
 def test_impossible_scene_is_refused_in_words_and_nothing_is_written(change, message, scene_file, tmp_path, capsys):
     assert main(['burst', str(scene_file(change)), '-o', str(tmp_path / 'out'), '--engine', 'ase']) == 2

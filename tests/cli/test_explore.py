@@ -74,18 +74,6 @@ def test_a_structure_that_is_pushed_has_a_page(by, words, scene_file, tmp_path, 
         assert len(structure['x']) == 127
 
 
-def test_other_files_are_replaced_with_force_alone(few_values, tmp_path, capsys):
-    (tmp_path / 'mine.html').write_text('<html>my own page</html>')
-    for name, words in (('mine.html', 'mine.html exists; name another place with -o, or give --force'),
-                        ('mine.toml', 'must be the name of a page, ending in .html'), ('', 'must be the name of a page')):
-        assert main(['explore', 'square', '-o', str(tmp_path / name)]) == 2
-        assert words in capsys.readouterr().err
-    assert (tmp_path / 'mine.html').read_text() == '<html>my own page</html>'
-    assert main(['explore', 'square', '-o', str(tmp_path / 'mine.html'), '--force']) == 0
-    assert 'my own page' not in (tmp_path / 'mine.html').read_text(encoding='utf-8')
-    assert [file.name for file in tmp_path.iterdir()] == ['mine.html']
-
-
 LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
 
 

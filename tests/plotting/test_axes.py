@@ -2,6 +2,7 @@
 
 
 import numpy as np
+import pytest
 from cells import prototype
 from figures import bands_of, drawn, maps_of
 
@@ -16,6 +17,7 @@ from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.response.frf import FrequencyResponse
 
 
+@pytest.mark.slow
 def test_pyplot_and_its_settings_are_left_alone():
     import matplotlib as mpl
     import matplotlib.pyplot as plt

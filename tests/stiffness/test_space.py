@@ -9,7 +9,6 @@ from scipy.linalg import expm
 from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, analytic_bands, lattices, modes
-from magphonon.bands import bloch_modes
 from magphonon.response import frequency_response
 from magphonon.stiffness import LinearSystem, Scatter, scattered, with_vacancies
 from tests.oracles import second_derivatives
@@ -164,19 +163,6 @@ def test_lines_and_planes_guide_particles_in_space(seed):
         errors.append(abs(run.displacements - expected).max() / abs(expected).max())
     assert errors[1] < 1e-3
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.15)
-
-
-@pytest.mark.parametrize('seed', range(2))
-def test_waves_in_space_are_modes_of_the_supercell(seed):
-    rng, cell = np.random.default_rng(seed), lattices.bcc(10.0, 0.7) if seed else lattices.fcc(10.0, 0.7)
-    cell.calc = MagneticRepulsion(cell, InversePower(B, A), foundation=20.0, shells=2, gyration=rng.normal(size=(1, 3)))
-    large = cell.repeat(2)
-    large.calc = cell.calc.on(large)
-    q = np.array([[x, y, z] for x in (0, 0.5) for y in (0, 0.5) for z in (0, 0.5)])
-    waves = np.sort(bloch_modes(cell, q)[0].ravel())
-    assert_allclose(waves, modes(large).omega, rtol=1e-9)
-    large.calc = large.calc.about(large, gyration=np.linalg.norm(cell.calc.gyration[0]))
-    assert abs(waves / modes(large).omega - 1).max() > 1e-4  # about another axis they are others
 
 
 def test_gyration_about_the_normal_of_a_layer_leaves_its_motion_out_of_the_plane_alone():
