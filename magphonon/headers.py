@@ -155,7 +155,7 @@ def _are_units(below, names):
 
 def _likeness(heads):
     """How much the names in a line look like those of a header, for a message: they are no numbers, and some are known."""
-    return not any(NUMBER.match(head.name) for head in heads), sum(head.quantity is not None for head in heads)
+    return not any(NUMBER.match(head.name) for head in heads), sum(head.quantity is not None for head in heads), len(heads)
 
 
 def _refuse_rows(path, lines, names, heads):

@@ -109,22 +109,28 @@ def not_saved(path: str | PathLike[str], kind: str, fault: str) -> ValueError:
 
 def _faults(told, units, arrays, missing):
     """What is wrong with the arrays of a file, in words; files of earlier versions do not say their units (`told`)."""
+    if told is not None:
+        said = {name: entry.get('unit') if isinstance(entry := told.get(name), dict) else None for name in arrays}
+        yield from (f'the unit of {name} is {units[name][0]!r}, and not {unit!r}' for name, unit in said.items()
+                    if unit != units[name][0])
     lengths = {}
     for name, array in arrays.items():
         unit, *axes = units[name]
-        entry = told.get(name) if told is not None else {'unit': unit}
-        if (found := entry.get('unit') if isinstance(entry, dict) else None) != unit:
-            yield f'the unit of {name} is {unit!r}, and not {found!r}'
-        if unit and array.dtype.kind not in 'iufc':
-            yield f'{name} holds no numbers'
-        if array.dtype.kind in 'fc' and (np.isinf(array) if name in missing else ~np.isfinite(array)).any():
-            yield f'{name} holds NaN or infinity'
-        if array.ndim != len(axes) and not ('...' in axes and array.ndim >= len(axes) - 1):
-            yield f'{name} has {array.ndim} axes'
+        yield from _faults_of(name, array, unit, axes, name in missing)
         for axis, length in zip(axes[:axes.index('...') if '...' in axes else None], array.shape, strict=False):
             first, known = lengths.setdefault(axis, (name, length))
             if known != length and axis not in ('dim', 'vectors'):  # 2 or 3, in a file of a lattice in the plane
                 yield f'{first} is for {known} {axis}, but {name} for {length}'
+
+
+def _faults_of(name, array, unit, axes, missing):
+    """What is wrong with one array; NaN is not if values may be `missing`."""
+    if unit and array.dtype.kind not in 'iufc':
+        yield f'{name} holds no numbers'
+    if array.dtype.kind in 'fc' and (np.isinf(array) if missing else ~np.isfinite(array)).any():
+        yield f'{name} holds NaN or infinity'
+    if array.ndim != len(axes) and not ('...' in axes and array.ndim >= len(axes) - 1):
+        yield f'{name} has {array.ndim} axes'
 
 
 class Saved(Result):
@@ -171,23 +177,14 @@ class Saved(Result):
         """
         from xarray import Dataset
 
-        lengths, called, arrays = {}, {}, {name: np.asarray(value) for name, value in self._arrays().items()}
+        arrays = {name: np.asarray(value) for name, value in self._arrays().items()}
+        along = {name: _spread(name, array, self._units[name][1:]) for name, array in arrays.items()}
+        called = {along[name][0]: name for name in reversed(arrays) if len(along[name]) == arrays[name].ndim == 1}
+        found, lengths = {}, {}
         for name, array in arrays.items():
-            axes = self._units[name][1:]
-            if len(axes) == 1 and array.ndim == 1:
-                called.setdefault(axes[0], name)
-        found = {}
-        for name, array in arrays.items():
-            unit, *axes = self._units[name]
-            if '...' in axes:
-                axes = [*axes[:-1], *(f'{name}_{k}' for k in range(len(axes) - 1, array.ndim))]
-            axes = [called.get(axis, f'{axis}_axis' if axis in self._units else axis) for axis in axes]
-            for k, length in enumerate(array.shape):
-                if axes[k] in axes[:k]:  # a matrix
-                    axes[k] = f'{axes[k]}_again'
-                if lengths.setdefault(axes[k], length) != length:  # two or three components
-                    axes[k] = f'{axes[k]}_{length}'
-            found[name] = (axes, array, {'units': unit} if unit else {})
+            axes = [called.get(axis, f'{axis}_axis' if axis in self._units else axis) for axis in along[name]]
+            unit = self._units[name][0]
+            found[name] = (_told_apart(axes, array.shape, lengths), array, {'units': unit} if unit else {})
         hertz = {'frequencies_Hz': (found['omega'][0], self.frequencies_Hz, {'units': 'Hz'})} if 'omega' in found else {}  # pyright: ignore[reportAttributeAccessIssue]  what has an omega is InHertz
         return Dataset(found, hertz)
 
@@ -197,6 +194,21 @@ class Saved(Result):
         optional = [field.name for field in fields(cls) if field.default is None]
         data = saved_arrays(path, cls._kind, cls._units, cls._missing, optional)
         return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls) if field.name in data})
+
+
+def _spread(name, array, axes):
+    """The names of the axes of an array, with a name for each of the further ones that '...' stands for."""
+    return [*axes[:-1], *(f'{name}_{k}' for k in range(len(axes) - 1, array.ndim))] if '...' in axes else axes
+
+
+def _told_apart(axes, shape, lengths):
+    """The names of the axes of an array with another one where a name is twice among them, or has another length elsewhere."""
+    for k, length in enumerate(shape):
+        if axes[k] in axes[:k]:  # a matrix
+            axes[k] = f'{axes[k]}_again'
+        if lengths.setdefault(axes[k], length) != length:  # two or three components
+            axes[k] = f'{axes[k]}_{length}'
+    return axes
 
 
 def _restored(array, kind):

@@ -167,7 +167,10 @@ trait('oblique', 'forces that are not along the line between two particles',
       'if they are UprightMagnets, keep to motion in the plane with atoms.calc = atoms.calc.in_plane()')(
     lambda atoms, calc: calc.interaction.central(calc.dim) is None)
 
-LIKE = 'constraints', 'conventional', 'oblique'
+trait('radii', 'laws of the distance over the sum of both radii', 'leave out the radii, and give a law of the distance')(
+    lambda atoms, calc: calc.sites.radii is not None)
+
+LIKE = 'constraints', 'conventional', 'oblique', 'radii'
 """Traits accepted by tools that use only masses and the stiffness K."""
 LINEAR = 'gyration', *LIKE
 """Traits accepted by tools that use M, B and K."""

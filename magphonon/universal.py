@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from .quantities import named_unit
 
 END = re.compile(rb'    -1 *\r?(?:\n|$)')  # begins and ends a dataset; behind binary numbers it does not begin a line
 NODES, UNITS, FUNCTION = (15, 2411), 164, 58  # types of datasets
+NO_FUNCTIONS = 'holds no transfer functions'  # words of the error for a file of records over time
 AXES = 18, 2420  # of nodes whose directions are their own
 
 
@@ -25,8 +28,9 @@ def read_datasets(path: str | PathLike[str]) -> list[dict[str, Any]]:
 
     if len(END.findall(Path(path).read_bytes())) % 2:  # pyuff would leave the last dataset out
         raise ValueError(f'{path} ends within a dataset; copy or export it again')
-    file = pyuff.UFF(str(path))
-    sets: list[Any] = [file.read_sets(k) for k in range(file.get_n_sets())]
+    with redirect_stdout(StringIO()):  # pyuff prints what it does not expect
+        file = pyuff.UFF(str(path))
+        sets: list[Any] = [file.read_sets(k) for k in range(file.get_n_sets())]
     for one in sets:
         if one['type'] == FUNCTION and len(one['data']) != one['num_pts']:
             raise ValueError(f'{path}: the function of node {one["rsp_node"]} has {len(one["data"])} of its {one["num_pts"]} '

@@ -5,6 +5,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
+import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import Pairs, free_basis, lattice
@@ -23,6 +24,13 @@ LAWS = [InversePower(b=0.2 * L0**a, a=a) for a in (2.0, 4.5824, 9.0)] + [Yukawa(
 STATES = 'perfect', 'relaxed', 'held', 'held elsewhere', 'held'
 MODELS = 'complete', 'complete', 'conventional'
 PATCHES = ['parallelogram', 'rectangle', 'hexagon', 'half_hexagon']
+
+
+def few_first(cases, few):
+    """Values for `parametrize`, tuples for several names: the first few in the fast tests, the others in the slow ones."""
+    cases = list(cases)
+    slow = (pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow) for case in cases[few:])
+    return [*cases[:few], *slow]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, relaxed
-from magphonon.dynamics import Harmonic, memory_layout
-from magphonon.dynamics.memory_layout import LINE, arrange
+from magphonon.dynamics import Harmonic, engine, memory_layout
 
 pytestmark = pytest.mark.filterwarnings('ignore:the foundation of')  # stiff on purpose: strains stay small
 
@@ -223,16 +222,14 @@ def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_
         compare(range(500, 515), [name], scattered, most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
+@pytest.mark.slow
 def test_threads_change_nothing_of_that(monkeypatch):
-    from magphonon.dynamics import kernels_numba
-
-    monkeypatch.setattr(kernels_numba, 'RUN', 16)  # so that drives and holes lie in several runs, strips in part of one
+    monkeypatch.setattr(engine, 'PIECE', 16)  # so that drives and holes lie in several pieces, strips in part of one
     for seed in range(520, 540):
         case = drawn(seed, most=1000, **SIMILAR)
         u = case.run('compiled grid')
         assert misfit(u, case.expected()) < EXACT
-        for threads, together in ((1, 7), (2, 1), (2, 40), (3, 2)):
-            monkeypatch.setattr(kernels_numba, 'TOGETHER', together)
+        for threads in (2, 3):
             assert np.array_equal(replace(case, threads=threads).run('compiled grid'), u), f'drawn({seed}), {threads} threads'
 
 
@@ -252,6 +249,7 @@ def test_relaxed_and_loaded_patches_move_as_they_should():
     compare(range(400, 410), ['ase'], strained, most=120)
 
 
+@pytest.mark.slow
 def test_compiled_too():
     compare(range(410, 416), ['compiled found'], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
 
@@ -282,17 +280,3 @@ def test_two_hundred_prestressed_structures(twenty):
 def test_all_engines_are_velocity_verlet_on_two_thousand_patches(hundred):
     compare(range(100 * hundred, 100 * (hundred + 1)), ENGINES)
     compare(range(100 * hundred, 100 * hundred + 20), [name for name in ENGINES if 'compiled' in name], scattered, shells=1)
-
-
-@pytest.mark.parametrize('gap', [LINE, 32, 1024])
-def test_runs_of_slots_do_not_overlap_and_start_on_a_cache_line(gap):
-    for seed in range(40):
-        atoms = drawn(seed, most=3000).atoms
-        layout = arrange(atoms, MagneticRepulsion(atoms, LAW).bonds, np.ones(len(atoms), bool))
-        if layout.offset is None:
-            continue
-        runs = layout.runs(gap, 256)
-        assert (runs[:, 0] % LINE == 0).all()
-        assert (runs[1:, 0] >= runs[:-1, 1]).all()
-        covered = np.concatenate([np.arange(s, e) for s, e in runs])
-        assert np.isin(layout.slot, covered).all()

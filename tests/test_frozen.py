@@ -69,7 +69,7 @@ def of_structure(atoms):
     lowest = (modes(atoms) if size < 30 else modes(atoms, 6)).omega
     push = np.zeros((len(atoms), 3))
     push[driven, :2] = 0.6, 0.8
-    scale = 1 / verdict(atoms).finding('timestep_limit').value   # half the highest frequency
+    scale = 1 / verdict(atoms)['timestep_limit']   # half the highest frequency
     answer = frequency_response(atoms, push, scale * np.array([0.3, 0.5, 0.8, 1.3]), 0.05 * scale).response
     burst = ToneBurst([driven], (0.6, 0.8), 1e-4 * scale**2 * atoms.get_masses()[driven], 0.6 * scale, 3)
     run = DrivenVerlet(atoms, 0.2 / scale, [burst], damping=0.02 * scale, engine='ase')

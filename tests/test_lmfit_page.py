@@ -17,6 +17,7 @@ def run(block):
     return names
 
 
+@pytest.mark.slow
 def test_the_fit_finds_the_parameters_of_its_measurements():
     names = run(FIT)
     fit = names['fit']

@@ -244,6 +244,17 @@ def follow(family, seeds, control=True, faults=FAULTS, **drawn):
 
 
 @pytest.mark.parametrize('family', FAMILIES)
+def test_few_structures(family):
+    """Each method on two of each kind; one of the faults at least is noticed."""
+    methods, *_ = FAMILIES[family]
+    for own, faults in ((False, FAULTS), (True, EXCHANGES)):
+        compared, noticed = follow(family, range(2), faults=faults, own=own)
+        assert compared == 2 * len(methods)
+        assert any(np.any(seen) for seen in noticed.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('family', FAMILIES)
 def test_all_methods_agree_with_dense_algebra_and_faults_are_noticed(family):
     methods, _, many = FAMILIES[family]
     compared, noticed = follow(family, range(many))
@@ -253,6 +264,7 @@ def test_all_methods_agree_with_dense_algebra_and_faults_are_noticed(family):
     assert not [method for method, seen in noticed.items() if np.mean(seen) < 1 / 3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('family', FAMILIES)
 def test_methods_agree_for_unlike_sites_and_exchanged_sites_are_noticed(family):
     methods, _, many = FAMILIES[family]

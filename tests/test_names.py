@@ -8,12 +8,17 @@ from motion import patch
 
 import magphonon
 from magphonon import DrivenVerlet, propagate
-from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
+from magphonon.bands import Bands
+from magphonon.bands.density import DensityOfStates
+from magphonon.bands.evanescent import ComplexBands
+from magphonon.bands.zone import ZoneMap
 from magphonon.dynamics import Motion, Recorder
-from magphonon.response import FrequencyResponse, Localisation, Modes
-from magphonon.stability import Shifts
-from magphonon.waves import Branch, Spectrum
-from magphonon.waves.spectrum import Ridge
+from magphonon.response import Modes
+from magphonon.response.frf import FrequencyResponse
+from magphonon.response.normal_modes import Localisation
+from magphonon.stability.amplitude_shifts import Shifts
+from magphonon.waves.spectrum import Ridge, Spectrum
+from magphonon.waves.wave_analysis import Branch
 
 RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
            DensityOfStates, Localisation]

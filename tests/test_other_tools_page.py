@@ -32,6 +32,7 @@ def folder(tmp_path, monkeypatch):
     plt.close('all')
 
 
+@pytest.mark.slow
 def test_the_blocks_run(folder):
     found = {}
     for block in BLOCKS:

@@ -7,15 +7,16 @@ import pytest
 from motion import DT, patch
 
 from magphonon import DrivenVerlet, analytic_bands, propagate
-from magphonon.bands import DensityOfStates, lattice_density, zone_map
+from magphonon.bands import lattice_density, zone_map
 from magphonon.bands.bands import Bands
+from magphonon.bands.density import DensityOfStates
 from magphonon.bands.zone import ZoneMap
 from magphonon.design.sensitivities import StiffnessDerivative
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
 from magphonon.dynamics import Harmonic, Recorder
-from magphonon.response import Localisation, localisation
+from magphonon.response import localisation
 from magphonon.response.frf import FrequencyResponse, harmonic_response
-from magphonon.response.normal_modes import Modes, modes
+from magphonon.response.normal_modes import Localisation, Modes, modes
 from magphonon.response.propagation import Transient
 from magphonon.waves.spectrum import Spectrum, wavenumber_frequency
 

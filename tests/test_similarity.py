@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from numpy.testing import assert_allclose
+from structures import few_first
 
 from magphonon import (
     DrivenVerlet,
@@ -32,8 +33,8 @@ from magphonon.stiffness.rest import BALANCED, LinearSystem
 # other units make other densities, at which SI numbers without units would be suspected
 pytestmark = pytest.mark.filterwarnings('ignore:a mass of .* every')
 
-UNITS = [(4.0**-9, 1.0, 1.0), (4.0**8, 1.0, 1.0), (1.0, 4.0**-9, 1.0), (1.0, 4.0**9, 1.0), (1.0, 1.0, 4.0**-9),
-         (1.0, 1.0, 4.0**9), (4.0**-8, 4.0**7, 4.0**-10), (4.0**6, 4.0**-8, 4.0**9)]
+UNITS = [[4.0**-9, 1.0, 1.0], [4.0**8, 1.0, 1.0], [1.0, 4.0**-9, 1.0], [1.0, 4.0**9, 1.0], [1.0, 1.0, 4.0**-9],
+         [1.0, 1.0, 4.0**9], [4.0**-8, 4.0**7, 4.0**-10], [4.0**6, 4.0**-8, 4.0**9]]
 POWER = 4
 
 
@@ -75,7 +76,7 @@ def answers(seed, L, s, m):
     moved = propagate(atoms, dt * np.array([1.0, 30.0, 100.0]), [drive], damping=gamma)
     run = atoms.copy()
     run.calc = atoms.calc
-    DrivenVerlet(run, dt, [drive], damping=gamma, engine='compiled').run(100)
+    DrivenVerlet(run, dt, [drive], damping=gamma, engine='ase').run(100)
     told = verdict(atoms)
     return {
         'places': (atoms.positions - atoms.calc.anchors, (1, 0, 0)),
@@ -90,20 +91,19 @@ def answers(seed, L, s, m):
         'transient': (moved.displacements, (1, 0, 0)),
         'velocities of the transient': (moved.velocities, (1, 0.5, -0.5)),
         'run': (run.positions - atoms.positions, (1, 0, 0)),
-        'needed': (told.buckling.needed, (0, 1, 0)),
-        'residual': (told.residual, (1, 1, 0)),
-        'support': (told.supports, (0, 1, 0)),
-        'linear amplitude': (told.amplitude, (1, 0, 0)),
-        'safe displacements': (told.displacements, (1, 0, 0)),
+        'needed': (told['buckling'].needed, (0, 1, 0)),
+        'residual': (told['residual'], (1, 1, 0)),
+        'support': (told['supports'], (0, 1, 0)),
+        'linear amplitude': (told['amplitude'], (1, 0, 0)),
         'no fault': (told.fine, (0, 0, 0)),
-        'held': (told.buckling.spacing or np.nan, (1, 0, 0)),
+        'held': (told['buckling'].spacing or np.nan, (1, 0, 0)),
     }
 
 
-@pytest.mark.parametrize('seed', [0, 4, 8])
-def test_no_answer_depends_on_the_units(seed):
+@pytest.mark.parametrize(('seed', 'several'), few_first([(4, UNITS[-2:]), (0, UNITS), (4, UNITS), (8, UNITS)], 1))
+def test_no_answer_depends_on_the_units(seed, several):
     own = answers(seed, 1.0, 1.0, 1.0)
-    for units in UNITS:
+    for units in several:
         for name, (value, powers) in answers(seed, *units).items():
             known = np.asarray(own[name][0], float)
             found = np.asarray(value, float) / np.prod(np.power(units, powers))
@@ -111,7 +111,7 @@ def test_no_answer_depends_on_the_units(seed):
             assert_allclose(found, known, rtol=0, atol=1e-9 * np.nan_to_num(abs(known)).max(), err_msg=f'{name} {units}')
 
 
-@pytest.mark.parametrize('units', UNITS)
+@pytest.mark.parametrize('units', few_first(UNITS, 3))
 def test_balance_is_judged_alike_in_all_units(units):
     L, s, m = units
     for share, accepted in ((0.3, True), (3.0, False)):
@@ -124,7 +124,7 @@ def test_balance_is_judged_alike_in_all_units(units):
         assert bool(LinearSystem.about(atoms.calc, atoms).left.any()) is not accepted
 
 
-@pytest.mark.parametrize('units', UNITS)
+@pytest.mark.parametrize('units', few_first(UNITS, 3))
 def test_balance_of_all_neighbours_is_judged_alike_in_all_units(units):
     L, s, m = units
 

@@ -9,6 +9,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
+from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, critical_foundation, lattices, units as u, verdict
 from magphonon.bands import force_constants
@@ -41,8 +42,8 @@ def cell_of(name, law, foundation=0.0, model='complete', repeat=(1, 1, 1)):
 def logarithms(atoms, dt, steps, damping=0.0, start=None):
     """Logarithm of the size of the motion after each fifth of a run, over that of its tiny start, by default a random one."""
     start = np.random.default_rng(0).normal(size=(len(atoms), 2)) if start is None else start
-    atoms.positions[:, :2] += 1e-12 * start
-    dyn = DrivenVerlet(atoms, dt, damping=damping, engine='compiled', allow_unstable=True)
+    atoms.positions[:, :2] += 1e-10 * start
+    dyn = DrivenVerlet(atoms, dt, damping=damping, engine='ase', allow_unstable=True)
     size = [np.linalg.norm(atoms.calc.displacements(atoms))]
     for _ in range(5):
         dyn.run(steps // 5)
@@ -77,7 +78,7 @@ def test_triangular_holds_itself_above_a_of_3(a, stable):
     assert growth(cell_of('triangular', law, model='conventional', repeat=(2, 1, 1)), expected)[1] < BOUNDED
 
 
-@pytest.mark.parametrize('name', LATTICES)
+@pytest.mark.parametrize('name', few_first(['triangular', 'honeycomb', 'chain', 'square', 'kagome'], 2))
 @pytest.mark.parametrize('share', [0.99, 1.01])
 def test_foundation_that_just_holds(name, share):
     a, needed, repeat = LATTICES[name]
@@ -111,7 +112,7 @@ def oscillator(theta0, model='complete'):
     return atoms
 
 
-@pytest.mark.parametrize('engine', ['ase', 'compiled'])
+@pytest.mark.parametrize('engine', few_first(['ase', 'compiled'], 1))
 def test_oscillator_at_a_right_angle_grows_as_its_imaginary_frequency(engine, paper):
     atoms, rate = oscillator(np.pi / 2), paper['oscillator']['growth_rate_at_pi_over_2'] / u.s
     atoms.positions[3, 0] = 1e-6 * u.mm
@@ -127,7 +128,7 @@ def test_oscillator_at_a_right_angle_grows_as_its_imaginary_frequency(engine, pa
 
 # --- the time step ---------------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize('zeta', [0.0, 0.1, 1.0, 5.0])
+@pytest.mark.parametrize('zeta', few_first([0.0, 0.1, 1.0, 5.0], 2))
 @pytest.mark.parametrize(('model', 'k'), [('complete', 0.0), ('conventional', 0.0), ('complete', 3.0)])
 def test_verlet_with_exact_damping_is_stable_up_to_omega_dt_of_2(model, k, zeta):
     # The top of the triangular bands is at M: (6a - 2) f/L0 with D*, 6a without; + k on a foundation.
@@ -177,9 +178,9 @@ def test_a_free_edge_is_pushed_by_root_three_times_the_force_of_a_bond():
     np.testing.assert_allclose(push[edge], np.sqrt(3), rtol=1e-12)
     np.testing.assert_allclose(push[~edge], 0, atol=1e-12)
     # both sides of it in the verdict: with the edge held there is rest
-    assert verdict(strip).residual == pytest.approx(np.sqrt(3), rel=1e-12)
+    assert verdict(strip)['residual'] == pytest.approx(np.sqrt(3), rel=1e-12)
     strip.set_constraint(FixAtoms(mask=edge))
-    assert verdict(strip).residual == 0
+    assert verdict(strip)['residual'] == 0
 
 
 # --- finite differences ----------------------------------------------------------------------------------------------
@@ -214,7 +215,7 @@ def test_too_large_a_displacement_makes_a_stable_lattice_look_unstable(d, stable
     assert (lowest > 0) == stable
 
 
-@pytest.mark.parametrize('L0', [1.0, 3.0, 10.0])
+@pytest.mark.parametrize('L0', few_first([1.0, 3.0, 10.0], 1))
 @pytest.mark.parametrize(('name', 'repeat'), [('square', (1, 1, 1)), ('square', (2, 2, 1)), ('honeycomb', (1, 1, 1)),
                                               ('honeycomb', (2, 1, 1)), ('kagome', (1, 1, 1)), ('kagome', (2, 1, 1))])
 def test_just_what_is_needed_is_the_verge(name, repeat, L0):
@@ -228,13 +229,13 @@ def test_just_what_is_needed_is_the_verge(name, repeat, L0):
         assert judged.case.unstable == (factor < 1)
         assert (judged.case.grows[0] > 0) == (factor < 1)
         if factor == 1:
-            assert judged.buckling.verge
+            assert judged['buckling'].verge
             assert 'on the verge of buckling in the plane' in judged.finding('buckling').words
             assert str(judged).startswith('NOT OK')
             assert 'nan' not in str(judged)
 
 
-@pytest.mark.parametrize('repeat', [1, 2, 3])
+@pytest.mark.parametrize('repeat', few_first([1, 2, 3], 2))
 @pytest.mark.parametrize(('a', 'stable', 'grows'), [(3.0, False, False), (3.01, True, False), (2.99, False, True)])
 def test_waves_that_cost_nothing_without_a_foundation_are_the_verge(a, stable, grows, repeat):
     """Rows of a triangular lattice slide at no cost where a = 3: the stiffness against shear goes as (a - 3) f/L0."""
@@ -242,7 +243,7 @@ def test_waves_that_cost_nothing_without_a_foundation_are_the_verge(a, stable, g
     atoms.calc = MagneticRepulsion(atoms, InversePower(2.0**a, a))
     judged = verdict(atoms)
     assert (judged.stable, judged.case.unstable) == (stable, grows)
-    assert ('waves of finite length cost no energy' in judged.finding('buckling').words) == (a == 3)
+    assert ('no energy, because the static forces cancel' in judged.finding('buckling').words) == (a == 3)
     atoms.calc.set(foundation=1e-3 if a == 3 else 0.0)
     assert verdict(atoms).stable == (a >= 3)
 

@@ -16,9 +16,11 @@ from magphonon import read_scene
 from magphonon.bands import band_path
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import Forces
-from magphonon.response import TransferFunction
+from magphonon.response.transfer_functions import TransferFunction
 from magphonon.scenes import fit_bands, fit_frf
-from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
+from magphonon.scenes.band_fits import NEAREST
+from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves
+from magphonon.waves.ridge_tables import write_points, write_ridges
 
 from . import bench_lattice as bench
 from .rows import Check, Outcome
@@ -91,8 +93,8 @@ def scene_text(shells):
 def ridges(source, quick):
     """`spectrum` and `fit --bands`: three bursts, shear and longitudinal.
 
-    With a point source, exponent and foundation have priors of ten percent, which are two and seven percent off.  Its control has
-    one shell of neighbours and no priors, and is told that the source was a row.
+    With a point source, exponent and foundation have priors of ten percent, which are two and seven percent off.  The control
+    takes the answer of nearest neighbours alone, and with a point source no priors, and is told that the source was a row.
     """
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 8e-3, REACH + 5e-3), np.random.default_rng(1)
     vectors, names = bench.triangular(SPACING), ('force', 'a', 'bond stiffness')
@@ -114,15 +116,15 @@ def ridges(source, quick):
             priors = {name: (value, 0.1 * value) for name, value in known.items()} if source == 'point' else {}
             for shells in ('"auto"', '1') if abs(side) == 1 else ('"auto"',):  # two are enough for the control
                 scene_file.write_text(scene_text(shells), encoding='utf-8')
-                scene = read_scene(scene_file)
+                scene, alone = read_scene(scene_file), shells == '1'
                 cell = scene.perfect_cell()
                 driven = ('transverse', 'longitudinal', 'longitudinal')
                 write_ridges(table, {f'{k}': [wave for wave in scan_waves(scan, cell, source) if wave.motion == driven[k]]
                                      for k, scan in enumerate(scans)})
                 points = read_ridges(table)
-                if shells == '1':
+                if alone:
                     points = replace(points, sources=('row',) * len(points.names))
-                values = fit_bands(scene, points, priors=priors if shells != '1' else {}).values()
+                values = fit_bands(scene, points, priors={} if alone else priors).values(part=NEAREST if alone else None)
                 found[shells].append([values[name][0] * np.exp(np.array([-1.96, 1.96]) * values[name][1]) for name in names])
     return judged(f'ridges of a {source} source', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found['"auto"'], truths,
                   found['1'])
@@ -153,7 +155,7 @@ def noise_of_the_plane(quick):
                 cell = scene.perfect_cell()
                 points = field_ridges(field_of(scan, cell), cell, band_path(cell, 'GMKG'))
                 write_points(Path(folder, 'ridges.csv'), points)
-                values = fit_bands(scene, read_ridges(Path(folder, 'ridges.csv'))).values()
+                values = fit_bands(scene, read_ridges(Path(folder, 'ridges.csv'))).values(part=NEAREST if shells == 1 else None)
                 found[shells].append([values[name][0] * np.exp(np.array([-1.96, 1.96]) * values[name][1]) for name in names])
     return judged('noise of the plane', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found[9], truths, found[1])
 

@@ -4,14 +4,14 @@ import numpy as np
 from ase.dft.kpoints import BandPath
 
 from magphonon import MagneticRepulsion, analytic_bands, read_scene, units
-from magphonon.bands import first_zone, frequency_ratio, sound_speeds, zone_map
+from magphonon.bands import frequency_ratio, sound_speeds, zone_map
+from magphonon.bands.zone import first_zone
 from magphonon.plotting.axes import letter_panels, new_axes, panels
 from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
 from magphonon.plotting.structures import plot_lattice
 from magphonon.plotting.zone import plot_ratio, plot_zone
-from magphonon.scenes import ready_scene
-from magphonon.scenes.scene import reference
+from magphonon.scenes import ready_scene, reference
 
 from .rows import BRANCHES, Check, Outcome, pairs, save_picture
 

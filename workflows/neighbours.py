@@ -5,15 +5,14 @@ lattices.
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, relaxed, units
-from magphonon.bands import sound_speeds
-from magphonon.bands.bloch import bloch_modes
+from magphonon.bands import bloch_modes, sound_speeds
 from magphonon.interactions import Yukawa
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.bands import plot_bands
-from magphonon.scenes import ready_scene
-from magphonon.scenes.scene import reference
-from magphonon.stiffness import AllNeighbours, lattice_sum
+from magphonon.scenes import ready_scene, reference
+from magphonon.stiffness import AllNeighbours
+from magphonon.stiffness.ewald import lattice_sum
 
 from .rows import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 

@@ -6,8 +6,7 @@ from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, p
 from magphonon.bands.force_constants import foundation_recovered
 from magphonon.plotting.axes import COLOURS, new_axes
 from magphonon.plotting.bands import name_branches, plot_bands
-from magphonon.scenes import ready_scene
-from magphonon.scenes.scene import reference
+from magphonon.scenes import ready_scene, reference
 
 from .rows import BRANCHES, Check, Outcome, pairs, save_picture
 

@@ -5,7 +5,8 @@ from ase.constraints import FixAtoms, FixedLine
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed, units
 from magphonon.bands import band_gaps, bloch_modes
-from magphonon.plotting import new_axes, plot_shape
+from magphonon.plotting import new_axes
+from magphonon.plotting.modes import plot_shape
 from magphonon.response import density_of_states, local_modes, localisation
 from magphonon.scenes.scene import reference
 from magphonon.stiffness import AllNeighbours, LinearSystem, elastic_moduli

@@ -12,8 +12,8 @@ from magphonon.plotting.waves import plot_waves
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
 from magphonon.scenes import ready_scene
+from magphonon.waves.scans import sampled
 from magphonon.waves.spectrum import NORMAL
-from magphonon.waves.vibrometer import sampled
 from magphonon.waves.wave_analysis import MODELS, Branch, branch, compare, waves
 from magphonon.waves.wave_source import burst_setup, polarisations, run_burst, wavevector
 

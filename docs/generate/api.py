@@ -1,6 +1,11 @@
-"""A page for each public name, a list of them for each room of the package, and one for the names of `magphonon` itself."""
+"""A page for each public name, a list of them for each room of the package, and one for the names of `magphonon` itself.
+
+A result that no room exports is shown on the page of the function that returns it.
+"""
 
 import inspect
+import re
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -89,12 +94,24 @@ def page(room):
         '.. toctree::', '   :hidden:', '', f'   {contents}', ''])
 
 
+def results_of(function):
+    """The classes of the results of a function that no room exports, and those that their docstrings name in brackets."""
+    known, said = vars(sys.modules[function.__module__]), str(function.__annotations__.get('return'))
+    words = re.findall(r'\w+', said)
+    words += [inner for word in words for inner in re.findall(r'\((\w+)\)', getattr(known.get(word), '__doc__', None) or '')]
+    found = [known[word] for word in dict.fromkeys(words) if inspect.isclass(known.get(word))]
+    exported = {name for room in rooms() for name in public(room)}
+    return [one for one in found if one.__module__.startswith('magphonon.') and one.__name__ not in exported]
+
+
 def page_of(room, name):
-    """One name in full, and the tutorials and examples of the gallery that use it."""
+    """One name in full, the classes of its results, and the tutorials and examples of the gallery that use it."""
     thing = getattr(import_module(f'magphonon.{room}'), name)
+    results = results_of(thing) if inspect.isfunction(thing) else []
     kind = 'autoclass' if inspect.isclass(thing) else 'autofunction' if callable(thing) else 'autodata'
     examples = f'magphonon.{name}' if name in magphonon.__all__ else f'magphonon.{room}.{name}'  # as sphinx-gallery lists them
-    return (f'{heading(name)}\n.. {kind}:: magphonon.{room}.{name}\n' + '   :members:\n' * (kind == 'autoclass')
+    shown = ''.join(f'\n.. autoclass:: {one.__module__}.{one.__name__}\n   :members:\n   :no-index:\n' for one in results)
+    return (f'{heading(name)}\n.. {kind}:: magphonon.{room}.{name}\n' + '   :members:\n' * (kind == 'autoclass') + shown
             + f'\n.. minigallery:: {examples}\n   :add-heading: Examples\n   :heading-level: -\n')
 
 

@@ -116,8 +116,8 @@ for name, (value, sigma) in fits.values().items():
 print(f'evidence for D*: {fits.evidence:.0f} sigma')
 
 # %%
-# A single branch often cannot separate force and exponent.  Their relative uncertainties are then larger than a half, and the
-# command calls them not determined.
+# A single branch often cannot separate force and exponent.  Their intervals then reach beyond +-50 %, and the command calls them
+# not determined.
 
 # %%
 # A record of the plane

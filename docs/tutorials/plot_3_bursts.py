@@ -77,7 +77,7 @@ from magphonon import verdict
 
 one = lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g)
 one.calc = MagneticRepulsion(one, law, foundation=19.6757 * u.N / u.m)
-print(f'linear to 1 % in frequency up to {verdict(one).amplitude:.2f} mm')
+print(f'linear to 1 % in frequency up to {verdict(one)["amplitude"]:.2f} mm')
 
 # %%
 # The waveform already deviates at smaller amplitudes: a nonlinear law adds a second harmonic and a drift, whose share of the

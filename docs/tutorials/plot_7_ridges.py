@@ -41,8 +41,8 @@ print(rows[0])
 # The fit
 # -------
 # The two tables are fitted together, as one measurement.  The scene gives the spacing, the mass and the starting values of the
-# fit.  These simulated magnets repel nearest neighbours only.  Real magnets repel all others, so omit `shells` in a scene of
-# your own.
+# fit.  Real magnets repel all others; these simulated ones repel nearest neighbours only.  The fit does not need to be told: it
+# is made for both, and each answer counts with the weight that the points give it.
 
 from magphonon import read_scene
 from magphonon.scenes import fit_bands
@@ -56,7 +56,9 @@ def told(fits):
         print(f'{name:15} {value:9.4g}, {value * np.exp(-1.96 * sigma):.4g} to {value * np.exp(1.96 * sigma):.4g}')
 
 
-told(fit_bands(scene, points))
+fits = fit_bands(scene, points)
+told(fits)
+print(fits.weights())
 
 # %%
 # What the source does

@@ -1,40 +1,25 @@
 from .bands import (
     Bands as Bands,
-    GroupVelocities as GroupVelocities,
     analytic_bands as analytic_bands,
     band_path as band_path,
-    cut_off as cut_off,
     edge_weights as edge_weights,
     group_velocities as group_velocities,
     sound_speeds as sound_speeds,
 )
 from .bloch import bloch_modes as bloch_modes
-from .density import (
-    DensityOfStates as DensityOfStates,
-    band_gaps as band_gaps,
-    band_ranges as band_ranges,
-    lattice_density as lattice_density,
-)
-from .evanescent import (
-    ComplexBands as ComplexBands,
-    complex_bands as complex_bands,
-)
+from .density import band_gaps as band_gaps, lattice_density as lattice_density
+from .evanescent import complex_bands as complex_bands
 from .force_constants import (
     extracted_dstar as extracted_dstar,
     finite_displacements as finite_displacements,
     foundation_recovered as foundation_recovered,
     phonopy_bands as phonopy_bands,
 )
-from .neighbours import (
-    ConvergedShells as ConvergedShells,
-    NeighbourShifts as NeighbourShifts,
-    converged_shells as converged_shells,
-    neighbour_shifts as neighbour_shifts,
-)
+from .neighbours import converged_shells as converged_shells, neighbour_shifts as neighbour_shifts
 from .phonopy_files import (
     thermal_properties as thermal_properties,
     write_band_yaml as write_band_yaml,
     write_phonopy_params as write_phonopy_params,
 )
-from .topology import EdgeFlow as EdgeFlow, chern_numbers as chern_numbers, edge_flow as edge_flow
-from .zone import ZoneMap as ZoneMap, first_zone as first_zone, frequency_ratio as frequency_ratio, zone_map as zone_map
+from .topology import chern_numbers as chern_numbers, edge_flow as edge_flow
+from .zone import frequency_ratio as frequency_ratio, zone_map as zone_map

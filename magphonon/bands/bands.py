@@ -376,7 +376,7 @@ def cut_off(atoms: Atoms) -> float | None:
     --------
     >>> from magphonon import read_scene, units as u
     >>> from magphonon.scenes import ready_scene
-    >>> from magphonon.bands import cut_off
+    >>> from magphonon.bands.bands import cut_off
     >>> round(u.hertz(cut_off(read_scene(ready_scene('prototype')).atoms())), 3)
     26.551
     """

@@ -221,7 +221,7 @@ def _on_mesh(atoms, steps, model):
         steps = 6 * int(np.ceil(STEPS[periodic] / 6 / max(1.0, len(atoms) / 6) ** (1 / periodic)))
     steps = whole('steps', steps)
     n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
-    turned = atoms.calc.turning > 0
+    turned = LinearSystem.of(atoms).atoms.calc.turning > 0  # AllNeighbours too
     if not turned:
         n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # the frequencies at -q are the same
     frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)

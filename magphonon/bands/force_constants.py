@@ -163,7 +163,7 @@ def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
                          f'three rows as phonopy takes it, not {supercell!r}')
     if np.ndim(supercell) == 1:
         supercell = np.diag([whole(f'supercell[{axis}]', n) for axis, n in enumerate(supercell)])
-    told, still = str(np.array(supercell).tolist()), np.eye(3, dtype=int)
+    told, still = _told(np.array(supercell)), np.eye(3, dtype=int)
     if not np.array_equal(supercell, np.rint(supercell)) or np.linalg.det(supercell) < 0.5:
         raise ValueError(f'the supercell {told} must consist of whole numbers and have a positive determinant')
     matrix = np.array(supercell, dtype=int)
@@ -180,8 +180,13 @@ def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
     if not narrowest > 2 * longest * (1 + 1e-9):
         raise ValueError(f'the supercell {told} repeats every {narrowest:g} mm, so a bond of {longest:g} mm reaches images of '
                          'the same particle on two sides, and their forces cannot be separated; '
-                         f'give supercell={_ints(np.maximum(abs(matrix).max(axis=0), enough_cells(calc)))}')
+                         f'give it {_told(np.diag(np.maximum(abs(matrix).max(axis=0), enough_cells(calc))))} cells')
     return matrix
+
+
+def _told(matrix):
+    along = matrix.diagonal()
+    return str(matrix.tolist()) if (matrix != np.diag(along)).any() else ' x '.join(map(str, along))
 
 
 def _ints(supercell):

@@ -2,8 +2,8 @@
 
 It is an assumption that one shell of neighbours is enough. Here the frequencies with a few shells are compared with those with
 all neighbours, at given wavevectors. All neighbours are summed by Ewald's method if the law has a tail
-(`magphonon.stiffness.all_neighbours`), otherwise directly, up to the last of `REACHES`. A law that is not known far away, such as
-a table of forces, is continued from its end by the inverse power that fits there.
+(`magphonon.stiffness.all_neighbours`), otherwise directly, up to the last of `REACHES`. A table of forces goes on from its end as
+the inverse power that fits there, and `NeighbourShifts.known` says so.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from ..interactions.bond_laws import Laws, laws_of
-from ..interactions.pair_laws import Composed, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
 from ..stiffness.bond import interaction_along
@@ -47,7 +46,7 @@ class NeighbourShifts:
     omega, every : ndarray, shape (wavevectors, branches)
         In rad/ms, with the neighbours in the bond list (`omega`) and with all (`every`); negative for unstable modes.
     known : bool
-        Whether the law is known at all distances that were needed; if not, it was continued from its end.
+        Whether the law was measured at all distances that were needed; if not, it was continued from its end.
     """
 
     omega: np.ndarray
@@ -60,7 +59,7 @@ class NeighbourShifts:
         return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
 
 
-@takes('all neighbours', *{*LINEAR} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional', 'radii'})
 def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
     """How the frequencies of a lattice change if all neighbours repel each other.
 
@@ -108,7 +107,7 @@ class ConvergedShells:
     clear: bool
 
 
-@takes('all neighbours', *{*LINEAR} - {'conventional'})
+@takes('all neighbours', *{*LINEAR} - {'conventional', 'radii'})
 def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedShells:
     """The smallest number of shells that, like every larger number, gives each frequency to within a tolerance.
 
@@ -186,13 +185,18 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
 
 
 def is_known(laws: Laws, r: float) -> bool:
-    """Whether all laws are known at a distance in mm; a measured table is not known beyond its last point."""
+    """Whether all laws have a force at a distance in mm; a table has none beyond an end where it does not fall."""
     try:
         for law in laws_of(laws):
             _planar(law).dphi(r)
     except ValueError:
         return False
     return True
+
+
+def _measured(laws, r):
+    """Whether all laws were measured up to a distance in mm, and not continued from the end of a table."""
+    return all(r <= getattr(_planar(law), 'farthest', np.inf) for law in laws_of(laws))
 
 
 def _planar(law: Any) -> Any:
@@ -227,9 +231,7 @@ def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:
     calc: Any = atoms.calc
     if isinstance(calc.laws, Mapping):
         return None, True
-    law, known = _planar(calc.laws), True
-    if not is_known(law, TAIL * nearest_distance(atoms)):
-        law, known = _continued(law, calc.bonds.lengths.min()), False
+    law, known = _planar(calc.laws), _measured(calc.laws, TAIL * nearest_distance(atoms))
     tail = tail_of(law, atoms)
     if tail is None or tail.decay <= 0:
         return None, known
@@ -244,33 +246,5 @@ def _every(atoms, q):
     if sums is not None:
         return _omega(atoms, sums.calc.bloch_matrix(q)), known
     first, *others = neighbour_shells(atoms, REACHES[int(atoms.pbc.sum())][-1])
-    known = known and is_known(calc.laws, REACHES[int(atoms.pbc.sum())][-1] * first.lengths.max())
+    known = known and _measured(calc.laws, REACHES[int(atoms.pbc.sum())][-1] * first.lengths.max())
     return _omega(atoms, sum((_bloch(atoms, shell, q) for shell in others), _bloch(atoms, first, q, calc.foundation))), known
-
-
-@dataclass(frozen=True)
-class _Continued(Composed):
-    """A law that is known up to the distance `end` in mm, and an inverse power beyond."""
-
-    law: PairLaw
-    beyond: PairLaw
-    end: float
-
-    def _part(self, name, r):
-        near = getattr(self.law, name)(np.minimum(r, self.end))
-        return np.where(np.real(r) <= self.end, near, getattr(self.beyond, name)(r))
-
-
-def _continued(law, low):
-    """A law that is known at `low` (mm), continued beyond its last known distance by the inverse power that fits there."""
-    high = 2 * low
-    while is_known(law, high):
-        high *= 2
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if is_known(law, middle) else (low, middle)
-    force, a = -float(law.dphi(low)), float(local_exponent(law, low))
-    if a <= 0:
-        raise ValueError(f'law: at the end of the table, {low:.4g} mm, the force does not fall with the distance, so the effect '
-                         'of farther neighbours cannot be estimated; check the last points of the table')
-    return _Continued(law, InversePower(force * low**a, a), low)

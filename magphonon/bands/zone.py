@@ -38,7 +38,7 @@ def first_zone(cell: ArrayLike) -> NDArray[np.float64]:
     Examples
     --------
     >>> from magphonon import lattices
-    >>> from magphonon.bands import first_zone
+    >>> from magphonon.bands.zone import first_zone
     >>> first_zone(lattices.triangular(1.0, 1.0).cell).shape  # six corners
     (6, 2)
     """

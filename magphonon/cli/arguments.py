@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..errors import did_you_mean
+
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
 
@@ -60,8 +62,13 @@ def ready_table(name: str) -> str:
     """The file of this name if it exists, otherwise the table of this name that comes with the package."""
     from importlib.resources import files
 
-    table = files('magphonon.data') / f'{name}.csv'
-    return str(table) if re.fullmatch(r'\w+', name) and not os.path.lexists(name) and table.is_file() else name
+    if os.path.lexists(name):
+        return name
+    ready = {table.name.removesuffix('.csv'): table for table in files('magphonon.data').iterdir() if table.name.endswith('.csv')}
+    if name in ready:
+        return str(ready[name])
+    known = [*ready, *(file.name for file in Path(name).parent.glob('*') if file.is_file())]
+    raise FileNotFoundError(f'{name} is not there{did_you_mean(Path(name).name, known)}')
 
 
 def add_output(parser: ArgumentParser) -> None:

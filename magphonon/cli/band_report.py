@@ -21,7 +21,7 @@ from ..stability.buckling import common_spring, common_support, critical_foundat
 from ..stability.verdicts import verdict
 from ..stiffness.elastic import elastic_moduli
 from ..stiffness.rest import freedom
-from .neighbours import omission, speeds, too_few
+from .neighbours import omission, too_few
 
 if TYPE_CHECKING:
     from phonopy import Phonopy
@@ -57,19 +57,20 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
         page += _decays(lossy)
         page += _topology(atoms) if gyrates else _by_phonopy(scene, atoms, bands, phonon)
     page += disagreement(scene, bands)
+    page += scene.foundation.doubts(bands['complete'].omega) if scene.foundation else []
     if not gyrates:
         page += omission(scene, verbose)
     if verbose and not gyrates:
-        page += filter(None, [speeds(scene)])
         page += [verdict(atoms).finding('out_of_plane').words] if atoms.calc.layer else []
     return [*page, stability] if verbose or buckles else page
 
 
 def _stability(atoms):
     """Whether the foundation or gyration holds the lattice, in words, and whether it buckles."""
-    if atoms.calc.turning:
-        found = verdict(atoms).finding('buckling')
-        return found.words, found.fault
+    judged = verdict(atoms)
+    if atoms.calc.turning or judged.case.free.count:
+        found = judged.finding('buckling')
+        return found.words, found.fault and not judged.case.free.count
     needed, softest = critical_foundation(atoms, 'complete')
     given, needed = _spring_in_plane(atoms), needed / (units.N / units.m)
     place = ' in the plane' if atoms.calc.layer or atoms.calc.dim == 2 else ''
@@ -178,7 +179,7 @@ def _decays(lossy):
 
 def _topology(atoms):
     """For particles that gyrate: Chern numbers of the bands, the gaps, and the one-way edge waves in each gap."""
-    lines = ['\n' + verdict(atoms).finding('gyration').words]
+    lines = [f'\nParticles gyrate at up to {atoms.calc.turning * units.s:.4g} rad/s; phonopy sees only forces and would miss it.']
     for model in atoms.calc.bloch_models if tuple(atoms.pbc) == PLANAR else ():
         try:
             numbers = chern_numbers(atoms, model)

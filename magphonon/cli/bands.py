@@ -43,8 +43,11 @@ def _bands(scene, atoms, path):
     """The bands of both models and of phonopy, and phonopy's object; None without phonopy or for velocity-dependent forces."""
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
+    from ..stability.verdicts import verdict
 
     bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
+    if not bands['complete'].omega.any():
+        raise ValueError(f'all bands are zero: {verdict(atoms).finding("buckling").words}')
     if atoms.calc.turning:  # displacements alone do not show it
         return bands, None
     try:

@@ -6,24 +6,16 @@ The exit status is 1 if there is a problem, such as a lattice that buckles, and 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from importlib import import_module
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units
 from .arguments import add_scene, add_verbose
 
-if TYPE_CHECKING:
-    from ase import Atoms
-
 HELP = 'is the structure stable, what must its supports hold, up to which amplitude is it linear?'
 JUDGED = 20_000
 """Largest number of particles of a patch that gets a verdict of its own.  This takes about ten seconds at this size, and the time
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
-TOOLS = {'bands': 'bands.bands.analytic_bands', 'modes': 'response.normal_modes.modes', 'frf': 'response.frf.receptance',
-         'burst': 'response.propagation.propagate', 'explore': 'stability.buckling.critical_foundation'}
-"""The tool that each command calls first: a command supports what this tool declares."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -34,7 +26,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Print the report and return the exit status: 0 if no problem was found, 1 otherwise."""
     from ..scenes.scene import read_scene
-    from .neighbours import neighbours, omission
+    from .neighbours import omission
 
     scene = read_scene(options.scene)
     try:
@@ -51,8 +43,7 @@ def run(options: Namespace) -> int:
         said += [f'{name}: {judged}' for name, judged in verdicts.items()]
         said += _large(patch, relaxation is None) if patch is not None and 'Patch' not in verdicts else []
         said += _cut_off(atoms, next(iter(verdicts.values())))
-        said += neighbours(scene)
-        said += refusals(atoms)
+        said += omission(scene, verbose=True)
     else:
         said += [f'{name}: {judged}' for name, judged in verdicts.items() if not judged.fine]
         said += omission(scene, verbose=False)
@@ -71,10 +62,9 @@ def _verdicts(scene, atoms, patch):
     """The verdicts on the lattice, the finite structure or the oscillator, and on the patch unless it is too large, by name."""
     from ..stability.verdicts import verdict
 
-    supercell = scene.supercell() if scene.bands is not None else None
     damping = scene.bands.damping_of(atoms) if scene.bands is not None and scene.bands.damping_per_s is not None else 0.0
     name = 'Oscillator' if scene.single else 'Structure' if scene.finite else 'Lattice'
-    verdicts = {name: verdict(atoms, supercell=supercell, damping=damping)}
+    verdicts = {name: verdict(atoms, damping=damping)}
     return verdicts | ({'Patch': verdict(patch, damping=damping)} if patch is not None and len(patch) <= JUDGED else {})
 
 
@@ -84,10 +74,12 @@ def _in_short(scene, verdicts):
         return f'{scene.title}: {len(faults)} problem(s)'
     judged = next(iter(verdicts.values()))
     said = [judged.finding('buckling').words]
-    if (supports := judged.supports) is not None and supports.central:
+    if (supports := judged['supports']) is not None and supports.central:
         needed = units.in_words('N/m', max(filter(None, supports)) / (units.N / units.m))
-        said.append(f'The supports need a stiffness of {needed} out of the plane.')
-    if (amplitude := judged.amplitude) is not None and np.isfinite(amplitude):
+        said.append(f'This assumes that it stays in its plane: each support must be stiffer than {needed} along z.')
+    elif across := judged.finding('supports').words:
+        said.append(across)
+    if (amplitude := judged['amplitude']) is not None and np.isfinite(amplitude):
         said.append(f'Linear to 1 % up to an amplitude of {units.in_words("m", amplitude / units.m, digits=2)}.')
     return ' '.join(said)
 
@@ -106,26 +98,10 @@ def _cut_off(atoms, judged):
     """The cut-off frequency, the lowest at Gamma, if a foundation or held particles cause one."""
     from ..bands.bands import cut_off
 
-    if not atoms.pbc.any() or judged.residual or (lowest := cut_off(atoms)) is None:
+    if not atoms.pbc.any() or judged['residual'] or (lowest := cut_off(atoms)) is None:
         return []
     holds = 'The held particles and the foundation give' if atoms.constraints else 'The foundation gives'
     return [f'{holds} a cut-off frequency of {units.hertz(lowest):.6g} Hz at Gamma: below it no long waves propagate.']
-
-
-def refusals(atoms: Atoms) -> list[str]:
-    """The commands that refuse the structure, by what their tools declare (`magphonon.traits`), a line for each reason."""
-    from ..traits import TOOLS as DECLARED, refuse
-
-    refused: dict[str, list[str]] = {}
-    for command, place in TOOLS.items():
-        module, _, name = place.rpartition('.')
-        import_module(f'magphonon.{module}')
-        try:
-            refuse(atoms, DECLARED[name])
-        except ValueError as error:
-            why = str(error).partition(' does not support ')[2].partition(' (')[0].partition(';')[0]
-            refused.setdefault(why, []).append(f'"magphonon {command}"')
-    return [f'Commands that do not support {why}: {", ".join(named)}.' for why, named in refused.items()]
 
 
 def _large(patch, perfect):

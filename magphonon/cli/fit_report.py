@@ -12,16 +12,16 @@ import numpy as np
 
 from .. import units as u
 from ..design.least_squares import DETERMINED, FITS, NORMAL
-from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors, shells_within
+from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors
 from ..interactions.force_tables import Forces
-from ..scenes.band_fits import KEYS, NEIGHBOURS, TELLS, BandFits
+from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
 from ..scenes.frf_fits import UNITS, FrfFits
 from ..scenes.scene import Scene
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
-from .neighbours import neighbours, omission
 
 FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
+TOO_SMALL = 0.5  # root of chi2 per degree of freedom below which the uncertainties look too large
 SURE = 0.8  # probability of a drift above which it is reported
 EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
 UNLIKE = 3.0  # the ratio of springs along x and y is reported if it misses the fitted one by these sigmas
@@ -68,10 +68,8 @@ def _assumptions(magnet, forces, fit, shared):
         yield ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is about 3.5 % off the '
                'mean of the lattice. Measure several, numbered in a column "pair", or give --sigma pair=0.035.')
     spacings = fit.law.r[-1] / fit.spacing
-    known = shells_within(spacings)
-    yield (f'The table reaches to {spacings:.3g} spacings, which is {known} shell{"s" * (known > 1)} of neighbours or more. The '
-           'law omits farther neighbours: measure to three spacings or more, or name the scene of the magnets first. "magphonon '
-           'check" estimates by how much farther neighbours would shift the frequencies.')
+    yield (f'The table reaches to {spacings:.3g} spacings, and the law goes on as it ends there. Measure farther to know the '
+           'forces of farther neighbours better, or name the scene of the magnets first.')
 
 
 def _doubts_of_forces(forces, fit):
@@ -101,20 +99,13 @@ def _doubts_of_forces(forces, fit):
 def band_report(found: BandFits, points: int, fixed: list[str], verbose: bool = True) -> str:
     """The lattice fitted to some of `points` ridge points in both models, the evidence for D*, and entries for a scene."""
     fit, n = found.fits['complete'], len(found.names)  # others are not reported
-    usable = fit.follows and not (fit.sigma[:n] > DETERMINED).any()
+    usable = fit.follows and not any(sigma > DETERMINED for _, sigma in found.values().values())
     lines = _answer(found)
     if verbose:
         lines += ['', found.scene.title, '', *_ridges(found, points, fixed), '', *_ridge_table(found), *_shifts(found)]
     lines += [*_doubts_of_ridges(found), *_stated(found), *_verdict(found)]
     lines += _correlations(fit, n) if verbose and usable else []
-    lines += _entries(found.fitted()) if usable else []
-    if not verbose:
-        beside = omission(found.scene, False, {'the ridges': found.points.q})
-        return '\n'.join([*lines, *(['', *beside] if beside else [])])
-    half = NORMAL * found.values()['bond stiffness'][1] / 2  # a relative shift of frequency is half that of the stiffness
-    within = {('the ridges', k + 1): half for k in set(fit.branches)}
-    return '\n'.join([*lines, '', *neighbours(found.fitted() if fit.follows else found.scene, {'the ridges': found.points.q},
-                                              within=within)])
+    return '\n'.join([*lines, *(_entries(found.fitted()) if usable else [])])
 
 
 def _correlations(fit, n):
@@ -134,10 +125,8 @@ def _ridges(found, points, fixed):
     before = ', '.join(f'{KEY_OF[name]} = {value:.4g} +- {sigma:.2g}' for name, (value, sigma) in found.priors.items())
     yield ('Known: spacing and mass' + f'; fixed: {", ".join(KEY_OF[name] for name in fixed)}' * bool(fixed)
            + f'; before: {before}' * bool(before) + '.')
-    shells = found.scene.law.shells
-    yield f'Neighbours: {shells} shell{"s" * (shells != 1)}.' + (
-        ' Farther neighbours are omitted: a law fitted with one shell is not the pair law of the magnets; shells = "auto" counts '
-        'as many shells as matter.' if shells == 1 else '')
+    weights = ', '.join(f'{part} {weight:.2g}' for part, weight in found.weights().items())
+    yield f'Neighbours that act, with the weight that the points give them: {weights}.'
 
 
 def _ridge_table(found):
@@ -169,10 +158,17 @@ def _doubts_of_ridges(found):
     if len(points) < FEW and len(names) >= MANY:
         yield (f'{len(points)} points are few for {len(names)} parameters: one misread ridge would change them but hardly raise '
                'chi2. Record longer, or with more carriers.')
+    if found.open and fit.follows:
+        yield _both_answers(found)
+    scatter = np.sqrt(fit.chi2 / max(fit.freedom, 1))
+    if scatter < TOO_SMALL and fit.freedom >= FEW:
+        yield (f'Your uncertainties look {1 / scatter:.2g} times too large: the points scatter by less than they state, and the '
+               'intervals are too wide by about as much.')
     if found.of_any_law:
         yield ('The intervals hold for any smooth law; the inverse power in the scene was only a first guess. They become '
                'several times narrower if the scene names the shape of the magnets (kind = "magnets" or "table").')
-    if fit.follows and (unknown := [KEY_OF[name] for name, sigma in zip(names, fit.sigma, strict=False) if sigma > DETERMINED]):
+    values = found.values()
+    if fit.follows and (unknown := [KEY_OF[name] for name in names if values[name][1] > DETERMINED]):
         yield (f'These ridges do not determine {" and ".join(unknown)} of the complete model: several parameters can change '
                'together without moving the ridges. Measure more frequencies of both branches (a force along the row drives '
                'longitudinal waves, one across it shear), or state what is known from elsewhere with --prior; --fix '
@@ -188,6 +184,16 @@ def _doubts_of_ridges(found):
         yield (f'Omitted from the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
                f'{fit.scatter:.2g} times their uncertainties, and all intervals are widened accordingly. A fit that is good only '
                'because ridges were left out is no more certain than a fit to all of them.')
+
+
+def _both_answers(found):
+    """The answers with and without farther neighbours, where the points leave both, and what to measure."""
+    told = []
+    for part, words in ((NEAREST, 'without'), (ALL, 'with')):
+        shown = [f'{"exponent" if key == "a" else key} {_interval(*found.values(part=part)[key])}' for key in found.names[:2]]
+        told.append(f'{", ".join(shown)} {words} them (weight {found.weights()[part]:.2g})')
+    return (f'The points cannot decide whether farther neighbours act: {"; ".join(told)}. The intervals cover both. Measure '
+            'more points of both branches, or the force at 1.73 spacings; a law that is a table of forces acts between all.')
 
 
 def _stated(found):
@@ -234,15 +240,11 @@ def _causes(found):
     fit, also = found.better, f'{"what --prior says, " if found.priors else ""}mass and spacing of the scene'
     if not found.causes:
         return f'Look at {also}.'
-    tried = {'with as many neighbours as matter (shells = "auto")' if name == NEIGHBOURS else f'without the ridge "{name}"': one
-             for name, one in found.causes.items()}
-    told = '; '.join(f'{one.chi2:.4g}/{one.freedom} {words}' for words, one in tried.items())
+    told = '; '.join(f'{one.chi2:.4g}/{one.freedom} without the ridge "{name}"' for name, one in found.causes.items())
     told = f'Fitted again, with one thing changed, chi2/freedom is {told}.'
     explain = [name for name, one in found.causes.items() if one.chi2 / one.freedom < fit.chi2 / fit.freedom / EXPLAINS]
     if not explain:
         return f'{told} None of these explains it: look at {also}.'
-    if NEIGHBOURS in explain:  # which keeps all measurements
-        return f'{told} Use shells = "auto". If that is not enough, look at {also}.'
     return (f'{told} Look at the ridge "{explain[0]}" first: did it come from a different motion or source than the table says? '
             f'Then look at {also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. '
             '--without leaves one out and widens the intervals accordingly.')
@@ -351,6 +353,7 @@ def _entries(scene: Scene) -> list[str]:
     law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
     springs = scene.foundation.changes if scene.foundation else {}
     rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
+    shells = json.dumps(scene.law.shells if scene.law.shells == 1 else 'auto')
     return ['', 'for a scene file, in place of its [law] and [foundation]:', '',
-            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
+            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {shells}',
             *(['[foundation]', *rows] if rows else [])]

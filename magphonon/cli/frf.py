@@ -12,10 +12,6 @@ from .arguments import add_output, add_scene, add_style, answering
 
 HELP = 'frequency response to a force or a shaken bench, compared with measurements if you have any'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
-MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
-MOST_COUNTED = 10_000
-"""Largest number of free directions whose natural frequencies are counted, which takes 0.6 s for each model; the time grows
-faster than the number."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -38,7 +34,7 @@ def run(options: Namespace) -> None:
         first, lines = _responses(scene, plan, folder, save)
         lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
         told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save),
-                 *omission(scene, options.verbose)]
+                 *omission(scene, options.verbose), *(scene.foundation.doubts(plan.omega) if scene.foundation else [])]
 
 
 def _measured(scene, options):
@@ -106,29 +102,19 @@ def _compared(functions, curves):
 
 
 def _natural(system, omega):
-    """The natural frequencies to be drawn, and lines about all of them; in large structures they are counted, not computed."""
-    from ..dynamics.engine import highest_frequency
-    from ..response.normal_modes import SMALL, count_modes_below, local_modes, natural_frequencies
-    from ..stiffness.lowest import lowest_mode
-    from ..stiffness.matrices import signed_root
+    """The natural frequencies to be drawn, and a line about all of them; those of a large structure are not computed."""
+    from ..response.normal_modes import SMALL, natural_frequencies
 
-    size, ends = system.free.shape[1], omega[[0, -1]]
-    if size > MOST_COUNTED or (size > SMALL and system.turning):  # only real symmetric matrices are counted
+    size = system.free.shape[1]
+    if size > SMALL:
         return np.empty(0), [f'  natural frequencies: {size}']
-    if size <= SMALL:
-        natural = natural_frequencies(system)
-        lowest, highest = natural[[0, -1]]
-        inside = int(((natural >= ends[0]) & (natural <= ends[1])).sum())
-    else:
-        lowest, highest = signed_root(np.array([lowest_mode(system.K)[0]]))[0], highest_frequency(system)
-        inside = count_modes_below(system, ends[1]) - count_modes_below(system, ends[0])
-        natural = local_modes(system, ends).omega if inside <= MOST_TICKS else np.empty(0)
-    f, (low, high) = units.hertz(ends), units.hertz(np.array([lowest, highest]))
+    natural = natural_frequencies(system)
+    low, high = units.hertz(natural[[0, -1]])
     if size == 1:
         return natural, [f'  natural frequencies: {low:.6g} Hz']
-    drawn = '' if inside <= MOST_TICKS else ', too many to be drawn'
-    return natural, [f'  natural frequencies: {size} from {low:.6g} to {high:.6g} Hz, {inside} of them from {f[0]:g} to '
-                     f'{f[1]:g} Hz{drawn}']
+    inside, f = (natural >= omega[0]) & (natural <= omega[-1]), units.hertz(omega[[0, -1]])
+    return natural, [f'  natural frequencies: {size} from {low:.6g} to {high:.6g} Hz, {inside.sum()} of them from {f[0]:g} to '
+                     f'{f[1]:g} Hz']
 
 
 def _peaks(result, unit):

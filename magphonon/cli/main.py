@@ -2,7 +2,7 @@
 
 Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for an error in the command, the
 scene or the directory of the results (one message; nothing is written unless the message says so), 3 when the results are written
-but the report could not be shown, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
+but the report could not be shown, 130 when interrupted or terminated.
 """
 
 from __future__ import annotations
@@ -44,8 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.set_threshold(*CYCLES)
     os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever backend the shell sets for matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
-    if not (date := os.environ.get('SOURCE_DATE_EPOCH', '0')).isdecimal():  # NumPy reads it, far away and with a poor message
-        return _refusal(f'SOURCE_DATE_EPOCH of the shell must be whole seconds since 1970, not {date!r}; correct or unset it')
     kept = StringIO()  # output to a file or a pipe is written at the end
     with redirect_stdout(sys.stdout if sys.stdout.isatty() else kept):
         status = _status(options)
@@ -63,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _status(options):
     try:
-        with _termination_unwinds(), _no_silent_overflow(), _no_messages_about_fonts():
+        if current_thread() is main_thread():  # no other one can handle signals
+            signal.signal(signal.SIGTERM, _unwind)
+        with _no_silent_overflow():
             find_inputs(options)
             return options.run(options) or 0
     except RuntimeWarning as warning:
@@ -79,12 +79,14 @@ def _status(options):
     except OSError as error:
         told = error.filename is None or error.errno is None  # raised by the package itself, with a full message
         return _refusal(error if told else f'{error.filename} cannot be opened ({error.strerror})')
-    except Terminated as ended:
-        _tell(ended.words)
-        return ended.status
     except KeyboardInterrupt:
         _tell('interrupted')
         return 130
+
+
+def _unwind(number, _):
+    """End a job that a batch system terminates as if it were interrupted, so that its temporary files are removed."""
+    raise KeyboardInterrupt
 
 
 def _refusal(words):
@@ -120,30 +122,6 @@ def _forget_output():
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-class Terminated(KeyboardInterrupt):
-    """Raised for SIGTERM or SIGHUP, so that temporary files are removed before the process ends."""
-
-    def __init__(self, number: int) -> None:
-        self.status, self.words = 128 + number, 'terminated' if number == signal.SIGTERM else 'the terminal was closed'
-
-
-@contextmanager
-def _termination_unwinds():
-    def unwind(number, _):
-        raise Terminated(number)
-
-    if current_thread() is not main_thread():  # signals can only be handled in the main thread
-        yield
-        return
-    known = [getattr(signal, name) for name in ('SIGTERM', 'SIGHUP') if hasattr(signal, name)]
-    before = {number: signal.signal(number, unwind) for number in known if signal.getsignal(number) != signal.SIG_IGN}  # nohup
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 @contextmanager
 def _no_silent_overflow():
     """Turn an overflow, a division by zero or a NaN in a formula of the package into an error that ends the command; other
@@ -160,24 +138,8 @@ def _no_silent_overflow():
             warnings.formatwarning = before
 
 
-@contextmanager
-def _no_messages_about_fonts():
-    """Suppress the messages of matplotlib when it first lists the fonts, or cannot save this list in the home directory."""
-    import logging
-
-    logger, nowhere = logging.getLogger('matplotlib'), logging.NullHandler()
-    logger.addHandler(nowhere)
-    try:
-        yield
-    finally:
-        logger.removeHandler(nowhere)
-
-
 def _options(arguments):
     parser = parser_of([first] if (first := next(iter(arguments), '-')) in COMMANDS else COMMANDS)
-    for word in arguments:
-        if any((x < ' ' and x not in '\n\t') or '\x7f' <= x < '\xa0' for x in word):
-            parser.error(f'{word!r} holds a control character; leave it out, or rename the file')
     if not first.startswith('-') and first not in COMMANDS:
         meant = did_you_mean(SYNONYMS.get(first, first), COMMANDS, f'the commands are {", ".join(COMMANDS)}')
         parser.error(f'there is no command {first!r}{meant}')

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from ..stiffness.rest import LinearSystem
 
 HELP = 'what moves in each mode, and which modes are local at a defect'
-MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
-FARTHER = 1.5  # factor on cutoff_m with which modes of a structure are computed again, to see what it leaves out
+MOST_REPEATED = 1000  # free directions of a structure whose modes are computed a second time, with D0 alone: a second
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
 MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are drawn at each special point
 OUTSIDE = 1e-4
@@ -48,7 +47,6 @@ class Patch(NamedTuple):
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
-    from .neighbours import omission
 
     scene = read_scene(options.scene)
     if scene.single:
@@ -67,9 +65,16 @@ def run(options: Namespace) -> None:
             patch = _solved(scene, cell, atoms)
             _write(folder, save, patch, options.animate)
             answer, lines = _patch_report(scene, patch)
-            lines += _other_neighbours(scene, patch) if options.verbose else []
-        told += [answer, *(everything if options.verbose else []), *lines]
-        told += [] if scene.finite else omission(scene, options.verbose)
+        told += [answer, *(everything if options.verbose else []), *lines, *_left_out(scene, atoms, options.verbose)]
+
+
+def _left_out(scene, atoms, verbose):
+    """What the modes leave out, in words: farther neighbours, and for a net the supports that keep it in its plane."""
+    from ..stability.verdicts import verdict
+    from .neighbours import omission
+
+    told = [] if scene.finite else omission(scene, verbose)
+    return told + ([verdict(atoms).finding('supports').words] if scene.members and atoms.calc.dim == 2 else [])
 
 
 def _lattice(scene, cell, folder, save):
@@ -167,53 +172,6 @@ def _without_energy(patch, free):
     blind = _of_no_stiffness(lowest_and_local(alone, patch.ranges).omega)
     told = f'  modes that cost no energy: {free.sum()}; with D0 alone there would be {blind.sum()}'
     return [told] if (free | blind).any() else []
-
-
-def _other_neighbours(scene, patch):
-    """Lines that say how the omitted neighbours of a patch or structure would change the modes that are shown."""
-    from ..scenes.scene import LONG_RANGE, PAIRS
-
-    system, lattice, law = patch.system, scene.lattice, scene.law
-    repeated = system.directions <= MOST_REPEATED
-    if system.turning:
-        return []
-    if scene.finite:
-        cutoff = getattr(lattice, 'cutoff_m', None)
-        if not (cutoff and repeated and system.atoms.calc.pairwise):
-            return []
-        farther = lattice.model_copy(update={'cutoff_m': FARTHER * cutoff})
-        return _shifted(patch, scene.model_copy(update={'lattice': farther}).atoms(),
-                        f'neighbours up to cutoff_m = {FARTHER * cutoff:.3g}')
-    if not isinstance(getattr(law, 'asked', None), int):
-        return []
-    enough = scene.converged_shells(PAIRS) if repeated else None
-    if enough is None or enough.error > LONG_RANGE:
-        return ['  the effect of farther neighbours on the modes of the patch was not computed']
-    if enough.shells <= law.asked:
-        return []
-    farther = law.with_shells(enough.shells, enough.cutoff / (lattice.spacing_m * units.m))
-    return _shifted(patch, scene.model_copy(update={'law': farther}).patch_atoms(),
-                    f'{enough.shells} shells of neighbours (farther ones do not matter)')
-
-
-def _shifted(patch, atoms, how):
-    """A line with the shifts of modes by more neighbours; a mode is identified by the similarity of its shape."""
-    from scipy.spatial import KDTree
-
-    from ..response.normal_modes import modes
-    from ..stiffness.rest import LinearSystem
-
-    system, found, every = patch.system, patch.modes, LinearSystem.of(atoms).moving()
-    there, own = modes(every), np.flatnonzero(system.mobile)
-    same = np.flatnonzero(every.mobile)[KDTree(every.atoms.positions[every.mobile]).query(system.atoms.positions[own])[1]]
-    a, b = (one.reshape(len(one), -1) for one in (found.shapes[patch.shown][:, own], there.shapes[:, same]))
-    likeness = (a @ b.T) ** 2 / np.outer((a**2).sum(axis=1), (b**2).sum(axis=1))
-    told = []
-    for k, row in zip(patch.shown, likeness, strict=True):
-        f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
-        told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
-                    f'mode {k + 1} beyond recognition')
-    return [f'  {how} would shift: {"; ".join(told)}']
 
 
 def _of_no_stiffness(omega):

@@ -42,24 +42,15 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
-    from ..waves.fields import is_field
-    from ..waves.scan_tables import read_places, read_scan
+    from ..waves.scan_tables import read_places
 
     scene, stems = read_scene(options.scene), [Path(table).stem for table in options.tables]
-    for stem in stems:
-        if stems.count(stem) > 1:
-            raise ValueError(f'two of the scans are called {stem}, so their results would have the same name; rename one of them')
-    places, cell, ridges = options.geometry and read_places(options.geometry), scene.perfect_cell(), []
+    if twice := [stem for stem in stems if stems.count(stem) > 1]:
+        raise ValueError(f'two of the scans are called {twice[0]}, so their results would have the same name; rename one of them')
+    places, ridges = read_places(options.geometry) if options.geometry else None, []
     with answering(options, scene, *(f'spectrum_{stem}_*' for stem in stems)) as (folder, save, told):
         for table, stem in zip(options.tables, stems, strict=True):
-            options.table = table  # errors name this table
-            scan = read_scan(table)
-            scan = scan.placed(places) if places else scan
-            analyse = _field if scan.places is not None and is_field(np.asarray(scan.places), cell) else _row
-            try:
-                shown = analyse(options, scene, cell, scan, folder, save)
-            except ValueError as error:
-                raise ValueError(f'{table}: {error}') from None
+            shown = _analysed(table, options, scene, places, folder, save)
             text = '\n'.join(_report(scene, shown, verbose=True)) + '\n'
             (folder / f'spectrum_{stem}_ridges.txt').write_text(text, encoding='utf-8')
             told += _report(scene, shown, options.verbose)
@@ -86,7 +77,21 @@ def _report(scene, shown, verbose):
     return [*shown.answer, *told, *omission(scene, verbose, None if shown.q is None else {'the ridges': shown.q})]
 
 
-def _row(options, scene, cell, scan, folder, save):
+def _analysed(table, options, scene, places, folder, save):
+    """What one scan shows; its points are at `places` by their names, if these are given."""
+    from ..waves.fields import is_field
+    from ..waves.scan_tables import read_scan
+
+    cell, scan = scene.perfect_cell(), read_scan(table)
+    scan = scan.placed(places) if places else scan
+    analyse = _field if scan.places is not None and is_field(np.asarray(scan.places), cell) else _row
+    try:
+        return analyse(Path(table).name, options, scene, cell, scan, folder, save)
+    except ValueError as error:
+        raise ValueError(f'{table}: {error}') from None
+
+
+def _row(file, options, scene, cell, scan, folder, save):
     """Analyse a row of points, and write its files and pictures."""
     from ..plotting.waves import plot_wave
     from ..waves.ridge_tables import write_ridges
@@ -96,7 +101,7 @@ def _row(options, scene, cell, scan, folder, save):
 
     if options.at is not None:
         raise ValueError('--at needs points that cover the plane, but these lie on one or a few rows')
-    row, name = None, Path(options.table).stem
+    row, name = None, Path(file).stem
     source = options.source or (scene.burst.source if scene.burst else 'point')
     if scan.places is None:
         scan = scan.placed(_particles(scene))
@@ -107,14 +112,14 @@ def _row(options, scene, cell, scan, folder, save):
         save(plot_wave(wave).figure, f'spectrum_{name}_{wave.motion}')
     write_ridges(folder / f'spectrum_{name}_ridges.csv', {name: found})
     places = round(2 * np.pi / found[0].spectrum.bin_xi)
-    notes = [f'{Path(options.table).name}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
+    notes = [f'{file}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
              *scan.notes]
     q = [wave.wavevector * wave.ridge.xi[:, None] / (2 * np.pi) for wave in found if wave.ridge is not None]
     answer = agreements({name: found}) or [f'{name}: no ridge']
     return Shown(answer, notes, report({name: found}), np.concatenate(q) if q else None)
 
 
-def _field(options, scene, cell, scan, folder, save):
+def _field(file, options, scene, cell, scan, folder, save):
     """Analyse points that cover the plane, and write their files and pictures."""
     from ..bands.bands import band_path
     from ..plotting.fields import plot_field, plot_field_at
@@ -122,7 +127,7 @@ def _field(options, scene, cell, scan, folder, save):
     from ..waves.ridge_tables import write_points
     from ..waves.wave_report import field_report
 
-    name, path = Path(options.table).stem, scene.band_path() if scene.bands else band_path(cell)
+    name, path = Path(file).stem, scene.band_path() if scene.bands else band_path(cell)
     field = field_of(scan, cell)
     found = field_map(field, cell, path)
     found.save(folder / f'spectrum_{name}_field.npz')
@@ -137,7 +142,7 @@ def _field(options, scene, cell, scan, folder, save):
     if options.at is not None:
         omega = 2 * np.pi * options.at * units.Hz
         save(plot_field_at(field, cell, omega, field_at(field, cell, omega)), f'spectrum_{name}_at_{options.at:g}_Hz')
-    notes = [f'{Path(options.table).name}: {len(scan.times)} frames', *scan.notes, *field.notes]
+    notes = [f'{file}: {len(scan.times)} frames', *scan.notes, *field.notes]
     return Shown([f'{name}: {answer}'], notes, text, points.q if points else None)
 
 

@@ -1,4 +1,4 @@
-from .dispersion_fits import DispersionFit as DispersionFit, fit_dispersion as fit_dispersion
+from .dispersion_fits import Shells as Shells, fit_dispersion as fit_dispersion
 from .objectives import (
     BandEdge as BandEdge,
     BurstEnergy as BurstEnergy,
@@ -7,9 +7,8 @@ from .objectives import (
     Objective as Objective,
     band_gap as band_gap,
 )
-from .scatter import ModeScatter as ModeScatter, mode_scatter as mode_scatter
+from .scatter import mode_scatter as mode_scatter
 from .sensitivities import (
-    LawDerivative as LawDerivative,
     StiffnessDerivative as StiffnessDerivative,
     exponent_change as exponent_change,
     force_change as force_change,
@@ -18,7 +17,6 @@ from .sensitivities import (
 )
 from .site_designs import (
     Errors as Errors,
-    SiteDesign as SiteDesign,
     optimise as optimise,
     verify as verify,
     write_build_list as write_build_list,
@@ -29,8 +27,4 @@ from .transfer_fits import (
     TransferFit as TransferFit,
     fit_transfer as fit_transfer,
 )
-from .uncertainty import (
-    Spread as Spread,
-    Tolerances as Tolerances,
-    frequency_spread as frequency_spread,
-)
+from .uncertainty import Tolerances as Tolerances, frequency_spread as frequency_spread

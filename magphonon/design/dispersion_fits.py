@@ -1,12 +1,16 @@
 """Parameters of a lattice from measured branches: least squares on squares of frequencies, which are linear in the stiffness.
 
-With the logarithms x of the parameters, the residual of a point (q, omega) of one branch is
+Whatever the law of the particles, the Bloch matrix is a sum over the distances r between them,
+
+    D(q) = k + sum_r phi''(r) A_r(q) + phi'(r)/r B_r(q)        A: n(x)n, B: 1 - n(x)n, times 1 - cos q.R
+
+so A and B are computed once for a fit (`Shells`), and a law is two rows of numbers.  With the logarithms x of the parameters, the
+residual of a point (q, omega) of one branch is
 
     r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (change of the branch within sigma_q)^2
 
-and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  A shift that all ridges of a branch share,
-such as the one due to a point source, is invisible in the residuals. The covariance of the points of one branch and one kind of
-source is therefore
+and `d lambda/dx = v^+ (dD/dx) v` is analytic.  A shift that all ridges of a branch share, such as the one due to a point source,
+is invisible in the residuals. The covariance of the points of one branch and one kind of source is therefore
 
     C = diag(sigma^2) + (tau d) (tau d)^T        d = d omega/d xi, tau = `RidgePoints.shift`
 
@@ -16,7 +20,7 @@ point.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -26,14 +30,21 @@ from ase import Atoms
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ..bands.bloch import bloch_modes, branch_names
+from ..bands.bloch import branch_names
+from ..interactions.law_cards import LawDerivative
+from ..interactions.pair_laws import PairLaw
+from ..lattices.bonds import SHELL_WIDTH
 from ..stiffness.bond import Model
+from ..stiffness.matrices import hermitian_eigenvalues, mass_weighted, signed_root
+from ..stiffness.rest import LinearSystem
+from ..stiffness.sites import Foundation, each_spring
+from ..traits import takes
 from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, Before, ParameterFit
-from .sensitivities import StiffnessDerivative, frequency_sensitivities
+from .sensitivities import StiffnessDerivative
 
-Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, StiffnessDerivative]]]
+Build = Callable[[dict[str, float]], tuple[Any, ...]]
 FOLLOWS = 1.5
 """Scatter up to which a model is taken to fit the points: their uncertainties are estimates, and the simulated ridges of the
 prototype have 1.4.  Simulated scans with ridges of other waves had 1.9 or more if they supported the wrong model."""
@@ -48,11 +59,134 @@ factor on each parameter in these sets, and the number of assignments that are t
 STRAYS = 3.0
 """Waves of a point source move the row both across and along its line. A point is assigned to the next branch if it is at least
 this many uncertainties from its own branch, and this many times nearer to the other."""
+OBLIQUE = 2.8
+"""Reach in spacings of the neighbours that count for oblique waves, which need to be known to a tenth of a bin only."""
+SETTLES = 40  # halvings of the distance between a frequency and that of pillars with their stiffness there
 DIGITS = 5  # of the directions of rows: tables have six of a wavevector
 STEP = 1e-4  # step of xi in rad for the slope of a branch
 ROUNDS, FARTHEST = 6, 3
 """Number of rounds in which ridges are then moved to the next branches, and number of ridges, the farthest ones, that are
 moved."""
+
+
+class Shells:
+    """A lattice as a sum over the distances between its particles, for any law: D(q) = k + sum_r phi'' A_r(q) + phi'/r B_r(q).
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        One cell at rest; the bonds of its PairCalculator say which pairs interact.
+    reach : float, optional
+        Distance in mm behind which all others of a planar lattice interact too, as a continuum that does not follow the wave:
+        their stiffness is `density pi reach f(reach)` on each particle.
+
+    Attributes
+    ----------
+    r : ndarray, shape (shells,)
+        Distances in mm, increasing.
+    """
+
+    @takes('conventional')
+    def __init__(self, cell: Atoms, reach: float = 0.0) -> None:
+        system = LinearSystem.of(cell)
+        calc, self.cell, self.masses = system.calc, cell, system.masses
+        self.bonds, self.dim = calc.bonds, calc.dim
+        order = np.argsort(self.bonds.lengths)
+        first = np.append(True, np.diff(self.bonds.lengths[order]) > SHELL_WIDTH * self.bonds.lengths.min())
+        self.r = self.bonds.lengths[order][first]
+        n = self.bonds.vectors[:, : self.dim] / self.bonds.lengths[:, None]
+        nn = n[:, :, None] * n[:, None] * (calc.strengths[self.bonds.i] * calc.strengths[self.bonds.j])[:, None, None]
+        self._parts = np.stack([nn, np.eye(self.dim) * np.trace(nn, axis1=1, axis2=2)[:, None, None] - nn])
+        self._member = np.zeros((len(self.r), len(order)))
+        self._member[np.cumsum(first) - 1, order] = 1.0
+        planar = reach and self.dim == int(cell.pbc.sum()) == 2
+        self._edge = reach, np.pi * reach * len(cell) / np.linalg.norm(np.cross(*cell.cell.array[:2])) if planar else 0.0
+        self._kept = lru_cache(maxsize=8)(self._summed)
+
+    def sums(self, q: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """A and B divided by the masses, shape (2, shells, wavevectors, particles * dim, particles * dim)."""
+        return self._kept(np.ascontiguousarray(q, float).tobytes())
+
+    def _summed(self, q):
+        phase = np.exp(2j * np.pi * (self.bonds.shift @ np.frombuffer(q).reshape(-1, 3).T))
+        n, dim, ends = len(self.masses), self.dim, np.stack([self.bonds.i, self.bonds.j])
+        D = np.zeros((2, len(self.r), n, dim, n, dim, phase.shape[1]), complex)
+        for i, j in np.unique(ends, axis=1).T:
+            here = (ends == [[i], [j]]).all(axis=0)
+            K = np.einsum('rb,pbxy->prxyb', self._member[:, here], self._parts[:, here])
+            moved = (K @ phase[here].view(float)).view(complex)
+            D[:, :, i, :, i] += K.sum(axis=-1, keepdims=True)
+            D[:, :, j, :, j] += K.sum(axis=-1, keepdims=True)
+            D[:, :, i, :, j] -= moved
+            D[:, :, j, :, i] -= moved.conj()
+        return mass_weighted(np.moveaxis(D.reshape(2, len(self.r), n * dim, n * dim, -1), -1, 2), self.masses)
+
+    def matrices(self, q: NDArray[np.float64], model: Model, law: PairLaw | LawDerivative | None,
+                 foundation: Foundation) -> NDArray[np.complex128]:
+        """Bloch matrices divided by the masses, shape (wavevectors, particles * dim, particles * dim), for a law and springs.
+
+        A foundation of one dimension has a stiffness for each wavevector.
+        """
+        (A, B), (edge, around) = self.sums(q), self._edge
+        by_wave = np.ndim(foundation) == 1
+        each = np.reshape(foundation, (-1, 1)) if by_wave else each_spring(foundation, len(self.masses), self.dim)
+        if around and law is not None:
+            each = each - around * law.dphi(edge)
+        D: Any = (each / np.repeat(self.masses, self.dim))[..., None] * np.eye(A.shape[-1], dtype=complex)
+        if law is None:
+            return np.broadcast_to(D, A.shape[1:])
+        D = D + np.tensordot(law.d2phi(self.r), A, 1)
+        return D + np.tensordot(law.dphi(self.r) / self.r, B, 1) if model == 'complete' else D
+
+
+@dataclass(frozen=True)
+class Bands:
+    """The bands of `Shells` with a law and springs, and their slopes by parameters.
+
+    `excess`, of pillars that are too heavy for springs, says by how much their stiffness in N/mm at angular frequencies exceeds
+    the foundation, and the slope of that by the logarithm of the foundation.
+    """
+
+    shells: Shells
+    model: Model
+    law: PairLaw
+    foundation: Foundation
+    changes: Mapping[str, StiffnessDerivative]
+    excess: Callable[[Any], tuple[Any, Any]] | None = None
+
+    def omega(self, q: NDArray[np.float64], at: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Frequencies in rad/ms, shape (wavevectors, branches); negative for unstable modes.
+
+        Heavy pillars have their stiffness at the frequencies `at`, shape (wavevectors,), by default at that of each branch.
+        """
+        if self.excess is None or at is not None:
+            springs = self.foundation if self.excess is None else self.foundation + self.excess(at)[0]
+            return signed_root(hermitian_eigenvalues(self.shells.matrices(q, self.model, self.law, springs)))
+        squares = np.square(omega := self.omega(q, np.zeros(len(q))))
+        for _ in range(SETTLES):
+            there = [np.square(self.omega(q, np.sqrt(squares[:, k]))[:, k]) for k in range(omega.shape[1])]
+            squares = (squares + np.transpose(there)) / 2
+        return np.sqrt(squares) * np.sign(omega)
+
+    def slopes(self, q: NDArray[np.float64], names: Sequence[str],
+               at: NDArray[np.float64] | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Squares of the frequencies and their derivatives by ln p, shape (parameters, wavevectors, branches).
+
+        Between branches that cross, the derivative is one of any mixture of their modes; only points exactly there feel it.
+        """
+        more, steeper = (0.0, 0.0) if self.excess is None or at is None else self.excess(at)
+        squares, v = np.linalg.eigh(self.shells.matrices(q, self.model, self.law, self.foundation + more))
+        dD = [self.shells.matrices(q, self.model, self.changes[name].law,
+                                   self.changes[name].foundation + (steeper if name == 'foundation' else 0.0)) for name in names]
+        return squares, np.einsum('qai,pqab,qbi->pqi', v.conj(), dD, v, optimize=True).real
+
+    @property
+    def near(self) -> Atoms:
+        """The cell with this law between the neighbours within `OBLIQUE` spacings."""
+        atoms, calc = self.shells.cell.copy(), self.shells.cell.calc
+        bonds = calc.bonds.among(calc.bonds.lengths < OBLIQUE * calc.bonds.lengths.min())
+        atoms.calc = calc.changed(laws=self.law, bonds=bonds, sites=replace(calc.sites, foundation=self.foundation))
+        return atoms
 
 
 @dataclass(frozen=True)
@@ -94,16 +228,17 @@ class DispersionFit(ParameterFit):
         return super().scatter <= FOLLOWS
 
 
-def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: Model | None = None,
-                   priors: Mapping[str, tuple[float, float]] | None = None,
-                   near: DispersionFit | None = None) -> DispersionFit:
+def fit_dispersion(shells: Shells, build: Build, names: tuple[str, ...], points: RidgePoints, model: Model | None = None,
+                   priors: Mapping[str, tuple[float, float]] | None = None) -> DispersionFit:
     """Fit parameters of a lattice to measured points of its branches.
 
     Parameters
     ----------
+    shells : Shells
+        The lattice, whose bonds say which neighbours count.
     build : callable
-        Function that takes a dict from parameter name to factor. It returns the cell with its PairCalculator, and a dict of
-        `StiffnessDerivative` that says what each parameter changes.
+        Function that takes a dict from parameter name to factor. It returns the law, the foundation in N/mm, a dict of
+        `StiffnessDerivative` that says what each parameter changes, and the `excess` of heavy pillars if there are any.
     names : tuple of str
         The parameters to fit.
     points : RidgePoints
@@ -112,61 +247,50 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         D0 + D*, or D0 alone; by default the model of the calculator.
     priors : dict of str to (float, float), optional
         Prior knowledge: factors of parameters and their relative standard uncertainties.
-    near : DispersionFit, optional
-        An earlier fit of the same ridges to start from. Branches far from those of this fit are then not tried, which saves most
-        of the time.
 
     Examples
     --------
     A fit of the foundation alone, to the shear branch of a lattice whose springs are 20 % stiffer than at the start of the fit:
 
     >>> import numpy as np
-    >>> from magphonon import MagneticRepulsion, read_scene
+    >>> from magphonon import read_scene
     >>> from magphonon.bands.bloch import bloch_modes
-    >>> from magphonon.design import StiffnessDerivative, fit_dispersion
-    >>> from magphonon.waves import RidgePoints
+    >>> from magphonon.design import Shells, StiffnessDerivative, fit_dispersion
+    >>> from magphonon.waves.ridge_tables import RidgePoints
     >>> start = read_scene('prototype').atoms()
     >>> def build(factors):
     ...     springs = factors['foundation'] * start.calc.foundation
-    ...     atoms = start.copy()
-    ...     atoms.calc = MagneticRepulsion(atoms, start.calc.laws, foundation=springs)
-    ...     return atoms, {'foundation': StiffnessDerivative(foundation=springs)}
+    ...     return start.calc.laws, springs, {'foundation': StiffnessDerivative(foundation=springs)}
     >>> xi = np.linspace(0.6, 2.8, 12)
     >>> q = np.outer(xi / (2 * np.pi), [0, 1, 0])
-    >>> omega = bloch_modes(build({'foundation': 1.2})[0], q)[0][:, 0]
+    >>> stiffer = start.copy()
+    >>> stiffer.calc = start.calc.about(start, foundation=1.2 * start.calc.foundation)
+    >>> omega = bloch_modes(stiffer, q)[0][:, 0]
     >>> points = RidgePoints(('1',), ('transverse',), 0 * np.arange(12), q, xi, 0 * xi, omega, 1e-3 * omega, 1 + 0 * xi, 0 * xi)
-    >>> fit = fit_dispersion(build, ('foundation',), points)
+    >>> fit = fit_dispersion(Shells(start), build, ('foundation',), points)
     >>> round(float(fit.factors[0]), 6), fit.branches
     (1.2, (0,))
     """
-    known = Before.of(names, priors)
+    known, model = Before.of(names, priors), model or shells.cell.calc.model
     if len(points) + len(known.root) <= len(names):
         raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '
                          'longer or with more carriers, or fix a parameter')
-    @lru_cache(maxsize=1)  # residuals and derivatives are wanted at the same place, one after the other
-    def cell(*x):
-        return build(dict(zip(names, np.exp(x).tolist(), strict=True)))
 
-    start = cell(*np.zeros(len(names)))[0]
-    model = model or start.calc.model
+    @lru_cache(maxsize=1)  # residuals and derivatives are wanted at the same place, one after the other
+    def bands(*x):
+        return Bands(shells, model, *build(dict(zip(names, np.exp(x).tolist(), strict=True))))
 
     def with_branches(branches, start, passes=range(PASSES)):
-        return _settled(cell, names, points, model, known, lambda *_: branches, start, passes)
+        return _settled(bands, names, points, known, lambda *_: branches, start, passes)
 
-    def nearest(atoms, points):
-        return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
+    def nearest(there, points):
+        return tuple(_off_branches(there, points, points.sigma_omega).argmin(axis=1).tolist())
 
-    if near is not None:
-        x = np.log([near.by_name.get(name, 1.0) for name in names])
-        fit = with_branches(near.branches, x)
-        if nearest(cell(*np.log(fit.factors))[0], points) == fit.branches:
-            return fit
-        return min(fit, _settled(cell, names, points, model, known, nearest, x), key=lambda fit: fit.chi2)
-    fit = _settled(cell, names, points, model, known, nearest, np.zeros(len(names)))
-    count = bloch_modes(start, points.q[:1], model)[0].shape[1]
+    fit = _settled(bands, names, points, known, nearest, np.zeros(len(names)))
+    count = len(shells.masses) * shells.dim
     told = _told(points, count)
     if fit.chance < FITS and not all(told):  # a ridge may be assigned to the wrong branch
-        others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]
+        others = [with_branches(*other) for other in _assignments(bands, len(names), points)]
         fit = min(fit, *others, key=lambda other: other.chi2)
     for _ in range(ROUNDS * (fit.chance < FITS)):  # one repetition of each attempt shows which deserve more
         tries = [with_branches(other, np.log(fit.factors), LAST) for other in _neighbouring(fit, points, count, told)]
@@ -180,38 +304,35 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     return fit
 
 
-def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple[float, ...]:
+def residuals_of(bands: Bands, points: RidgePoints) -> tuple[float, ...]:
     """Residuals of points that were not fitted, from the nearest branches of the fitted lattice."""
-    atoms, _ = build(fit.by_name)
-    points = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(atoms, points, fit.model)))
-    modes = _off_branches(atoms, points, fit.model, points.sigma_omega).argmin(axis=1)[points.ridge]
-    sigma, slope = uncertainty(atoms, points, modes, fit.model)
-    omega = _at(atoms, points, modes, fit.model)
-    return tuple((whitening(points, modes, points.shift * slope / sigma) @ ((points.omega - omega) / sigma)).tolist())
+    points = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(bands, points)))
+    modes = _off_branches(bands, points, points.sigma_omega).argmin(axis=1)[points.ridge]
+    sigma, slope = uncertainty(bands, points, modes)
+    return tuple((whitening(points, modes, points.shift * slope / sigma)
+                  @ ((points.omega - _at(bands, points, modes)) / sigma)).tolist())
 
 
-def _settled(cell, names, points, model, priors, branches_in, start, passes=range(PASSES)):
-    """The fit to the branches that `branches_in` finds for the atoms, repeated until branches and uncertainties converge."""
+def _settled(bands, names, points, priors, branches_in, start, passes=range(PASSES)):
+    """The fit to the branches that `branches_in` finds for the bands, repeated until branches and uncertainties converge."""
     n = np.arange(len(points))
     x, before = start, np.zeros(0, int)
     for k in passes:
-        atoms, _ = cell(*x)
-        least = np.maximum(_oblique(atoms, points, model), points.shift * points.from_points * (k < ROBUST))
+        there = bands(*x)
+        least = np.maximum(_oblique(there, points), points.shift * points.from_points * (k < ROBUST))
         seen = replace(points, sigma_xi=np.maximum(points.sigma_xi, least))
-        branches = branches_in(atoms, seen)
-        modes = _followed(atoms, seen, np.array(branches)[points.ridge], model)
-        sigma, slope = uncertainty(atoms, seen, modes, model)
+        branches = branches_in(there, seen)
+        modes = _followed(there, seen, np.array(branches)[points.ridge])
+        sigma, slope = uncertainty(there, seen, modes)
         scale, white = 2 * points.omega * sigma, whitening(points, modes, points.shift * slope / sigma)
 
         def residuals(x, modes=modes, scale=scale, white=white) -> Any:
-            omega = _at(cell(*x)[0], points, modes, model)
+            omega = _at(bands(*x), points, modes)
             return np.append(white @ ((points.omega**2 - omega * abs(omega)) / scale), priors.root @ (priors.centre - x))
 
         def jacobian(x, modes=modes, scale=scale, white=white) -> Any:
-            atoms, changes = cell(*x)
-            omega, slopes = frequency_sensitivities(atoms, points.q, [changes[name] for name in names], model)
-            slopes = np.nan_to_num(slopes[:, n, modes])  # infinite at zero frequency, where the square has a slope of its own
-            return -np.vstack([white @ (2 * abs(omega[n, modes]) * slopes / scale).T, priors.root])
+            slopes = bands(*x).slopes(points.q, names, points.omega)[1][:, n, modes]
+            return -np.vstack([white @ (slopes / scale).T, priors.root])
 
         found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType, reportGeneralTypeIssues]  the stubs of scipy know no function as jac
                               loss='cauchy' if k < ROBUST and points.from_points.any() else 'linear',
@@ -222,10 +343,10 @@ def _settled(cell, names, points, model, priors, branches_in, start, passes=rang
             break
     J = jacobian(x)  # pyright: ignore[reportPossiblyUnbound]  PASSES is not zero
     strayed = int((modes != np.array(branches)[points.ridge]).sum())
-    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches, seen.sigma_xi, strayed)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
+    return DispersionFit(there.model, names, np.exp(x), J.T @ J, residuals(x), branches, seen.sigma_xi, strayed)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
 
 
-def _oblique(atoms, points, model):
+def _oblique(bands, points):
     """Possible distance of each point from the wave along the row, if an oblique wave of a point source is near, shape (points,).
 
     The table contains such distances, but from the bands of the scene with which it was made; they are wrong if these bands are
@@ -236,7 +357,7 @@ def _oblique(atoms, points, model):
     for k, direction in enumerate(directions):
         here = (np.ravel(which) == k) & points.from_points
         if here.any():
-            along, oblique = stationary_waves(atoms, 2 * np.pi * direction, model)
+            along, oblique = stationary_waves(bands.near, 2 * np.pi * direction, bands.model)
             xi, own, other = points.xi[here, None], along.phases(points.omega[here]), oblique.phases(points.omega[here])
             own = np.take_along_axis(own, np.where(np.isnan(own), np.inf, abs(own - xi)).argmin(axis=1)[:, None], axis=1)
             near = abs(other - xi) < LOBE_bins * points.bins[here, None]
@@ -245,23 +366,24 @@ def _oblique(atoms, points, model):
     return far
 
 
-def _followed(atoms, points, modes, model):
+def _followed(bands, points, modes):
     """The branch of each point: that of its ridge, or the next one if waves of a point source clearly belong to it."""
+    if not points.from_points.any():
+        return modes
     for side in (1, -1):
-        other = np.clip(modes + side, 0, bloch_modes(atoms, points.q[:1], model)[0].shape[1] - 1)
-        own, its = (abs(points.omega - _at(atoms, points, some, model)) / uncertainty(atoms, points, some, model)[0]
-                    for some in (modes, other))
+        other = np.clip(modes + side, 0, len(bands.shells.masses) * bands.shells.dim - 1)
+        own, its = (abs(points.omega - _at(bands, points, some)) / uncertainty(bands, points, some)[0] for some in (modes, other))
         modes = np.where(points.from_points & (own > STRAYS) & (its < own / STRAYS), other, modes)
     return modes
 
 
-def _at(atoms, points, modes, model, xi=None):
+def _at(bands, points, modes, xi=None):
     """Frequencies of these branches at the phases xi, by default those of the points."""
     q = points.q if xi is None else points.q * (xi / points.xi)[:, None]
-    return bloch_modes(atoms, q, model)[0][np.arange(len(points)), modes]
+    return bands.omega(q, points.omega)[np.arange(len(points)), modes]
 
 
-def _assignments(cell, parameters, points, model):
+def _assignments(bands, parameters, points):
     """Assignments of the nearest branches to the ridges, and logarithms of the parameters where they occur, best first.
 
     A fit from distant parameters stays in the first assignment that it meets.  Near the parameters of a good fit, its branches
@@ -272,7 +394,7 @@ def _assignments(cell, parameters, points, model):
 
     found = {}
     for x in (2 * Sobol(parameters, scramble=False).random_base2(SCOUTS) - 1) * np.log(SCOUTED):
-        off = _off_branches(cell(*x)[0], points, model, points.omega)
+        off = _off_branches(bands(*x), points, points.omega)
         branches = tuple(off.argmin(axis=1).tolist())
         found[branches] = min(found.get(branches, (np.inf, ())), (off.min(axis=1).sum(), tuple(x)))
     return [(branches, np.array(x)) for branches, (_, x) in sorted(found.items(), key=lambda item: item[1])[:TRIED]]
@@ -291,20 +413,19 @@ def _told(points, count):
     return [motion in branch_names(count // 2) for motion in points.motions]
 
 
-def _off_branches(atoms, points, model, unit):
+def _off_branches(bands, points, unit):
     """Sum of the squared distances, in `unit`, of each ridge from each branch; infinite for a branch of another motion."""
-    off = ((bloch_modes(atoms, points.q, model)[0] - points.omega[:, None]) / unit[:, None]) ** 2
+    off = ((bands.omega(points.q, points.omega) - points.omega[:, None]) / unit[:, None]) ** 2
     found = np.array([off[points.ridge == k].sum(axis=0) for k in range(len(points.motions))])
     for k in np.flatnonzero(_told(points, off.shape[1])):
         found[k, np.arange(off.shape[1]) != branch_names(off.shape[1] // 2).index(points.motions[k])] = np.inf
     return found
 
 
-def uncertainty(atoms: Atoms, points: RidgePoints, modes: NDArray[np.int_],
-                model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def uncertainty(bands: Bands, points: RidgePoints, modes: NDArray[np.int_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Standard uncertainty of each frequency, including that due to its wavevector, and the slope d omega/d xi."""
     def at(step):
-        return _at(atoms, points, modes, model, points.xi + step)
+        return _at(bands, points, modes, points.xi + step)
 
     own = at(0.0)
     beside = np.maximum(*(abs(at(side * points.sigma_xi) - own) for side in (1, -1)))

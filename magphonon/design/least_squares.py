@@ -6,20 +6,20 @@ eigenvector of J^T J whose eigenvalue is nearly zero is a change of parameters t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc  # scipy.stats has it too, and takes most of a second to import
+from scipy.special import chdtrc, ndtr  # scipy.stats has it too, and takes most of a second to import
 
 from ..stiffness.bond import Model
 
 NORMAL = 1.96
 """Half width of a 95 % interval in standard deviations of a normal distribution."""
-DETERMINED = 0.5
-"""Relative standard uncertainty of a parameter above which it counts as not determined; the fit is linear only well below."""
+DETERMINED = 0.5 / NORMAL
+"""Relative standard uncertainty of a parameter above which it counts as not determined: its interval reaches beyond +-50 %."""
 MOST_FACTOR = 10.0
 """Largest factor by which a parameter is changed: where nothing determines it, it must stop somewhere.  A parameter that reaches
 this limit is not determined. For example, data without static forces drive the complete model towards zero force and an infinite
@@ -28,6 +28,7 @@ FITS = 0.01
 """Probability of chi2 below which the data are taken to scatter about a model by more than their uncertainties."""
 BLIND = 1e-10
 """Fraction of the largest eigenvalue of J^T J below which an eigenvalue is zero within round-off."""
+BISECTIONS = 48  # of the ends of an interval
 FAINT = 1e-5
 """Component of a direction along such an eigenvector above which the direction is not determined: the root of BLIND."""
 
@@ -122,6 +123,14 @@ class ParameterFit:
             return np.inf
         return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
 
+    def log_evidence(self, scale: float = 1.0) -> float:
+        """Logarithm of the evidence by Laplace's method, for uncertainties of the points that are `scale` times those stated.
+
+        A parameter about which nothing else is known may lie within a factor of MOST_FACTOR.
+        """
+        known = self.information + np.eye(len(self.names)) / np.log(MOST_FACTOR) ** 2
+        return -0.5 * (self.chi2 / scale**2 + float(np.linalg.slogdet(known)[1]))
+
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance of the logarithms of the parameters, shape (parameters, parameters)."""
@@ -130,3 +139,47 @@ class ParameterFit:
                              f'({", ".join(self.names)}), so these have no covariance; measure another branch, or fix '
                              'a parameter')
         return self.scatter**2 * np.linalg.inv(self.information)
+
+
+def weights_of(log_evidences: Sequence[float]) -> NDArray[np.float64]:
+    """Weights of hypotheses, equally likely beforehand, from the logarithms of their evidence."""
+    evidence = np.exp(np.subtract(log_evidences, np.max(log_evidences)))
+    return evidence / evidence.sum()
+
+
+def mixed_interval(values: NDArray[np.float64], sigma: NDArray[np.float64],
+                   weights: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The 95 % interval of a weighted sum of answers, each normal in the logarithm of its value.
+
+    Parameters
+    ----------
+    values, sigma : ndarray, shape (answers, ...)
+        Values of one sign and their relative standard uncertainties.
+    weights : ndarray, shape (answers,)
+
+    Returns
+    -------
+    values, sigma : ndarray
+        Middle of the interval, and half its width divided by `NORMAL`, on a logarithmic scale; infinite above ln MOST_FACTOR.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.design.least_squares import mixed_interval
+    >>> value, sigma = mixed_interval(np.array([1.0, 1.2]), np.array([0.01, 0.01]), np.array([0.999, 0.001]))
+    >>> round(float(value), 3), round(float(sigma), 4)
+    (1.0, 0.0103)
+    """
+    mean, widest = np.log(np.maximum(abs(values), 1e-300)), 4 * np.log(MOST_FACTOR)
+    sigma = np.minimum(np.nan_to_num(sigma, nan=widest), widest)
+    ends = []
+    for probability in (ndtr(-NORMAL), ndtr(NORMAL)):
+        low, high = (mean - 2 * NORMAL * sigma).min(axis=0), (mean + 2 * NORMAL * sigma).max(axis=0)
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            with np.errstate(divide='ignore', invalid='ignore'):
+                below = np.tensordot(weights, ndtr(np.nan_to_num((middle - mean) / sigma)), 1)
+            low, high = np.where(below < probability, middle, low), np.where(below < probability, high, middle)
+        ends.append((low + high) / 2)
+    middle, half = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / (2 * NORMAL)
+    return np.sign(values[np.argmax(weights)]) * np.exp(middle), np.where(half > np.log(MOST_FACTOR), np.inf, half)

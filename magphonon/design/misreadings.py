@@ -26,31 +26,37 @@ WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity th
          'that is called a velocity', 1: 'a displacement that is called a velocity, or a velocity that is called an acceleration',
          2: 'a displacement that is called an acceleration'}
 
+SLOW = 'frequencies in rad/s under a header in Hz'
+
 
 def misreading(built: ParametricLattice, functions: Sequence[TransferFunction]) -> str | None:
     """What transfer functions seem to be, if this is not what their file says; None if no misreading fits better.
 
     The lattice `built` is known to about ten percent. The functions have their Dofs, and were all read in the same way.
     """
-    slow = [replace(one, omega=one.omega / (2 * np.pi)) for one in functions]
+    off = dict.fromkeys(readings := _readings(functions), np.inf)
+    wide = {words: np.concatenate([_wide(one) for one in own]) for words, own in readings.items()}
+    for stretch in STRETCHES:
+        at = {words: _computed(built, readings[words], stretch) for words in (None, SLOW)}
+        for words in readings:  # all but one have the frequencies of the first
+            computed = at[SLOW if words == SLOW else None]
+            size = np.sqrt(np.linalg.norm(wide[words]) * np.linalg.norm(computed))
+            off[words] = min(off[words], np.linalg.norm(wide[words] - computed) / size)
+    best = min(off, key=lambda words: off[words])
+    return best if off[None] > CLOSE and off[best] < min(BETTER * off[None], NEAR) else None
+
+
+def _readings(functions):
+    """The functions as they are, by None, and with each mistake undone, by its words."""
     undone = {'phases of the opposite sign, e^{-i omega t}': lambda w, h: h.conj(),
               'real and imaginary part exchanged': lambda w, h: 1j * h.conj(),
               'phases in rad under a header in degrees': lambda w, h: abs(h) * np.exp(1j * np.angle(h) / u.deg)}
     if not any(one.shaken for one in functions):
         undone |= {words: lambda w, h, factor=factor: factor * h for words, factor in SCALES.items()}
         undone |= {words: lambda w, h, order=order: (1j * w * u.s) ** order * h for order, words in WORDS.items()}
-    readings = {None: functions} | {words: [replace(one, response=mend(one.omega, one.response)) for one in functions]
-                                    for words, mend in undone.items()} | {'frequencies in rad/s under a header in Hz': slow}
-    wide = {words: np.concatenate([_wide(one) for one in own]) for words, own in readings.items()}
-    off = dict.fromkeys(readings, np.inf)
-    for stretch in STRETCHES:
-        for words, own in readings.items():
-            if words is None or own is slow:  # the others have the frequencies of the first
-                computed = _computed(built, own, stretch)
-            size = np.sqrt(np.linalg.norm(wide[words]) * np.linalg.norm(computed))
-            off[words] = min(off[words], np.linalg.norm(wide[words] - computed) / size)
-    best = min(off, key=lambda words: off[words])
-    return best if off[None] > CLOSE and off[best] < min(BETTER * off[None], NEAR) else None
+    mended = {words: [replace(one, response=mend(one.omega, one.response)) for one in functions]
+              for words, mend in undone.items()}
+    return {None: functions} | mended | {SLOW: [replace(one, omega=one.omega / (2 * np.pi)) for one in functions]}
 
 
 def _computed(built, functions, stretch):

@@ -319,7 +319,7 @@ class ModeScatter(NamedTuple):
     std: NDArray[np.float64]
 
 
-@takes(*LIKE)
+@takes(*{*LIKE} - {'radii'})
 def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter, count: int | Modes | None = None,
                  at_rest: bool = False) -> ModeScatter:
     """Natural frequencies of a structure, and their standard deviations from one specimen to the next, to first order.

@@ -105,7 +105,7 @@ def spacing_change(law: PairLaw) -> LawDerivative:
     return LawDerivative(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
 
 
-@takes(*LIKE)
+@takes(*{*LIKE} - {'radii'})
 def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[StiffnessDerivative],
                             model: Model | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies with respect to the logarithms of parameters.
@@ -172,7 +172,7 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Stif
     return omega, slopes
 
 
-@takes(*LIKE)
+@takes(*{*LIKE} - {'radii'})
 def hessian_changes(system: LinearSystem, changes: Collection[StiffnessDerivative], *,
                     measured: bool = False) -> list[sparse.csr_array]:
     """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, including the change of the rest positions.
@@ -203,7 +203,7 @@ def _pushes(system, changes):
     for change in changes:
         pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
         push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
-        largest = max(abs(pull).max(), abs(change.foundation * springs).max())
+        largest = max(abs(pull).max(), abs(change.foundation * springs).max(), abs(calc.law.dphi(r)).max())
         pushes.append(push)
         moved.append(bool(abs(P.T @ push.ravel()).max(initial=0.0) > SHIFTING * largest))
     return pushes, moved

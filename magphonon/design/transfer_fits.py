@@ -152,7 +152,7 @@ def solved(built: ParametricLattice, functions: Sequence[TransferFunction], wide
     return basis, own
 
 
-@takes(*LIKE)
+@takes(*{*LIKE} - {'radii'})
 def response_slopes(built: ParametricLattice, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0, fields: tuple[Any, list[Solved]] | None = None,
                     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -245,7 +245,8 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.design import ParametricLattice, StiffnessDerivative, fit_transfer
-    >>> from magphonon.response import Dof, TransferFunction, receptance
+    >>> from magphonon.response import Dof, receptance
+    >>> from magphonon.response.transfer_functions import TransferFunction
     >>> from magphonon.stiffness import LinearSystem
     >>> patch, law = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0), InversePower(1.0, 4.0)
     >>> def build(factors):

@@ -96,7 +96,7 @@ def _std(covariance, slopes):
     return np.sqrt(np.maximum(np.einsum('p...,pr,r...->...', slopes, covariance, slopes), 0.0))
 
 
-@takes(*LIKE)
+@takes(*{*LIKE} - {'radii'})
 def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: Model | None = None) -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 

@@ -14,7 +14,7 @@ def can_compile() -> bool:
 
         if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  numba sets it from the environment
             raise RuntimeError('NUMBA_DISABLE_JIT is set')
-        from .kernels_numba import smallest
+        from .kernel import smallest
 
         smallest(1.0)  # if it cannot be compiled, nothing can
     except Exception as error:  # other versions of numba may raise anything

@@ -6,7 +6,7 @@ A step that is longer than 2/omega_max, the limit of velocity Verlet, is refused
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -16,17 +16,17 @@ from scipy import sparse
 from scipy.linalg import expm
 
 from ..interactions.bond_laws import labels, taken
-from ..lattices.bonds import stretches
+from ..lattices.bonds import lengths_of, stretches
 from ..stiffness.bond import upper_part
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane, refuse_motion_out_of_the_plane
 from ..traits import LINEAR, all_but, refuse, takes
-from .bond_increments import RANGES, TOLERANCE, Increments, Pieces, pieces
-from .cages import BROKEN_BOND, CONTACT, Cages
+from .bond_increments import RANGES, TOLERANCE, Increments
+from .cages import Cages
 from .drives import Constant, constant_push, forces_and_walls
-from .memory_layout import aligned_zeros, arrange, same
+from .memory_layout import LINE, aligned_zeros, arrange
 from .splittings import SPLITTINGS, Splitting
 
 LAW_SHARE = 0.1
@@ -41,11 +41,10 @@ STEPS_TRIED = 24  # number of time steps at which motion held by gyration alone 
 MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
-MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bonds have their own
-INERT = 1e-30
-"""Mobility of a wall in 1/g: no force between particles moves a wall, and the force that leads it does not overflow."""
-ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
-PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; what is beyond it is left to ASE's loop
+PIECE = 2048  # slots that a thread does at a time
+SAME_VECTOR = 1e-11
+"""Largest difference, in shortest bonds, of rest vectors that count as one: far above the round-off of positions."""
+SAME_KIND = 1e-12  # relative difference of lengths up to which bonds that are not alike share coefficients
 
 
 def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> float:
@@ -227,11 +226,13 @@ def refusal(atoms: Atoms) -> str | None:
     """
     if type(atoms.calc) is not PairCalculator:
         return f'the calculator is {atoms.calc!r}, not PairCalculator'
-    if atoms.calc.dim != 2:
-        return 'the structure is not planar'
-    if atoms.calc.interaction.central(2) is None:
+    if atoms.calc.dim == 3 and np.any(atoms.calc.rate):
+        return 'particles gyrate in space'
+    if atoms.calc.interaction.central(atoms.calc.dim) is None:
         return 'the forces are not along the bonds'
-    if out_of_plane(atoms).any():
+    if atoms.calc.sites.radii is not None:
+        return 'the laws are functions of the distance over the sum of both radii'
+    if atoms.calc.dim == 2 and out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:
         freedom(atoms)
@@ -240,47 +241,8 @@ def refusal(atoms: Atoms) -> str | None:
     return None
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Everything that moves the particles besides the bonds.
-
-    Attributes
-    ----------
-    dt : float
-        Time step in ms.
-    splitting : Splitting
-    rate : float
-        gamma of the drifts in 1/ms.
-    decay : ndarray, shape (slots,)
-        d = exp(-(gamma + i g) dt/2), real where nothing gyrates; 1 where drifts are damped.
-    mobility : ndarray, shape (slots,)
-        1/m in 1/g; zero for held particles and empty slots.
-    foundation : float or ndarray, shape (2, slots)
-        k in N/mm: one number for all particles, or one for each displacement.
-    static : ndarray, shape (2, slots), or None
-        Forces in N that do not change; None if they are zero, or included in the external forces on the driven slots.
-    driven : ndarray of int
-        Slots with external forces.
-    guided : ndarray of int
-        Slots that a line or plane guides.
-    barred : ndarray, shape (guided, 2, 2)
-        Projector on the direction that is barred to each guided slot.
-    """
-
-    dt: float
-    splitting: Splitting
-    rate: float
-    decay: np.ndarray
-    mobility: np.ndarray
-    foundation: float | np.ndarray
-    static: np.ndarray | None
-    driven: np.ndarray
-    guided: np.ndarray
-    barred: np.ndarray
-
-
 class Blocks:
-    """Displacements, velocities and accelerations of a planar structure, with digits that absolute positions would lose.
+    """Displacements and velocities, with digits that absolute positions would lose, which move by blocks of steps.
 
     Parameters
     ----------
@@ -293,181 +255,256 @@ class Blocks:
         gamma in 1/ms; the gyration comes from the calculator.
     splitting : Splitting
     threads : int
-        Number of threads of compiled blocks; the bits of the results do not depend on it.
+        Number of threads; the bits of the results do not depend on it.
     """
 
     def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64],
                  splitting: Splitting = SPLITTINGS[2], threads: int = 1) -> None:
         calc: PairCalculator = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
-        masses = atoms.get_masses()
-        self.atoms, self.calc, self.dt, self.threads = atoms, calc, dt, threads
+        self.atoms, self.calc, self.dt, self._splitting = atoms, calc, dt, splitting
         self._varying, self._walls = forces_and_walls([d for d in drives if not isinstance(d, Constant)], len(atoms))
-        led = self._walls.particles
-        mobile, guided, barred = freedom(atoms)
-        static = static_forces(calc, constant_push(drives, len(atoms)))
-        loaded = np.flatnonzero(mobile & static.any(axis=1))
+        self._masses, (mobile, self._guided, self._barred) = atoms.get_masses(), freedom(atoms)
+        self._mobile = mobile[:, None]
+        self._follows = self._mobile | np.isin(np.arange(len(atoms)), self._walls.particles)[:, None]
+        static = mobile[:, None] * static_forces(calc, constant_push(drives, len(atoms)))
+        loaded = np.flatnonzero(static.any(axis=1))
         everywhere = len(loaded) > MANY_LOADED * len(atoms)
-        driven = loaded[: len(loaded) * (not everywhere)]
-        driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
-        driven = self._driven = np.union1d(driven, led)
-        self._led = np.searchsorted(driven, led)
+        self._load = static if everywhere else None
+        driven = np.union1d(loaded[: len(loaded) * (not everywhere)], self._varying.particles[mobile[self._varying.particles]])
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
-        self._static = static[driven] * (not everywhere)
+        self._driven, self._static = driven, static[driven] * (not everywhere)
 
-        self.layout = layout = arrange(calc.reference, calc.bonds, mobile, labels(calc.law, len(calc.bonds)))
-        self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
-        self._splitting = splitting
-        rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
-        E: Any = np.array(half_step(damping - rate, calc.rate, guided, barred, dt))
-        mobility = mobile / masses
-        E[led], mobility[led] = 1.0, INERT
-        decay = layout.scatter(np.real(E))
-        if np.iscomplexobj(E):
-            decay = decay + 1j * layout.scatter(np.imag(E))
-        k: Any = calc.foundation
-        k = layout.scatter(k) if np.ndim(k) else k
-        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k,
-                              layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
-        self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
-        self._follows = (mobile | np.isin(np.arange(len(atoms)), led))[:, None]
-        self._level, self._kernel, self._rough = 0, None, 0.0
-        self._dtype: Any = np.float64
+        self.layout = layout = arrange(calc.reference, calc.bonds, calc.dim)
+        self._pad = 0 if layout.offset is None else int(layout.offset.max() + -layout.offset.max() % LINE)
+        self._at, self._wide = layout.slot + self._pad, layout.length + self._pad + 3 * LINE
+        some = np.unique(self._at // PIECE)
+        self._pieces = np.column_stack([some, some + 1]) * PIECE
+        self._pieces = self._pieces.clip(self._pad, self._at.max(initial=0) + 1).astype(np.uint64)
+        self._threads = max(1, min(threads, len(some)))
+        self._parts = np.linspace(0, len(some), self._threads + 1).astype(int)
+        size, directions = np.linalg.eigh(self._barred)
+        away = size > 0.5  # a projector has the eigenvalues 0 and 1
+        self._normals = directions.transpose(0, 2, 1)[away][None]
+        along = np.repeat(self._guided, away.sum(axis=1))
+        self._special = [self._shared(particles) for particles in (driven, along, self._walls.particles)]
+        self._rate = damping.max() if splitting.stages > 1 else 0.0  # the same for all particles: it acts in the drifts
+        self._half = half_step(damping - self._rate, calc.rate, self._guided, self._barred, dt)
+        self._sort_bonds()
+        self._level, self._rough, self._law, self._pool = 0, -1.0, None, None
         self.cages = Cages(atoms)
         self._read()
 
-    @property
-    def displacements(self) -> NDArray[np.float64]:
-        """Displacements from rest in mm, shape (particles, 2)."""
-        return self.layout.gather(self._state[0]).T.astype(float)
+    # --- arrays of slots --------------------------------------------------------------------------------------------------
 
-    @property
-    def velocities(self) -> NDArray[np.float64]:
-        """Velocities in mm/ms, shape (particles, 2)."""
-        return self.layout.gather(self._state[1]).T.astype(float)
+    def _put(self, values):
+        """Values of the slots, shape (..., slots), zero in empty ones, from those of the particles, shape (particles, ...)."""
+        slots = aligned_zeros((*values.shape[1:], self._wide), values.dtype)
+        slots[..., self._at] = np.moveaxis(values, 0, -1)
+        return slots
+
+    def _shared(self, particles):
+        """The order of some particles by slot; their slots, and the first of each thread."""
+        order = np.argsort(self._at[particles], kind='stable')
+        slots = self._at[particles][order]
+        borders = [0, *self._pieces[self._parts[1:-1], 0].tolist(), self._wide]
+        return order, slots.astype(np.uint64), np.searchsorted(slots, borders)
+
+    def _sort_bonds(self):
+        """Find out whether the bonds of a column are alike; if not, how their laws differ."""
+        layout, calc = self.layout, self.calc
+        r0, label = lengths_of(layout.R), labels(calc.law, len(calc.bonds))[layout.bond]
+        self._alike = layout.offset is not None
+        if self._alike:
+            first = np.array([(layout.group == g).argmax() for g in range(len(layout.offset))])
+            kind = layout.group
+            off = abs(layout.R - layout.R[first][kind]).max() > SAME_VECTOR * r0.min()
+            self._alike = not off and bool((label == label[first][kind]).all())
+        if not self._alike:
+            key = label * 2.0**40 + np.round(np.log(r0) / SAME_KIND)
+            _, first, kind = np.unique(key, return_index=True, return_inverse=True)
+        example = np.arange(len(calc.bonds))[layout.bond][first]
+        self._first, self._kind = first, kind.ravel()
+        self._increments = Increments(taken(calc.law, example), calc.model, r0[first])
+        self._factors = None if self._alike else self._increments.factors
+        self._one = self._alike and np.ptp(r0[first]) <= SAME_VECTOR * r0.min() and np.ptp(label[first]) == 0
+
+    def _arrange(self, dtype):
+        """Make all arrays of the kernel in this precision."""
+        from .kernel import Bonds, Sites
+
+        layout, law, kind, dim = self.layout, self._increments, self._kind, self.calc.dim
+        grid = layout.offset is not None
+        if grid:  # both ends of a bond read the same numbers
+            place, count = (layout.group, layout.i + self._pad), len(layout.offset)
+            near = tuple(np.array([int(o) % 2**64 for offset in layout.offset for o in (offset, -offset)], np.uint64))
+        else:
+            *place, far = layout.columns()
+            count = int(place[0].max()) + 1
+            table = np.tile(np.arange(self._wide, dtype=np.uint32), (count, 1))  # a missing bond leads to its own slot
+            table[tuple(place)] = far
+            near = tuple(table)
+
+        def each(values, back=1):
+            """Values of the bonds, shape (..., bonds), at their slots."""
+            rows = aligned_zeros((*values.shape[:-1], count, self._wide), dtype)
+            rows[..., *place] = values if grid else np.concatenate([values, back * values], axis=-1)
+            return rows
+
+        self._at_bonds, strength = each, None
+        if self._alike:
+            R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
+            there, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
+            if not all(row[mine].all() and row[mine - offset].all() for row, offset in zip(there, layout.offset, strict=True)):
+                strength = there
+        else:
+            R, unit, g = each(layout.R.T, -1), each(1 / law.r0[kind] ** 2), each(law.g[kind])
+            strength = None if self._factors is None else each(self._factors[kind])
+        bonds = Bonds(near, tuple(R), unit, g, strength, (None,) * (self.calc.model == 'complete'))
+
+        k, h = np.asarray(self.calc.foundation, dtype), self._load
+        mobility = self._mobile[:, 0] / self._masses
+        d, decay, turns = self._half, None, None
+        push = mobility[None]
+        if np.iscomplexobj(d) or np.ptp(d):
+            decay, push = np.stack([d, d * d, d]), np.stack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
+            turns = tuple(self._put(x.imag.T.astype(dtype)) for x in (decay, push)) if np.iscomplexobj(d) else None
+            decay = self._put(decay.real.T.astype(dtype))
+        self._push = push[:, self._driven]
+        sites = Sites(tuple(self._put(x) for x in k.T) if k.ndim else (k[()],) * dim,
+                      None if h is None else tuple(self._put(x.astype(dtype)) for x in h.T), decay,
+                      self._put(push.real.T.astype(dtype)), turns)
+        self._given, self._dtype = (bonds, sites), dtype
+        self._flow = self._flow_of(decay is not None)
+
+    def _flow_of(self, own):
+        """Factors (keep, kick, drift) of the first, of the others in turns, and of the last stage of a block."""
+        h, one = self.dt, self._splitting
+        if one.stages == 1:
+            d = 1.0 if own else float(self._half[0])
+            between = [[d * d, h if own else h * (1 + d * d) / 2, h]]
+            return [d, h / 2, h], between, [d, h / 2 * d, 0.0]
+        drifts, damped = one.flow(h, self._rate)
+        kicks = h * np.array([*one.kicks[1:-1], one.kicks[-1] + one.kicks[0]])
+        between = np.column_stack([damped, kicks, np.roll(drifts, -1)])
+        return [1.0, h * one.kicks[0], drifts[0]], between, [damped[-1], h * one.kicks[-1], 0.0]
+
+    def use(self, rough: float = 0.0) -> None:
+        """Make the kernel ready, whose stiffness has a relative error of at most `rough`.
+
+        The law gets only as many coefficients as this error requires, and steps may be in single precision.
+        """
+        if rough != self._rough:
+            self._rough, dtype = rough, np.float32 if rough >= SINGLE else np.float64
+            self._arrange(dtype)
+            self._laws = {}
+            if self._state.dtype != dtype:
+                self._state, self._spare = (self._state.astype(dtype) for _ in range(2))
+                self.write()  # otherwise the atoms would seem to have been changed
+            self._fit(self._level)
+
+    def _fit(self, level):
+        """Take the law for increments up to RANGES[level]; returns whether there is one."""
+        if level not in self._laws:
+            c = None
+            with np.errstate(over='ignore', invalid='ignore'):
+                law, kinds = self._increments, self._kind
+                if self._factors is not None or self._one:
+                    law, kinds = Increments(taken(law.potential, np.zeros(1, int)), law.model, law.r0[:1]), None
+                if level < len(RANGES):
+                    c = law.polynomial(RANGES[level], max(TOLERANCE, LAW_SHARE * self._rough))
+            if c is not None and kinds is None:
+                c = tuple(c[:, 0].astype(self._dtype))
+            elif c is not None:
+                c = tuple(c.astype(self._dtype) if self._alike else self._at_bonds(c[:, kinds]))
+            self._laws[level] = c
+        self._level, self._law = level, self._laws[level]
+        return self._law is not None
+
+    # --- steps ------------------------------------------------------------------------------------------------------------
 
     def steps_to_next_look(self, most: int) -> int:
         """Number of steps of the next block, at most `most`; fewer if particles are fast."""
         largest, speed = self._extent
         return self.cages.steps_between_looks(speed, largest, self.dt, most)
 
-    def use(self, rough: float = 0.0) -> None:
-        """Make the kernel, whose stiffness has a relative error of at most `rough`.
-
-        The law gets only as many coefficients as this error requires, and steps may be in single precision.
-        """
-        if rough != self._rough or self._kernel is None:
-            self._rough = rough
-            self._fit(self._level)
-
-    def _fit(self, level):
-        """Make the kernel for increments up to RANGES[level], or of the law in pieces; return whether it could be made."""
-        from .kernels_numba import CompiledKernel
-
-        tolerance = max(TOLERANCE, LAW_SHARE * self._rough)
-        fit = self._increments.polynomial(RANGES[level], tolerance) if level < PIECES else None
-        self._level, reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
-        fitted = fit and fit[0]
-        if self._level == PIECES:
-            fitted = self._in_pieces()
-        if fitted is None:
-            self._kernel = None
-            return False
-        self._dtype = np.float32 if self._level < PIECES and self._rough >= SINGLE else np.float64
-        self._kernel = CompiledKernel(self.layout, self._increments, self._motion, fitted, reach, self.threads, self._dtype)
-        if self._state.dtype != self._dtype:
-            self._state, self._spare = (same(x, self._dtype) for x in (self._state, self._spare))
-            self.write()  # otherwise the atoms would seem to have been changed
-        return True
-
-    def _in_pieces(self) -> list[Pieces] | None:
-        """The pieces of the law for every kind of bond; None if a law needs too many."""
-        law, own = self._increments, self.layout.own_laws
-        alone, shape, strength = law.shapes
-        if own and len(alone.r0) > MOST_LAWS:  # the first law is enough if all others are multiples of it
-            alone = law.at(np.zeros(1, int)) if law.alike(law.increment(np.geomspace(CONTACT, BROKEN_BOND, 101))) else None
-        if alone is None:
-            return None
-        found = [pieces(alone, kind, CONTACT, BROKEN_BOND) for kind in range(len(alone.r0))]
-        if None in found or own:
-            return None if None in found else found  # pyright: ignore[reportReturnType]  none of them is None
-        return [replace(found[k], coefficients=s * found[k].coefficients)  # pyright: ignore[reportArgumentType]  none of them is None
-                for k, s in zip(shape, strength, strict=True)]
-
     def advance(self, first: int, steps: int) -> bool:
         """Move on by a block of `steps`, from the step number `first`; if this raises Diverged, nothing has moved.
 
         Returns False, and nothing has moved either, if a bond goes beyond all of the law that could be fitted.
         """
-        if self._kernel is None:
-            return False
         kicks = (np.arange(first, first + steps)[:, None] + self._splitting.times).ravel()
         times = self.dt * np.append(first, kicks)
-        forces = self._external(times)
-        if self._walls:
-            self._lead(times, forces)
-        while True:
-            beyond, *extent = self._try(forces)
-            if not beyond:
-                break
-            self._stale = True
-            with np.errstate(over='ignore', invalid='ignore'):
-                if self._level == PIECES or not self._fit(self._level + 1):
-                    return False
-        extent = [ANY_DIRECTION * float(x) for x in extent]
+        while self._law is None or self._run(times):
+            if self._law is None or not self._fit(self._level + 1):
+                return False
+        u, v, _ = self._spare
+        extent = [np.sqrt(len(u)) * largest(x) for x in (u, v)]
         if not self.cages.still(extent[0]):
-            u = self.layout.gather(self._spare[0])
+            u = self.layout.gather(u[:, self._pad :])
             if not self.cages.clear(u):
                 u = np.where(self._follows, u.T, self.displacements)  # forces on held particles have no meaning
                 self.cages.look(u, times[-1], bonded=False)
         self._state, self._spare, self._extent = self._spare, self._state, extent
-        self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as for all held particles
         return True
+
+    def _run(self, times):
+        """Fill the spare state with the state at the end of the block; returns whether a bond was beyond the law."""
+        from .kernel import Some, stages
+
+        dtype, dim, (first, between, last) = self._dtype, self.calc.dim, self._flow
+        flow = np.vstack([first, np.tile(between, (len(times) // len(between), 1))[: len(times) - 2], last]).astype(dtype)
+        rows = np.ones(len(times), np.uint64) * (self._given[1].decay is not None)
+        rows[0], rows[-1] = 0, 2 * rows[-1]
+        forces = np.repeat(self._static[None], len(times), axis=0)
+        if len(self._to):
+            forces[:, self._to] += components(self._varying.forces(times), dim)[:, self._from]
+        push = self._push[rows][..., None]
+        pushed = push.real * forces
+        if np.iscomplexobj(push):
+            pushed += push.imag * forces[..., ::-1] * (-1, 1)
+        course = components(self._walls.forces(np.append(times[1:], times[-1])), dim)
+        special = [Some(slots, first, values[:, order].astype(dtype)) for (order, slots, first), values in
+                   zip(self._special, (pushed, self._normals, course), strict=True)]
+        self._spare[:2] = self._state[:2]
+        u, v, w = map(tuple, self._spare)
+
+        def work(me, some):
+            return stages(u, w, v, self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]),
+                          self._pieces, self._parts, *special, me, some)
+
+        if self._threads == 1:
+            beyond = work(0, (0, len(times)))
+        else:
+            self._pool = self._pool or ThreadPoolExecutor(self._threads)
+            all_of = range(self._threads)
+            beyond = any(any(list(self._pool.map(work, all_of, [(n, n + 1)] * self._threads))) for n in range(len(times)))
+        if len(times) % 2:
+            self._spare[0] = self._spare[2]
+        return beyond
 
     def place_walls(self, time: float) -> None:
         """Move the walls to their positions at `time` in ms."""
-        slots = self.layout.slot[self._walls.particles]
-        u = components(self._walls.forces(np.array([time])), 2)[0].T
-        self._stale |= bool((self._state[0][:, slots] != u).any())
-        self._state[0][:, slots] = u
+        walls = self._walls.particles
+        self._state[0][:, self._at[walls]] = components(self._walls.forces(np.array([time])), self.calc.dim)[0].T
         self.write()
 
-    def _lead(self, times, forces):
-        """Move walls to their positions at the first of the times, and fill in the forces that move them along their course.
+    # --- the atoms --------------------------------------------------------------------------------------------------------
 
-        A wall is a particle with almost no mobility, which only these forces move: the drift after each kick must lead to the
-        place of the wall at the next kick.
-        """
-        kernel, slots = self._kernel, self.layout.slot[self._walls.particles]
-        u = components(self._walls.forces(times), 2)
-        stage = np.arange(len(times) - 2) % len(kernel.keeps)
-        drifts = np.append(kernel.first, np.asarray(kernel.drifts)[stage])
-        v = np.diff(u, axis=0) / drifts[:, None, None]
-        carry, push = (factors[stage, None, None] * np.real(row[slots, None])
-                       for factors, row in ((kernel.keeps, kernel.carry), (kernel.kicks, kernel.push)))
-        forces[1:-1, self._led] = (v[1:] - carry * v[:-1]) / push
-        self._state[0][:, slots], self._state[1][:, slots], self._state[2][:, slots] = u[0].T, v[0].T, 0.0
+    @property
+    def displacements(self) -> NDArray[np.float64]:
+        """Displacements from rest in mm, shape (particles, dim)."""
+        return self._state[0][:, self._at].T.astype(float)
 
-    def _try(self, forces):
-        """Fill the spare state with the state at the end of the block; returns the result of `CompiledKernel.advance`."""
-        beyond = self._stale and self._kernel.accelerate(self._state, forces[0])
-        self._stale = False
-        found, far, fast = self._kernel.advance(self._state, forces[1:], out=self._spare)
-        return beyond or found, far, fast
-
-    def _external(self, times):
-        """Static and external forces on the driven slots, shape (times, driven, 2)."""
-        if not len(self._static):
-            return np.zeros((len(times), 0, 2))
-        varying = components(self._varying.forces(times), 2)
-        total = np.repeat(self._static[None], len(times), axis=0)
-        total[:, self._to] += varying[:, self._from]
-        return total
+    @property
+    def velocities(self) -> NDArray[np.float64]:
+        """Velocities in mm/ms, shape (particles, dim)."""
+        return self._state[1][:, self._at].T.astype(float)
 
     @property
     def current(self) -> bool:
         """Whether the atoms are still as `write` left them; observers may have changed them."""
-        arrays = self.atoms.arrays
-        return all(np.array_equal(arrays[name][:, :2], values) for name, values in self._written())
+        arrays, dim = self.atoms.arrays, self.calc.dim
+        return all(np.array_equal(arrays[name][:, :dim], values) for name, values in self._written())
 
     def follow(self) -> None:
         """Read the state from the atoms if they have been changed since `write`; refuse a motion that no block would follow."""
@@ -478,36 +515,37 @@ class Blocks:
     def write(self) -> None:
         """Write the state into the atoms, rounded as absolute positions are."""
         for name, values in self._written():
-            self.atoms.arrays[name][:, :2] = values
+            self.atoms.arrays[name][:, : self.calc.dim] = values
 
     def _written(self):
-        u, v = (self.layout.gather(x) for x in self._state[:2])
+        u, v = self._state[:2, :, self._at]
         return ('positions', (self._anchors + u).T), ('momenta', (self._masses * v).T)
 
     def _read(self):
-        u = self.calc.displacements(self.atoms)
-        anchors = np.subtract(self.atoms.positions.T[:2], u.T, order='C')
-        self._take(u, self.atoms.get_momenta()[:, :2] / self._masses[:, None], anchors)
+        dim, u = self.calc.dim, self.calc.displacements(self.atoms)
+        anchors = np.subtract(self.atoms.positions.T[:dim], u.T, order='C')
+        self._take(u, self.atoms.get_momenta()[:, :dim] / self._masses[:, None], anchors)
 
     def _take(self, u, v, anchors):
         v = self._mobile * v
-        v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
-        self._state, self._spare = (aligned_zeros((3, 2, self.layout.length), self._dtype) for _ in range(2))
-        self._state[0][:, self.layout.slot], self._state[1][:, self.layout.slot] = u.T, v.T
-        self._anchors, self._stale = anchors, True
-        self._extent = [ANY_DIRECTION * abs(x).max() for x in self._state[:2]]  # bounds of the largest displacement and speed
-        level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
-        if level > self._level:
+        v[self._guided] -= np.einsum('gxy,gy->gx', self._barred, v[self._guided])
+        dtype = np.float64 if self._law is None else self._dtype
+        self._state, self._anchors = np.stack([self._put(x.astype(dtype)) for x in (u, v, 0 * u)]), anchors
+        self._spare = self._state.copy()  # displacements, velocities, and room for other displacements
+        self._extent = [np.sqrt(u.shape[1]) * largest(x) for x in (u, v)]  # bounds of the largest displacement and speed
+        level = int(np.searchsorted(RANGES, self._strain(u)))  # no kernel is made for less, as compiling takes its time
+        if self._rough < 0:
             self._level = level
-            if self._kernel is not None:
-                self._fit(level)
+        elif level > self._level or self._law is None:
+            self._fit(level)
 
-    def _strain(self):
-        """The largest increment |e| of the present state."""
-        layout, u, found = self.layout, self._state[0], 0.0
+    def _strain(self, u):
+        """The largest increment |e| at the displacements u."""
+        layout, found, particle = self.layout, 0.0, np.empty(self.layout.length, int)
+        particle[layout.slot] = np.arange(len(u))
         for some in stretches(len(layout.i)):
-            du, R = u[:, layout.j[some]] - u[:, layout.i[some]], layout.vectors(some).T
-            e = ((2 * R + self._increments.q * du) * du).sum(axis=0) / (R**2).sum(axis=0)
+            du, R = u[particle[layout.j[some]]] - u[particle[layout.i[some]]], layout.R[some]
+            e = ((2 * R + (self.calc.model == 'complete') * du) * du).sum(axis=1) / (R**2).sum(axis=1)
             found = np.maximum(found, abs(e).max())
         return found
 
@@ -523,3 +561,8 @@ class Blocks:
             return
         self._take(old.displacements, old.velocities * (old._masses / self._masses)[:, None], old._anchors)
         self.write()
+
+
+def largest(x: NDArray[Any]) -> float:
+    """The largest absolute value; NaN if one is NaN."""
+    return max(float(x.max()), -float(x.min()))

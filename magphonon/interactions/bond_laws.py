@@ -4,7 +4,8 @@ Particles of different kinds repel by different laws. Particles of different str
 
     s_i s_j phi(r)
 
-like magnets with the moments s_i and s_j.  `laws_along` finds the law and the strength of each bond.  `BondLaws` holds those of
+like magnets with the moments s_i and s_j.  Particles with radii R repel as a function of `r/(R_i + R_j)`, like soft spheres.
+`laws_along` finds the law and the strength of each bond.  `BondLaws` holds those of
 all bonds as one object, which is itself a pair law: for the lengths of all bonds it returns one number for each.  Code that
 uses it need not know that the bonds differ.  If all bonds have the same law, `laid` returns that law.
 """
@@ -27,7 +28,9 @@ Law = PairLaw | PairInteraction
 """A law of the distance, or an interaction that depends on the vector."""
 Laws = Law | Mapping[tuple[int, int], Law]
 """One law, or one for each pair of kinds of particles."""
-NEEDED = {'central': ('forces', 'stiffness', 'central'), 'phi': ('phi', 'dphi', 'd2phi')}
+DERIVATIVES = 'phi', 'dphi', 'd2phi'
+"""The methods of a law of the distance: itself and its derivatives."""
+NEEDED = {'central': ('forces', 'stiffness', 'central'), 'phi': DERIVATIVES}
 """The methods of an interaction, which is recognised by its `central`, and those of a law of the distance."""
 
 
@@ -80,7 +83,7 @@ def laws_along(laws: Laws, i: NDArray[np.intp], j: NDArray[np.intp], kinds: NDAr
 
 @dataclass(frozen=True, eq=False)
 class BondLaws(Composed):
-    """The pair laws of bonds that differ: `strength * law(r)` for each bond.
+    """The pair laws of bonds that differ: `strength * law(r/scale)` for each bond.
 
     Its methods take distances whose first axis is that of the bonds.
     """
@@ -88,9 +91,11 @@ class BondLaws(Composed):
     laws: tuple[PairLaw, ...]  # the different laws
     which: NDArray[np.intp]  # shape (bonds,): index of the law of each bond in `laws`
     strength: NDArray[np.float64]  # shape (bonds,): factor of the law of each bond
+    scale: NDArray[np.float64]  # shape (bonds,): the sum of both radii, or 1 where the law is one of the distance itself
 
     def _part(self, name, r):
-        strength = self.strength.reshape(self.strength.shape + (1,) * (np.ndim(r) - self.strength.ndim))
+        strength, scale = (each.reshape(each.shape + (1,) * (np.ndim(r) - each.ndim)) for each in (self.strength, self.scale))
+        strength, r = strength / scale ** DERIVATIVES.index(name), r / scale
         if len(self.laws) == 1:
             return strength * getattr(self.laws[0], name)(r)
         found = np.empty(r.shape, r.dtype)
@@ -99,23 +104,25 @@ class BondLaws(Composed):
         return strength * found
 
 
-def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[np.float64]) -> PairLaw:
-    """`BondLaws` with only the laws that occur; the law itself if all bonds have the same law and the strength 1."""
+def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[np.float64],
+         scale: NDArray[np.float64] | None = None) -> PairLaw:
+    """`BondLaws` with only the laws that occur; the law itself if all bonds have the same law, the strength 1 and the scale 1."""
+    scale = np.ones(len(strength)) if scale is None else scale
     used, which = np.unique(which, return_inverse=True)
     laws = tuple(laws[k] for k in used)
-    return laws[0] if len(laws) == 1 and (strength == 1).all() else BondLaws(laws, which, strength)
+    return laws[0] if len(laws) == 1 and (strength == 1).all() and (scale == 1).all() else BondLaws(laws, which, strength, scale)
 
 
 def taken(law: PairLaw, bonds: Any) -> PairLaw:
     """The law of some of the bonds, chosen by their indices or by a mask; the law of a single bond if `bonds` is one number."""
-    return laid(law.laws, law.which[bonds], law.strength[bonds]) if isinstance(law, BondLaws) else law
+    return laid(law.laws, *(each[bonds] for each in (law.which, law.strength, law.scale))) if isinstance(law, BondLaws) else law
 
 
 def labels(law: PairLaw, bonds: int) -> NDArray[np.intp]:
-    """An integer label for each bond, equal for bonds of the same law and strength; shape (bonds,)."""
+    """An integer label for each bond, equal for bonds of the same law, strength and scale; shape (bonds,)."""
     if not isinstance(law, BondLaws):
         return np.zeros(bonds, int)
-    return np.unique(np.column_stack([law.which, law.strength]), axis=0, return_inverse=True)[1].ravel()
+    return np.unique(np.column_stack([law.which, law.strength, law.scale]), axis=0, return_inverse=True)[1].ravel()
 
 
 def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:

@@ -6,9 +6,10 @@ Each row of a table is
 
 and the force is a free smooth curve; if the user names the shape of the magnets, their law g is fitted too. Both have the form
 
-    ln f = ln f0 + ln g(r)/g(r0) - delta x + tau sum_k c_k x^k/sqrt(k!)        x = ln(r/r0),  k = 2 .. 6
+    ln f = ln f0 + ln g(r)/g(r0) - delta x + 2.5 tau sum_s c_s (x - (1 - e^(-s x))/s)        x = ln(r/r0),  s = 1, 4
 
-The free curve has g = r^-4, delta within 3 and tau = 1; for a named law both are 0.03.  ln f(r0) and the exponent a(r0)
+The exponent is a at r0 and relaxes to a - 2.5 tau (c_1 + c_4) far away.  The free curve has g = r^-4, delta within 3 and tau = 1;
+for a named law both are 0.03.  ln f(r0) and the exponent a(r0)
 are parameters themselves, so their covariance is the answer: -f'(r0) = a f/r0, and the bands of neighbours at r0 follow linearly.
 Each pair of magnets has its own z: the scatter from pair to pair is estimated from several pairs, or given. A load cell drifts:
 slow waves over the rows, in the order in which they were measured, are part of the noise. A table cannot determine everything: F0
@@ -24,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -38,8 +38,8 @@ from .pair_laws import PairLaw, Tabulated, local_exponent, repulsion
 
 COVERED, NORMAL = 0.95, 1.959964
 """Probability with which an interval contains the true value, and its half width in standard deviations where these are known."""
-BENDS = np.arange(2, 7)
-BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])  # powers of ln(r/r0) by which a law may bend, and how much
+RATES, RELAXES = np.array([1.0, 4.0]), 2.5
+"""Rates in ln(r/r0) at which an exponent may relax to another one far away, and standard deviation of its change by each."""
 ANY_SIZE, EXPONENT, EXPONENT_SPREAD = 3.0, 4.0, 3.0
 """Priors of the free curve: ln f0 is known to +- 3 from the table, and the exponent is 4 +- 3."""
 SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
@@ -53,11 +53,11 @@ LEAST_ROWS, MOST_ROWS = 6, 2000
 """Least number of rows that also determine their noise, and largest number that is fitted, every n-th row of a longer table:
 more rows do not improve what all rows share."""
 FINEST = 1e-4
-"""Least standard deviation of a row, as a share of its force: a curve of five bends cannot follow other laws more closely."""
+"""Least standard deviation of a row, as a share of its force: the free curve cannot follow other laws more closely."""
 UNLIKELY = 0.01
 """Probability of the scatter of the rows below which their given uncertainty is widened by it."""
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
-CURVE = slice(0, 2 + len(BENDS))
+CURVE = slice(0, 2 + len(RATES))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
 ZEROS = slice(FORCE_ZERO, BACKLASH + 1)  # and the z of each pair after them
 LARGEST = 100.0
@@ -244,7 +244,7 @@ def _refuse_large(shared, forces):
 
 
 class LawFamily:
-    """All smooth laws, or all laws near that of a magnet of known shape: ln f as a function of p = (ln f0, delta, c_2 .. c_6).
+    """All smooth laws, or all laws near that of a magnet of known shape: ln f as a function of p = (ln f0, delta, c_1, c_4).
 
     Parameters
     ----------
@@ -262,10 +262,11 @@ class LawFamily:
             self.log_law, self.tau, self.spread = _log_law(shape, r0), SHAPE_TOLERANCE, SHAPE_TOLERANCE
 
     def slopes(self, r: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Derivatives of ln f and of d ln f/d ln r by p, shape (distances, 7)."""
+        """Derivatives of ln f and of d ln f/d ln r by p, shape (distances, 4)."""
         x = np.log(np.asarray(r) / self.r0)[:, None]
-        return (np.hstack([x**0, -x, self.tau * BEND_SIZES * x**BENDS]),
-                np.hstack([0 * x, -(x**0), self.tau * BEND_SIZES * BENDS * x ** (BENDS - 1)]))
+        relaxed = -np.expm1(-RATES * x)
+        return (np.hstack([x**0, -x, RELAXES * self.tau * (x - relaxed / RATES)]),
+                np.hstack([0 * x, -(x**0), RELAXES * self.tau * relaxed]))
 
     def curve(self, p: Any, r: Any) -> tuple[NDArray[np.float64], ...]:
         """Logarithm of f in N, its derivatives by p, and d ln f/d ln r, at distances in mm."""
@@ -302,7 +303,7 @@ class FamilyLaw:
 
 
 class _Model:
-    """Model of a table as a function of p = (ln f0, delta, c_2 .. c_6, F0, d, h, b), with prior standard deviations of p."""
+    """Model of a table as a function of p = (ln f0, delta, c_1, c_4, F0, d, h, b), with prior standard deviations of p."""
 
     def __init__(self, forces, shared, family):
         self.r, self.s, self.family = forces.r, forces.direction, family
@@ -310,7 +311,7 @@ class _Model:
         near = abs(forces.r - family.r0)
         self.ln_size = np.log(max(forces.f[near == near.min()].mean(), 1e-3 * abs(forces.f).max()))  # from which ln f0 counts
         self.of_pair = (forces.pair[:, None] == np.unique(forces.pair)) * 1.0 if shared.pair else np.zeros((len(forces.r), 0))
-        self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max()),
+        self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(RATES)), shared.sizes(abs(forces.f).max()),
                                      np.full(self.of_pair.shape[1], shared.pair)]).astype(float)
 
     def curve(self, p, r):
@@ -533,14 +534,7 @@ def scene_entry(fit: Fit) -> str:
         '[law]', f'# a smooth curve through measured forces, for a spacing of {fit.spacing / u.m:g} m',
         'kind = "table"', *(f'{key} = [{", ".join(f"{value:.7g}" for value in column)}]'
                                   for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
-        f'shells = "auto"   # as many as the frequencies need, within the {reach:.3g} spacings that the table reaches', '',
+        f'shells = "auto"   # as many as the frequencies need; measured to {reach:.3g} spacings, then as the table ends', '',
         '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
         f'force_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
         f'correlation_force_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
-
-
-def shells_within(reach: float) -> int:
-    """Number of shells within `reach` spacings in the square or triangular lattice, whichever has fewer; at least one."""
-    i, j = np.meshgrid(np.arange(9), np.arange(9))
-    return max(min(len(np.unique(squares[(squares > 0) & (squares <= reach**2 * (1 + 1e-9))]))
-                   for squares in (i**2 + j**2, i**2 + i * j + j**2)), 1)

@@ -175,8 +175,8 @@ def _distances(table, contact):
                          'column r_mm if it is the distance of the centres, gap_mm if it is zero at contact')
     if not contact:
         raise ValueError(f'{table.path}: {table.named("gap")} holds gaps, but a law needs distances of the centres; give the '
-                         'size of a magnet along the line between them, by "magphonon fit --contact 6.35mm" or --magnet SCENE, '
-                         'in Python read_forces(path, contact=6.35); or add it to the gaps and call the column r_mm')
+                         'size of a magnet along the line between them, as in "magphonon fit --contact 6.35mm" or '
+                         'read_forces(path, contact=6.35); or add it to the gaps and call the column r_mm')
     table.refuse('gap', table['gap'] < 0, 'not be negative')
     return table['gap'] + contact
 

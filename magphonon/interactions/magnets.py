@@ -39,7 +39,7 @@ def grade_remanence(grade: str) -> float:
     Examples
     --------
     >>> from magphonon import units as u
-    >>> from magphonon.interactions import grade_remanence
+    >>> from magphonon.interactions.magnets import grade_remanence
     >>> round(grade_remanence('N42') / u.T, 9)
     1.3
     """

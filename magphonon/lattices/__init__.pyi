@@ -1,8 +1,4 @@
-from .bonds import (
-    Bonds as Bonds,
-    explicit_bonds as explicit_bonds,
-    find_bonds as find_bonds,
-)
+from .bonds import Bonds as Bonds, find_bonds as find_bonds
 from .crystals import (
     OSCILLATOR_BONDS as OSCILLATOR_BONDS,
     bcc as bcc,
@@ -21,5 +17,4 @@ from .patches import (
     parallelogram as parallelogram,
     rectangle as rectangle,
     ribbon as ribbon,
-    surrounded as surrounded,
 )

@@ -472,7 +472,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     Examples
     --------
     >>> from magphonon import lattices
-    >>> from magphonon.lattices import explicit_bonds
+    >>> from magphonon.lattices.bonds import explicit_bonds
     >>> atoms = lattices.oscillator(0.5, 1.0, 1.0)
     >>> explicit_bonds(atoms, [(0, 3), (1, 3), (2, 3)]).lengths.round(12)
     array([1., 1., 1.])

@@ -162,7 +162,7 @@ def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
     --------
     >>> from magphonon import lattices
     >>> from magphonon.lattices import find_bonds
-    >>> from magphonon.lattices import surrounded
+    >>> from magphonon.lattices.patches import surrounded
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> patch = lattices.hexagon(cell, side=3.0)
     >>> len(patch), len(surrounded(patch, cell, find_bonds(cell))), len(surrounded(patch, cell, find_bonds(cell, shells=3)))

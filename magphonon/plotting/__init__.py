@@ -3,7 +3,7 @@
 A figure that a function makes itself has the style of this package, like the pictures of the commands. Axes that you pass, such
 as `ax=plt.figure().gca()`, keep your own style.
 
-Each module is named after what it draws: `bands`, `zone`, `modes`, `response`, `density`, `waves`, `fits`,
+Each module is named after what it draws: `bands`, `zone`, `modes`, `response`, `waves`, `fits`,
 `structures`. `animation` makes films, `explorer` the page with sliders; `axes` has what all pictures share.
 """
 

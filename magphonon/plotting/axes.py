@@ -53,7 +53,8 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
 
     Examples
     --------
-    >>> from magphonon.plotting import new_axes, print_style
+    >>> from magphonon.plotting import new_axes
+    >>> from magphonon.plotting.axes import print_style
     >>> with print_style():
     ...     width, height = new_axes().figure.get_size_inches()
     >>> print(f'{width} inches')

@@ -1,4 +1,4 @@
-"""Band diagrams and mode shapes, drawn in SI on matplotlib axes.
+"""Band diagrams and densities of states, drawn in SI on matplotlib axes.
 
 Every function takes a result and `ax`, and returns the axes.  Without `ax` it makes a figure of its own, unknown to pyplot: save
 it with `ax.figure.savefig('bands.png')`.  To show it on a screen, pass `ax=plt.figure().gca()`.
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..bands.bands import Bands
+    from ..bands.density import DensityOfStates
 
 NEGLIGIBLE = 3e-5
 """Frequencies below this fraction of the highest one are zero in a picture, whatever their sign.
@@ -32,6 +33,7 @@ CLEAR, BESIDE = 0.035, (0.055, 0.09, 0.13)
 LETTER = 0.019  # width of a letter in widths of the axes
 TRIED, DRAWN = 150, 600
 """Largest number of wavevectors at which a name is tried, and of points of a curve that it avoids: as fine as a picture shows."""
+TALL = 6.0  # peaks above this multiple of the ninth decile are cut; a flat branch has a peak that is as high as its bin is narrow
 
 
 @in_house_style
@@ -177,20 +179,31 @@ def name_branches(ax: Axes, bands: Bands) -> None:
     if names.shape[1] > MOST_NAMED:
         return
     used = {'mixed', ''}
-    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     curves = [_thinned(np.array(line.get_data(), float), DRAWN) for line in ax.lines if len(line.get_xdata()) > 2]  # pyright: ignore[reportArgumentType]  no scalar
     for f, of_branch in zip(bands.frequencies_Hz.T, names.T, strict=True):
-        long = {name: LETTER * (right - left) * len(name) for name in set(of_branch)}
-        named = [k for k in _thinned(np.flatnonzero(~np.isin(of_branch, list(used))), TRIED)
-                 if left < x[k] - long[of_branch[k]] / 2 and x[k] + long[of_branch[k]] / 2 < right]
-        for away in np.outer(BESIDE, (-1, 1)) * (high - low):
-            places = {(k, y): (x[k], long[of_branch[k]], y) for k in named for y in f[k] + away}
-            room, (k, y) = _roomiest(curves, places, low, high)
-            if room > CLEAR * (high - low):
-                ax.text(x[k], y, of_branch[k], ha='center', va='center', path_effects=halo(1.5))
-                used.add(of_branch[k])
-                curves.append(np.array([x[k] + np.linspace(-0.5, 0.5) * long[of_branch[k]], np.full(50, y)]))
-                break
+        place = _place_beside(ax, curves, x, f, np.where(np.isin(of_branch, list(used)), '', of_branch))
+        if place is not None:
+            k, y, long = place
+            ax.text(x[k], y, of_branch[k], ha='center', va='center', path_effects=halo(1.5))
+            used.add(of_branch[k])
+            curves.append(np.array([x[k] + np.linspace(-0.5, 0.5) * long, np.full(50, y)]))
+
+
+def _place_beside(ax, curves, x, f, names):
+    """Index of the point of a branch f(x) to be named, height and length of its name; None if no name has room.
+
+    It is as near to the branch as the curves allow, and there as far from them as possible.
+    """
+    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+    long = LETTER * (right - left) * np.char.str_len(names.astype(str))
+    inside = (left < x - long / 2) & (x + long / 2 < right)
+    named = _thinned(np.flatnonzero(names != ''), TRIED)
+    for away in np.outer(BESIDE, (-1, 1)) * (high - low):
+        places = {(k, y): (x[k], long[k], y) for k in named[inside[named]] for y in f[k] + away}
+        room, (k, y) = _roomiest(curves, places, low, high)
+        if room > CLEAR * (high - low):
+            return k, y, long[k]
+    return None
 
 
 def _roomiest(curves, places, low, high):
@@ -210,3 +223,52 @@ def _distance(curves, x, long, y):
 
 def _thinned(values, most):
     return values[..., :: -(-values.shape[-1] // most) or 1]
+
+
+@in_house_style
+def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
+    """Draw the share of all modes per Hz against frequency, so that a lattice and a patch can be compared. The shaded band
+    extends two standard errors to either side.
+
+    If the peak of a flat branch would dwarf everything else, it is cut off and its height is written at the top.
+
+    Parameters
+    ----------
+    density : DensityOfStates
+    ax : matplotlib.axes.Axes, optional
+    label : str, optional
+        Name of the density in the legend.
+    **line
+        Properties of `matplotlib.lines.Line2D`.
+    """
+    ax = new_axes() if ax is None else ax
+    f, share = density.frequencies_Hz, density.per_Hz
+    if not ax.lines:
+        ax.set_prop_cycle(color=COLOURS)
+    (drawn,) = ax.plot(f, share, label=label, **line)
+    if density.error.any():
+        error = 2 * density.error * share.max() / density.density.max()
+        ax.fill_between(f, share - error, share + error, color=drawn.get_color(), alpha=0.25, linewidth=0)
+    at, shares = (np.concatenate(both) for both in zip(*(line.get_data() for line in ax.lines), strict=True))
+    lowest = at.min() if at.min() < -NEGLIGIBLE * at.max() else 0
+    top = min(1.05 * shares.max(), TALL * np.quantile(shares[shares > 0], 0.9))
+    ax.set(ylabel='share of all modes per Hz', xlim=(lowest, 1.02 * at.max()), ylim=(0, top))
+    label_frequencies(ax.xaxis)
+    _write_cut_peaks(ax, top)
+    if label is not None:
+        legend_above(ax, ncols=2)
+    return ax
+
+
+def _write_cut_peaks(ax, top):
+    for text in [text for text in ax.texts if text.get_gid() == 'cut']:
+        text.remove()
+    middle = np.mean(ax.get_xlim())
+    cut = [line for line in ax.lines if max(line.get_ydata()) > top]
+    for row, line in enumerate(cut):  # a row of heights for each curve, as peaks may coincide
+        f, share = line.get_data()
+        beyond = np.flatnonzero(share > top)
+        for peak in np.split(beyond, np.flatnonzero(np.diff(beyond) > 1) + 1):
+            at, side = f[peak[share[peak].argmax()]], 1 if f[peak[0]] < middle else -1
+            ax.annotate(f'up to {share[peak].max():.2g}', (at, top), (4 * side, -3 - 11 * row), textcoords='offset points',
+                        gid='cut', va='top', ha='left' if side > 0 else 'right', color=line.get_color())

@@ -35,8 +35,7 @@ that is more."""
 VALUES = 100  # a slider has this number of values or more, about up to twice as many
 POINTS = 201  # wavevectors along the path
 ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
-FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'zone.js', 'ridges.js', 'burst.js', 'burst_view.js',
-         'share.js', 'page.js')
+SCRIPTS = 'bloch', 'border', 'chart', 'motion', 'zone', 'burst', 'burst_view', 'share', 'page'
 TAKEN = Tool('the page of a structure', __name__, frozenset({'constraints'}))
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
@@ -238,7 +237,8 @@ def _structure(atoms, here):
 
 def _page(data: dict[str, Any], title: str, scene: str, over: str, beside: str) -> str:
     folder = files('magphonon.plotting') / 'explorer_page'
-    parts = {name: (folder / name).read_text(encoding='utf-8').strip('\n') for name in FILES}
+    parts = {'page.css': (folder / 'page.css').read_text(encoding='utf-8').strip('\n'),
+             'scripts': '\n'.join((folder / f'{name}.js').read_text(encoding='utf-8') for name in SCRIPTS)}
     told = {'title': title, 'scene': scene, 'over': over, 'beside': beside, 'version': __version__}
     parts |= {name: escape(text) for name, text in told.items()}
     parts['data'] = json.dumps(data, ensure_ascii=False, allow_nan=False).replace('<', '\\u003c')

@@ -124,7 +124,7 @@ def plot_transfer(functions: Sequence[TransferFunction], curves: Mapping[str, Se
     --------
     >>> import numpy as np
     >>> from magphonon.plotting import plot_transfer
-    >>> from magphonon.response import TransferFunction
+    >>> from magphonon.response.transfer_functions import TransferFunction
     >>> w = np.linspace(0.1, 1, 50)
     >>> h = 1 / (0.3 - w**2 + 0.02j * w)
     >>> figure = plot_transfer([TransferFunction('a', w, 1.05 * h)], {'complete': [h], 'conventional': [0.9 * h]})

@@ -43,7 +43,8 @@ def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
     Examples
     --------
     >>> from magphonon import read_scene
-    >>> from magphonon.plotting import letter_panels, panels, plot_lattice, plot_zone, print_style
+    >>> from magphonon.plotting import letter_panels, panels, plot_lattice, plot_zone
+    >>> from magphonon.plotting.axes import print_style
     >>> scene = read_scene('prototype')
     >>> with print_style():
     ...     figure, ((left, right),) = panels(1, 2, height=3.0)

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units
 from ..errors import Unstable, finite, refuse_memory, whole
 from ..results import InHertz, Saved
-from ..stiffness.lowest import MATRICES, ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
+from ..stiffness.lowest import MATRICES, ROUND_OFF, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import lossless_modes, signed_root
-from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, LINEAR, takes
 
@@ -128,31 +127,6 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     system = LinearSystem.of(atoms).moving()
     _refuse_all(system)
     return modes(system).omega if system.turning else signed_root(np.linalg.eigvalsh(system.K.toarray()))
-
-
-@takes(*LIKE)
-def count_modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
-    """Number of modes below an angular frequency in rad/ms, counted by one sparse factorisation, without any mode.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms or LinearSystem
-        At rest, with PairCalculator.
-    omega : float
-        In rad/ms; a negative value -w counts the modes that grow faster than e^{w t}.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
-    >>> from magphonon.response import count_modes_below
-    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
-    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-    >>> count_modes_below(patch, 3.0) == int((modes(patch).omega < 3.0).sum())
-    True
-    """
-    system = LinearSystem.of(atoms).moving()
-    omega = float(asked_frequencies(system.calc, finite('omega', omega, ()))[0])
-    return count_below(system.K, float(np.sign(omega) * omega**2))
 
 
 def refuse_unstable(system: LinearSystem, damping: ArrayLike = 0.0) -> None:

@@ -21,7 +21,7 @@ from numba import njit
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from ..dynamics.kernels_numba import GAP, OPTIONS, kept, unrolled, vectorise
+from ..dynamics.kernel import OPTIONS, kept, vectorise, written_out
 from ..dynamics.memory_layout import LINE, aligned_zeros, arrange
 from ..stiffness.bloch_bound import multiples, no_wave_grows
 
@@ -33,6 +33,8 @@ ALIKE = 1e-14
 """Bonds of a group count as equal if their stiffness differs by less than this fraction times the length of the structure in
 bonds plus ten. Round-off of positions gives 2e-15 per bond, in patches of up to a million particles."""
 RUN = 512  # slots processed at a time
+GAP = 32
+"""Largest number of holes in a run of slots that are cheaper to fill than to skip."""
 CACHE = 2**20  # bytes of the vectors and coefficients that the products which go over the slots together have in hand
 
 
@@ -126,16 +128,15 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     if system.dim != 2 or not all(isinstance(constraint, FixAtoms) for constraint in system.atoms.constraints):
         return None
     bonds = calc.bonds
-    layout = arrange(calc.reference, bonds, mobile)
+    layout = arrange(calc.reference, bonds, 2)
     if layout.offset is None or len(layout.offset) > MOST_GROUPS:
         return None
-    other = slice(None) if (bonds.i != bonds.j).all() else bonds.i != bonds.j  # a bond to one's own image never changes
     offsets = layout.offset
     margin = int(offsets.max()) + -int(offsets.max()) % LINE
     slots, slot = layout.length + margin, margin + layout.slot
     stiffness, K = calc.rest_stiffness(calc.model), aligned_zeros((3, len(offsets), slots))
     for part, (x, y) in zip(K, ((0, 0), (0, 1), (1, 1)), strict=True):
-        part[layout.group, margin + layout.i] = stiffness[other, x, y]
+        part[layout.group, margin + layout.i] = stiffness[layout.bond, x, y]
     D, weight, free = aligned_zeros((3, 1, slots)), np.zeros(slots), aligned_zeros((slots,))
     D[::2, 0, slot] = np.broadcast_to(calc.foundation, (len(system), 2)).T
     weight[slot], free[slot] = mobile / np.sqrt(system.masses), mobile
@@ -152,12 +153,26 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     places = np.stack([slot, slots + slot], axis=1)[mobile].ravel()
     extent = abs(calc.reference.positions).max() / bonds.lengths.min()
     shared = _shared(D, K, free, offsets, ALIKE * (10 + extent))
-    runs = margin + layout.runs(GAP, RUN)
+    runs = margin + runs_of(layout.slot)
     above = np.searchsorted(runs[:, 0], runs[:, 1] + offsets.max()) - 1  # the last run that a bond of each one reaches
     lag = int((above - np.arange(len(runs))).max(initial=1))
-    R = layout.vectors([(layout.group == g).argmax() for g in range(len(offsets))])
+    R = layout.R[[(layout.group == g).argmax() for g in range(len(offsets))]]
     return Stencil(places, free, runs.astype(np.uint64), lag, tuple(map(int, offsets)), float(row_sum), R,
                    *(shared or (D, K, np.inf)))
+
+
+def runs_of(slot: NDArray[np.int_]) -> NDArray[np.int_]:
+    """First and last + 1 slot of stretches of particles that do not overlap, shape (runs, 2).
+
+    Holes of up to GAP slots are included.  Runs start on a cache line and have at most RUN slots, a whole number of cache lines,
+    so that the next run starts on one too.
+    """
+    occupied = np.sort(slot)
+    breaks = np.flatnonzero(np.diff(occupied) > GAP)
+    first = occupied[np.append(0, breaks + 1)]
+    first -= first % LINE
+    last = occupied[np.append(breaks, len(occupied) - 1)] + 1
+    return np.array([(s, min(s + RUN, b)) for a, b in zip(first, last, strict=True) for s in range(a, b, RUN)])
 
 
 def _shared(D, A, free, offsets, error):
@@ -171,6 +186,10 @@ def _shared(D, A, free, offsets, error):
     return (of_all[:, :1], of_all[:, 1:], 2 * apart[0] + 4 * apart[1:].sum()) if alike else None
 
 
+def _unrolled(arguments, expression):
+    return written_out(f'def unrolled({arguments}):\n    return {expression}', 'unrolled')
+
+
 def shared(D, A, offsets):
     """The D and A that all slots share; if they are read before the loop they stay in registers."""
 
@@ -180,7 +199,7 @@ def _shared_by_all(D, A, offsets):
     if D.ndim == 3:
         return lambda D, A, offsets: 0
     parts = [f'{a}[{k}, {g}]' for a, groups in (('D', 1), ('A', len(offsets))) for g in range(groups) for k in range(3)]
-    return unrolled('D, A, offsets', f'({", ".join(parts)},)')
+    return _unrolled('D, A, offsets', f'({", ".join(parts)},)')
 
 
 def component(k, c, D, A, x, i, offsets):
@@ -198,7 +217,7 @@ def _component(k, c, D, A, x, i, offsets):
             terms.append(f'D[{xx}, 0, i] * x[{m}, i]')
             terms += [f'A[{xx}, {g}, i] * x[{m}, i + offsets[{g}]] + A[{xx}, {g}, i - offsets[{g}]] * x[{m}, i - offsets[{g}]]'
                       for g in range(len(offsets))]
-    return unrolled('k, c, D, A, x, i, offsets', ' + '.join(terms))
+    return _unrolled('k, c, D, A, x, i, offsets', ' + '.join(terms))
 
 
 @njit(no_cpython_wrapper=True, **OPTIONS | {'fastmath': {'contract', 'reassoc'}})  # pyright: ignore[reportCallIssue]  sums in any order

@@ -1,7 +1,7 @@
 """Frequency responses from time steps, at finite amplitude: lock-in on a steady signal, or one impulse for all frequencies.
 
-One Atoms object holds many copies of a small structure, each driven at its own frequency, so that one run gives the whole
-response.
+One Atoms object holds many copies of a small structure, `replicas`, each driven at its own frequency, so that one run gives the
+whole response.
 """
 
 from __future__ import annotations
@@ -16,57 +16,19 @@ from ase.constraints import FixAtoms
 from ase.io.jsonio import encode
 from numpy.typing import ArrayLike, NDArray
 
-from ..dynamics.drives import Harmonic
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
 from ..interactions.bond_laws import laws_of, laws_to_dict, saved_by_name
 from ..lattices.bonds import Bonds
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import LinearSystem, freedom
-from ..traits import LINEAR, takes
-from .frf import Dof, FrequencyResponse
+from ..stiffness.rest import freedom
+from .frf import FrequencyResponse
 
-TRANSIENT_FRACTION = 1e-3
-"""Largest remainder of the transient, as a fraction of the steady-state amplitude; harmonics of a nonlinear motion disturb the
-lock-in by less."""
-FRAMES = 12  # number of recorded frames per period
 LEAST_PERIODS = 3
 """Smallest number of periods in a lock-in window: a shorter Hann window would mix the frequency with zero and with its double."""
 HEADSTART = 1e3
 """Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
-
-
-@takes(*LINEAR)
-def stepped_response(atoms: Atoms, source: Dof, answer: Dof, omega: ArrayLike, damping: float, force: float,
-                     dt: float) -> FrequencyResponse:
-    """The response to a finite force from time steps: one replica of the structure for each frequency, run until the motion is
-    steady.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-    source, answer : Dof
-        Where the force acts, and where the displacement is seen, which must be along x or y.
-    omega : array_like, shape (frequencies,)
-        In rad/ms.
-    damping : float
-        gamma in 1/ms.
-    force : float
-        In N.
-    dt : float
-        In ms.
-    """
-    axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
-    if abs(abs(answer.direction[axis]) - 1) > 1e-9:
-        raise ValueError(f'time steps give responses along x or y, not along {answer.direction}; change [frf.response]')
-    many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
-    first = len(atoms) * np.arange(len(omega))
-    drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
-    dyn = DrivenVerlet(many, dt, [drive], damping)
-    recorder = Recorder(dyn, first + answer.particle, interval=max(1, int(2 * np.pi / np.max(omega) / FRAMES / dt)))
-    amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, TRANSIENT_FRACTION)
-    return FrequencyResponse(np.asarray(omega), amplitudes * answer.direction[axis] / force, left)
 
 
 def replicas(structures: Sequence[Atoms]) -> Atoms:
@@ -168,7 +130,7 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon.response import lock_in
+    >>> from magphonon.response.stepped import lock_in
     >>> t = np.arange(0, 20 * np.pi, 0.01)
     >>> bool(abs(abs(lock_in(0.3 * np.cos(2.0 * t), 0.01, 2.0)) - 0.3) < 1e-3)
     True
@@ -271,7 +233,7 @@ def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon.response import fourier
+    >>> from magphonon.response.stepped import fourier
     >>> t = np.arange(0, 50, 0.01)
     >>> bool(abs(fourier(np.exp(-t), 0.01, [2.0])[0] - 1 / (1 + 2j)) < 0.01)
     True

@@ -19,7 +19,7 @@ from ..errors import finite, one_of, positive
 from ..quantities import FORCE, FREQUENCY, LENGTH, MOTIONS, PURE, TIME
 from ..readers import content
 from ..tables import MOST_BYTES, read_table
-from ..universal import node_places, unit_of_label
+from ..universal import NO_FUNCTIONS, node_places, unit_of_label
 from .frf import Dof
 
 PER_FORCE = {f'{name}_per_N': factor / u.N for name, (factor, _) in MOTIONS.items()}
@@ -263,7 +263,7 @@ def _of_datasets(path, sets):
     found = [_function(path, one, metre, newton, places) for one in functions if one['func_type'] == RESPONSE_FUNCTION]
     if not found:
         types = sorted({one['func_type'] for one in functions})
-        raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; '
+        raise ValueError(f'{path} {NO_FUNCTIONS} (type 4 of dataset 58), but functions of the types {types}; '
                          'export transfer functions, or the raw records as a table')
     if len(found) > 1 and not places:
         raise ValueError(f'{path} does not say where its nodes are, and all of {", ".join(one.name for one in found)} would be '

@@ -1,24 +1,34 @@
-"""The law and the foundation of a scene from measured branches of its lattice, in both models."""
+"""The law and the foundation of a scene from measured branches of its lattice, in both models.
+
+Whether farther neighbours act is seldom decided by the points alone.  So a law that the scene only guesses is fitted twice: as an
+inverse power between nearest neighbours, and between all neighbours with an exponent that relaxes to another one far away.  Each
+fit has the weight of its evidence (Laplace's method), and an interval is that of the weighted sum of both answers, the same from
+whatever number of shells or start the scene names.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
-from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
-from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
-from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change, frequency_sensitivities
+from ..bands.bloch import wavevectors
+from ..bands.neighbours import REACHES
+from ..design.dispersion_fits import Bands, DispersionFit, Shells, fit_dispersion, residuals_of
+from ..design.least_squares import mixed_interval, weights_of
+from ..design.sensitivities import LawDerivative, StiffnessDerivative, force_change
 from ..errors import one_of
-from ..interactions.fits import BENDS, EXPONENT as CENTRE, FamilyLaw, LawFamily
+from ..interactions.fits import EXPONENT as CENTRE, RATES, FamilyLaw, LawFamily
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
+from ..lattices.bonds import bonds_within
 from ..stiffness.bond import MODELS, Model
 from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
@@ -41,14 +51,18 @@ UNITS = {'force': 'N', **{kind.shape: unit_of(kind.parameters[kind.shape].key) f
          **dict.fromkeys((*SPRINGS, 'bond stiffness'), 'N/m')}  # of the values
 KEYS = {'_'.join([name, *filter(None, [unit.replace('/', '_per_')])]): name for name, unit in UNITS.items() if ' ' not in name}
 """The parameters by their name with a unit, as a prior names them: force_N, a, foundation_N_per_m and so on."""
-NEIGHBOURS = 'shells = "auto"'
-"""What `BandFits.causes` calls the neighbours that a scene with one shell leaves out."""
+NEAREST, ALL = 'nearest neighbours alone', 'all neighbours'
+"""Which neighbours act in each of the fits that are weighed against each other."""
+ANY_EXPONENT = 4.5, 3.0
+"""Exponent of an inverse power before anything is measured, and its standard deviation."""
 SUSPECTS = 3  # number of ridges of which each is left out in turn, to see which one makes the points scatter
 EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not reported
-BENT = tuple(f'bend {k}' for k in BENDS)  # nor are those by which a law departs from an inverse power
-NEAREST, FARTHEST, KNOTS = 0.5, 1.2, 48  # of the table of such a law: in spacings, in the longest bonds, number
-TELLS = 2.0
+BENDS = tuple(f'bend {k + 1}' for k in range(len(RATES)))  # nor are those by which a law departs from an inverse power
+FROM, KNOTS = 0.5, 48  # of the table of such a law: its first distance in spacings, and their number
+TELLS = 3.0
 """Difference of the models in sigmas below which the data cannot distinguish them."""
+DOUBT = 0.05
+"""Weight of another number of neighbours from which its answer is told, too."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +75,10 @@ class BandFits:
         The scene at which the fit started; it provides spacing, masses and all fixed parameters.
     points : RidgePoints
         The points that were fitted, which share no noise.
-    fits : dict of DispersionFit
-        The fit of each model, 'complete' and 'conventional'.
+    parts : dict of dict of DispersionFit
+        For each model, 'complete' and 'conventional', the fits by their neighbours: NEAREST and ALL.
+    lattices : dict of Shells
+        The lattice of each of these fits.
     priors : dict
         Prior knowledge about parameters: value in SI and standard uncertainty.
     left_out : tuple of str
@@ -71,31 +87,50 @@ class BandFits:
 
     scene: Scene
     points: RidgePoints
-    fits: dict[str, DispersionFit]
+    parts: dict[Model, dict[str, DispersionFit]]
+    lattices: dict[str, Shells] = field(repr=False)
     priors: dict[str, tuple[float, float]]
     left_out: tuple[str, ...] = ()
 
     @property
+    def fits(self) -> dict[Model, DispersionFit]:
+        """The fit of each model that has the largest weight."""
+        return {model: parts[max(parts, key=self.weights(model).__getitem__)] for model, parts in self.parts.items()}
+
+    def weights(self, model: Model = 'complete') -> dict[str, float]:
+        """Weight of each of the fits of a model, which add up to one."""
+        parts = self.parts[one_of('model', model, MODELS)]
+        scale = min(fit.scatter for fit in parts.values())
+        return dict(zip(parts, weights_of([fit.log_evidence(scale) for fit in parts.values()]).tolist(), strict=True))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The fitted parameters: 'force' (at the spacing), 'a' or 'screening_length', 'foundation' or its parts along x and y."""
-        return tuple(name for name in self.fits['complete'].names if name not in (EXPONENT, *BENT))
+        return tuple(name for name in self.fits['complete'].names if name not in (EXPONENT, *BENDS))
 
     @property
     def of_any_law(self) -> bool:
         """Whether the intervals hold for any smooth law near an inverse power."""
-        return BENT[0] in self.fits['complete'].names
+        return BENDS[0] in self.parts['complete'][ALL].names
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """The numbers of neighbours, NEAREST and ALL, between which the points do not decide; empty if they do."""
+        near = self.weights().get(NEAREST, 0.0)
+        return (NEAREST, ALL) if DOUBT < near < 1 - DOUBT else ()
 
     @property
     def evidence(self) -> float:
-        """Evidence for D* in sigmas: the root of the difference of chi2, negative if D0 alone fits better.
+        """Evidence for D* in sigmas, negative if D0 alone explains the points better.
 
-        Without D* the static forces vanish and only the bond stiffness is free: for an inverse power, this is one parameter
-        fewer.  By Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model is true.  If the points
-        scatter by more than their uncertainties, the difference is measured in units of that scatter. If not even the better
-        model fits the points (`DispersionFit.follows`), the evidence is meaningless.
+        It is the root of twice the logarithm of the ratio of the evidences of both models, each summed over its fits.  If the
+        points scatter by more than their uncertainties, chi2 counts in units of that scatter.  If not even the better model
+        fits the points (`DispersionFit.follows`), the evidence is meaningless.
         """
-        difference = self.fits['conventional'].chi2 - self.fits['complete'].chi2
-        return float(np.sign(difference) * np.sqrt(abs(difference)) / self.better.scatter)
+        scale = min(fit.scatter for parts in self.parts.values() for fit in parts.values())
+        complete, conventional = (np.logaddexp.reduce([fit.log_evidence(scale) for fit in self.parts[model].values()])
+                                  for model in MODELS)
+        return float(np.sign(complete - conventional) * np.sqrt(2 * abs(complete - conventional)))
 
     @property
     def better(self) -> DispersionFit:
@@ -116,17 +151,15 @@ class BandFits:
         """Possible causes of the scatter of the points, each with a fit of the better model in which the cause is removed; the
         best fit comes first.
 
-        The ridges that the model misses most are left out one by one, and the fits have the names of these ridges. The fit under
-        the name NEIGHBOURS counts as many neighbours as matter.
+        The ridges that the model misses most are left out one by one, and the fits have the names of these ridges.
         """
-        off = np.bincount(self.points.ridge, self.better.residuals[: len(self.points)] ** 2)  # those of priors come after
-        tried = {self.points.names[k]: (self.scene, [self.points.names[k]]) for k in np.argsort(-off)[:SUSPECTS] if off[k]}
-        if self.scene.law.shells == 1:
-            tried[NEIGHBOURS] = self.scene.with_shells('auto'), []
+        better, points = self.better, self.points
+        part = next(part for part, fit in self.parts[better.model].items() if fit is better)
+        off = np.bincount(points.ridge, better.residuals[: len(points)] ** 2)  # those of priors come after
         found = {}
-        for name, (scene, without) in tried.items():
+        for name in [points.names[k] for k in np.argsort(-off)[:SUSPECTS] if off[k]]:
             with suppress(ValueError):  # too few points are left
-                found[name] = _fit(scene.counted(), self.points, self.names, self.priors, without, self.better.model, self.better)
+                found[name] = _fit(self.scene, self.lattices, part, points, self.names, self.priors, [name], better.model)
         return dict(sorted(found.items(), key=lambda item: item[1].chi2))
 
     @property
@@ -140,44 +173,72 @@ class BandFits:
         return None if percent is None else (value, value * percent / 100)
 
     def fitted(self, model: Model = 'complete') -> Scene:
-        """The scene with the parameters of the fit; its law is a table if the fitted law is not an exact inverse power."""
-        factors = self.fits[one_of('model', model, MODELS)].by_name
-        scene = with_factors(self.scene, factors)
-        if not self.of_any_law:
-            return scene
-        r = knots(scene.perfect_cell(), scene.lattice.spacing_m * u.m)
-        return with_table(scene, r, -_bent(scene, factors)[0].dphi(r))
+        """The scene with the parameters and the neighbours of the fit that has the largest weight.
 
-    def values(self, model: Model = 'complete') -> dict[str, tuple[float, float]]:
-        """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr at the spacing.
-
-        A parameter with an uncertainty of more than a half is not determined, and its value means little.
+        A law that relaxes to another exponent is a table, which covers all neighbours that were counted.
         """
         fit = self.fits[one_of('model', model, MODELS)]
-        scene = with_factors(self.scene, fit.by_name)  # bends change neither force nor slope at the spacing
-        found = {name: (value_of(scene, name), sigma) for name, sigma in zip(self.names, fit.sigma.tolist(), strict=False)}
-        found['bond stiffness'] = value_of(scene, 'bond stiffness'), fit.sigma_along(bond_powers(scene, fit.names))
-        return found
+        part = next(part for part, one in self.parts[model].items() if one is fit)
+        scene = with_factors(self.scene, fit.by_name)
+        if BENDS[0] in fit.names:
+            r = np.geomspace(FROM * scene.lattice.spacing_m * u.m, self.lattices[ALL].r[-1], KNOTS)
+            scene = with_table(scene, r, -_bent(scene, fit.by_name)[0].dphi(r))
+        return scene.with_shells(1 if part == NEAREST else 'auto')
 
-    def predicted(self, q: ArrayLike, model: Model = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Frequencies of the fitted lattice, and their relative standard uncertainties from the covariance of the fit.
+    def values(self, model: Model = 'complete', part: str | None = None) -> dict[str, tuple[float, float]]:
+        """Each parameter in SI and its relative standard uncertainty, and the stiffness of a bond, -df/dr at the spacing.
+
+        A value is the middle of its 95 % interval, on a logarithmic scale, and the uncertainty half its width divided by 1.96.
+        With an uncertainty of more than a quarter a parameter is not determined, and its value means little.
+
+        Parameters
+        ----------
+        model : {'complete', 'conventional'}
+        part : {NEAREST, ALL}, optional
+            Answer of a single fit in place of the weighted sum.
+        """
+        found = []
+        for fit in self._fits(model, part):
+            scene = with_factors(self.scene, fit.by_name)  # bends change neither force nor slope at the spacing
+            own = {name: (value_of(scene, name), sigma) for name, sigma in zip(self.names, fit.sigma.tolist(), strict=False)}
+            found.append(own | {'bond stiffness': (value_of(scene, 'bond stiffness'),
+                                                   fit.sigma_along(bond_powers(scene, fit.names)))})
+        each = np.array([[*one.values()] for one in found])
+        values, sigma = mixed_interval(each[..., 0], each[..., 1], self._share(model, part))
+        return {name: (float(value), float(s)) for name, value, s in zip(found[0], values, sigma, strict=True)}
+
+    def predicted(self, q: ArrayLike, model: Model = 'complete',
+                  part: str | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Frequencies of the fitted lattice, and their relative standard uncertainties, as in `values`.
 
         Parameters
         ----------
         q : array_like, shape (wavevectors, 3)
             In fractions of the reciprocal vectors.
         model : {'complete', 'conventional'}
+        part : {NEAREST, ALL}, optional
 
         Returns
         -------
         omega, sigma : ndarray, shape (wavevectors, branches)
             `omega` is in rad/ms; `sigma` is a fraction of it, infinite if the points do not determine the frequency.
         """
-        fit = self.fits[one_of('model', model, MODELS)]
-        atoms, changes = _built(self.scene, self.scene.perfect_cell(), fit.by_name)
-        omega, slopes = frequency_sensitivities(atoms, q, [changes[name] for name in fit.names], model)
-        relative = np.divide(slopes, abs(omega), out=np.zeros_like(slopes), where=slopes != 0)
-        return omega, np.apply_along_axis(fit.sigma_along, 0, relative)
+        q, found = wavevectors(q), []
+        for name, fit in self.parts[one_of('model', model, MODELS)].items():
+            if part in (None, name):
+                bands = Bands(self.lattices[name], model, *_built(self.scene, fit.by_name))
+                omega = bands.omega(q)
+                steep = np.stack([bands.slopes(q, fit.names, at)[1][..., k] for k, at in enumerate(omega.T)], axis=-1)
+                relative = np.divide(steep, 2 * omega**2, out=np.zeros_like(steep), where=steep != 0)
+                found.append((omega, np.apply_along_axis(fit.sigma_along, 0, relative)))
+        omega, sigma = (np.array(each) for each in zip(*found, strict=True))
+        return mixed_interval(omega, sigma, self._share(model, part))
+
+    def _fits(self, model, part):
+        return [fit for name, fit in self.parts[one_of('model', model, MODELS)].items() if part in (None, name)]
+
+    def _share(self, model, part):
+        return np.array([*self.weights(model).values()]) if part is None else np.ones(1)
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -204,9 +265,10 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
 
     Mass and spacing are taken from the scene; its other parameters are the start of the fit.  The uncertainties show which
     parameters the points determine: points of one branch, for example, cannot separate the exponent from the force.  A law
-    of magnets or a table of forces keeps its shape, and only its strength is fitted; the intervals include the tolerance
-    `exponent` of [uncertainty].  An inverse power that acts beyond nearest neighbours stands for any smooth law with the same
-    exponent at the spacing, and the intervals hold for all of these; if the exponent is fixed, the inverse power counts as exact.
+    of magnets or a table of forces keeps its shape, acts between all neighbours, and only its strength is fitted; the intervals
+    include the tolerance `exponent` of [uncertainty].  An inverse power stands for any smooth law with the same exponent at the
+    spacing, between nearest neighbours or all, and the intervals hold for all of these; if the exponent is fixed, the inverse
+    power counts as exact.
 
     Parameters
     ----------
@@ -233,7 +295,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     >>> from magphonon.scenes import ready_scene
     >>> from magphonon.bands.bloch import bloch_modes
     >>> from magphonon.scenes import fit_bands
-    >>> from magphonon.waves import RidgePoints
+    >>> from magphonon.waves.ridge_tables import RidgePoints
     >>> scene = read_scene(ready_scene('prototype'))
     >>> xi = np.tile(np.linspace(0.6, 2.8, 12), 2)
     >>> q, ridge = np.outer(xi / (2 * np.pi), [0, 1, 0]), np.repeat([0, 1], 12)
@@ -245,7 +307,8 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     (4.5824, True)
     """
     have, priors = parameters_of(scene), dict(priors or {})
-    scene = scene.counted()
+    if not KINDS[scene.law.kind].shape:
+        scene.with_shells('all').counted()  # refuses forces that reach too far
     for name in (*fixed, *priors):
         one_of('the fixed parameter' if name in fixed else 'the parameter of a prior', name, have)
     names = tuple(name for name in have if name not in fixed)
@@ -254,43 +317,60 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     scene = of_remanence(scene)
     own, _ = _divided(points, without)
     _refuse_two_springs(own, [name for name in names if name not in priors])
-    fits = {model: _fit(scene, points, names, priors, without, model) for model in MODELS}
-    return BandFits(scene, own, fits, priors, tuple(without))
+    near = scene.with_shells(1).perfect_cell()
+    lattices = {NEAREST: Shells(near)} if KINDS[scene.law.kind].shape else {}
+    lattices[ALL] = _all_neighbours(near)
+    parts: dict[Any, dict[str, DispersionFit]] = {model: {} for model in MODELS}
+    for model, part in product(MODELS, lattices):
+        parts[model][part] = _fit(scene, lattices, part, points, names, priors, without, model)
+    return BandFits(scene, own, parts, lattices, priors, tuple(without))
 
 
-def _fit(scene: Scene, points: RidgePoints, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]],
-         without: Sequence[str], model: Model, near: DispersionFit | None = None) -> DispersionFit:
-    """The fit of one model, with the residuals of the ridges that are left out.
+def _fit(scene: Scene, lattices: Mapping[str, Shells], part: str, points: RidgePoints, names: tuple[str, ...],
+         priors: Mapping[str, tuple[float, float]], without: Sequence[str], model: Model) -> DispersionFit:
+    """The fit of one model with some neighbours, with the residuals of the ridges that are left out.
 
     An error of the exponent of a table is one more parameter, whose prior is the tolerance in [uncertainty]. An inverse power
-    that acts beyond nearest neighbours stands for any smooth law: its deviations from a power (bends) are parameters with priors.
+    that stands for any smooth law has two more, by which it relaxes to another exponent.
     """
     own, left_out = _divided(points, without)
     fixed = [name for name in parameters_of(scene) if name not in names]
     relative = {name: relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
+    if 'a' in names and scene.law.kind == 'inverse_power':
+        a, sigma = ANY_EXPONENT
+        relative = {'a': (a / scene.law.a, sigma / a)} | relative
+        if part == ALL:
+            names, relative = (*names, *BENDS), relative | dict.fromkeys(BENDS, (1.0, 1.0))
     if 'force' in names and (unsure := unsure_exponent(scene)):
         names, relative = (*names, EXPONENT), relative | {EXPONENT: (1.0, unsure)}
-    if 'a' in names and scene.law.kind == 'inverse_power' and scene.law.shells != 1:
-        names, relative = (*names, *BENT), relative | dict.fromkeys(BENT, (1.0, 1.0))
-    build = partial(_built, scene, scene.perfect_cell())
-    fit = fit_dispersion(build, names, own, model, relative, near)
-    return replace(fit, missed=residuals_of(build, fit, left_out)) if len(left_out) else fit
+    build = partial(_built, scene)
+    fit = fit_dispersion(lattices[part], build, names, own, model, relative)
+    bands = Bands(lattices[part], model, *build(fit.by_name))
+    return replace(fit, missed=residuals_of(bands, left_out)) if len(left_out) else fit
 
 
-def _built(scene, cell, factors):
-    """The cell of a scene with its parameters multiplied by `factors`, and the change of stiffness by each of them."""
-    there, atoms = with_factors(scene, factors), cell.copy()
-    law, changes = _bent(there, factors) if BENT[0] in factors else (there.law.potential(), {})
-    springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
-    atoms.calc = cell.calc.changed(laws=law, sites=replace(cell.calc.sites, foundation=springs))
-    return atoms, changes_of(there) | changes
+def _all_neighbours(cell):
+    """The lattice of a cell whose particles interact with all others, whatever their law."""
+    atoms, calc = cell.copy(), cell.calc
+    reach = REACHES[int(cell.pbc.sum())][0] * calc.bonds.lengths.min()
+    atoms.calc = calc.changed(bonds=bonds_within(calc.reference, reach))
+    return Shells(atoms, reach)
+
+
+def _built(scene, factors):
+    """Law and springs of a scene with its parameters multiplied by `factors`, and the change of stiffness by each of them."""
+    there = with_factors(scene, factors)
+    law, changes = _bent(there, factors) if BENDS[0] in factors else (there.law.potential(), {})
+    feet = there.foundation
+    excess = feet.pillar.excess if feet and feet.pillar and feet.pillar.mass_kg else None
+    return law, feet.springs(feet.stiffness) if feet else 0.0, changes_of(there) | changes, excess
 
 
 def _bent(scene, factors):
     """The inverse power of a scene, bent by the `factors`, and its derivatives by force, exponent and bends."""
-    family, names, a = LawFamily(scene.lattice.spacing_m * u.m), ('force', 'a', *BENT), scene.law.a
-    p = [np.log(repulsion(scene.law.potential(), family.r0)), a - CENTRE, *np.log([factors[name] for name in BENT])]
-    law, along = FamilyLaw(family, np.array(p)), np.diag([1.0, a, *np.ones(len(BENT))])
+    family, names, a = LawFamily(scene.lattice.spacing_m * u.m), ('force', 'a', *BENDS), scene.law.a
+    p = [np.log(repulsion(scene.law.potential(), family.r0)), a - CENTRE, *np.log([factors[name] for name in BENDS])]
+    law, along = FamilyLaw(family, np.array(p)), np.diag([1.0, a, *np.ones(len(BENDS))])
     return law, {name: StiffnessDerivative(law=family.change(law, v)) for name, v in zip(names, along, strict=True)}
 
 
@@ -383,11 +463,6 @@ def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     if springs and scene.foundation and scene.foundation.pillar:
         springs = {'youngs_modulus': springs['stiffness']}
     return varied(scene, springs)
-
-
-def knots(cell: Atoms, spacing: float) -> NDArray[np.float64]:
-    """Distances in mm at which the table of a law holds its forces; they cover all distances in the lattice of a cell."""
-    return np.geomspace(NEAREST * spacing, FARTHEST * cell.calc.bonds.lengths.max(), KNOTS)
 
 
 def with_table(scene: Scene, r: NDArray[np.float64], f: NDArray[np.float64]) -> Scene:

@@ -63,17 +63,22 @@ def _lattice(scene: Scene) -> None:
         _file(scene, lattice)
     elif law.kind in ('saved', 'members'):
         raise ValueError(f'law.kind = "{law.kind}" takes the particles from a file; it belongs to lattice.kind = "file"')
-    if scene.single or scene.finite:
-        _refuse(scene, 'patch bands burst', 'the particles have no periods; remove the table, or give their file a cell')
+    _sites(scene)
     if scene.single and law.shells != 1:
         raise ValueError(f'law.shells of the oscillator must be 1, not {law.shells}: its bonds all have one length')
     if scene.turns and law.shells == ALL:
         raise ValueError(f"lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = '{law.asked}', does not support "
                          'gyration; choose a number of shells')
+
+
+def _sites(scene: Scene) -> None:
+    """What particles without periods or without a plane cannot have."""
+    if scene.single or scene.finite:
+        _refuse(scene, 'patch bands burst', 'the particles have no periods; remove the table, or give their file a cell')
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
         _refuse(scene, 'burst uncertainty', 'it cannot be computed out of the plane; remove it, or [foundation.out_of_plane]')
-    if scene.single or lattice.cell().pbc.all():
-        _refuse(scene, 'foundation.out_of_plane foundation.stiffness_y_N_per_m', f'{lattice.kind} has no plane; remove it')
+    if scene.single or scene.lattice.cell().pbc.all():
+        _refuse(scene, 'foundation.out_of_plane foundation.stiffness_y_N_per_m', f'{scene.lattice.kind} has no plane; remove it')
 
 
 def _file(scene: Scene, lattice: FileLattice) -> None:
@@ -98,7 +103,6 @@ def _tables(scene: Scene) -> None:
     if isinstance(scene.patch, Supercell):
         _refuse(scene, 'burst', 'it enters at the edge of a patch, and a supercell has no edge; choose another patch.kind')
     if scene.uncertainty is not None:
-        _refuse(scene, 'defects', '[uncertainty] is for the perfect lattice; remove one of the tables')
         scene.uncertainty.tolerances(scene)
 
 
@@ -130,7 +134,7 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     """Masses, stiffnesses and frequencies of a size that the units in the keys make likely."""
     numbers = ', '.join(f'law.{key} = {value!r}' for key, value in scene.law if isinstance(value, float))
     f = frequency_scale(calc)
-    if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
+    if f and not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
         raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; check their units and '
                          f'exponents ({numbers})')
     if scene.members:
@@ -147,4 +151,5 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     density = mass / lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {mass:.6g} and {lattice.spacing_given} make {density / 1e3:.2g} g/cm3, denser than any '
-                      'metal; check their units, which are kg and m', stacklevel=2)
+                      'metal; check their units, which are kg and m'
+                      + ' (g and mm in files that ASE reads)' * isinstance(lattice, FileLattice), stacklevel=2)

@@ -123,25 +123,26 @@ class Table(BaseModel):
         if not isinstance(table, dict):
             raise ValueError(f' must be a table in brackets with the keys {", ".join(cls.model_fields)}, not {shown(table)}')
         unknown = [key for key in table if key not in cls.model_fields]
-        faults = [fault(table, ValueError(f' has no key {shown(key)}{cls._meant(key)}')) for key in unknown]
-        meant = {nearest(key, cls.model_fields) for key in unknown}
+        keys = f'its keys are {", ".join(cls.model_fields)}'
+        faults = [fault(table, ValueError(f' has no key {shown(key)}{did_you_mean(key, cls.model_fields, keys)}'))
+                  for key in unknown]
         made: Any = None  # faults say why
         try:
             made = check({key: value for key, value in table.items() if key in cls.model_fields})
         except ValidationError as error:
-            for found in error.errors():
-                if found['type'] != 'missing':
-                    if not found['loc'] and any(meant):  # of keys together, of which one was misspelt
-                        continue
-                    faults.append(fault(found['input'], reason(found), found['loc']))
-                elif (key := str(found['loc'][0])) not in meant:
-                    faults.append(fault(table, ValueError(f' lacks the key {key!r}; add {cls.model_fields[key].description}')))
+            faults += cls._found(table, error, {nearest(key, cls.model_fields) for key in unknown})
         raise_all(faults)
         return made
 
     @classmethod
-    def _meant(cls, key):
-        return did_you_mean(key, cls.model_fields, f'its keys are {", ".join(cls.model_fields)}')
+    def _found(cls, table, error, meant):
+        """The faults that pydantic found, without those that follow from a key that was misspelt and `meant`."""
+        for found in error.errors():
+            if found['type'] == 'missing':
+                if (key := str(found['loc'][0])) not in meant:
+                    yield fault(table, ValueError(f' lacks the key {key!r}; add {cls.model_fields[key].description}'))
+            elif found['loc'] or not any(meant):  # without a place it is about keys together
+                yield fault(found['input'], reason(found), found['loc'])
 
 
 def of_known_kind(*models: type[Table]) -> BeforeValidator:
@@ -161,12 +162,18 @@ def of_known_kind(*models: type[Table]) -> BeforeValidator:
             return table
         why = (ValueError(f".kind must be one of {kinds}, not {shown(given)}{did_you_mean(given, of)}") if 'kind' in table else
                ValueError(f" lacks the key 'kind'; add one of {kinds}"))
-        shared = {kind: len(model.model_fields.keys() & table.keys()) for kind, model in of.items()}
-        meant = [near] if (near := nearest(given, of)) else [kind for kind in of if shared[kind] == max(shared.values())]
-        found = [_faults(of[kind], table | {'kind': kind}, info.context) for kind in meant]
-        raise_all([fault(table, why), *(found[0][said] for said in found[0] if all(said in other for other in found))])
+        raise_all([fault(table, why), *_common_faults(of, table, info.context)])
 
     return BeforeValidator(check)
+
+
+def _common_faults(of, table, context):
+    """The faults that all kinds find that were probably meant."""
+    shared = {kind: len(model.model_fields.keys() & table.keys()) for kind, model in of.items()}
+    near = nearest(table.get('kind'), of)
+    meant = [near] if near else [kind for kind in of if shared[kind] == max(shared.values())]
+    first, *others = (_faults(of[kind], table | {'kind': kind}, context) for kind in meant)
+    return [first[said] for said in first if all(said in other for other in others)]
 
 
 def _faults(model, table, context):

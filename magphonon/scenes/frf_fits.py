@@ -138,7 +138,8 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     Examples
     --------
     >>> from magphonon import read_scene
-    >>> from magphonon.response import TransferFunction, receptance
+    >>> from magphonon.response import receptance
+    >>> from magphonon.response.transfer_functions import TransferFunction
     >>> from magphonon.scenes import fit_frf
     >>> from magphonon.scenes.plans import FrfPlan
     >>> scene = read_scene('prototype')
@@ -211,7 +212,8 @@ def suspect_units(scene: Scene, functions: Sequence[TransferFunction]) -> str | 
     --------
     >>> from dataclasses import replace
     >>> from magphonon import read_scene
-    >>> from magphonon.response import TransferFunction, receptance
+    >>> from magphonon.response import receptance
+    >>> from magphonon.response.transfer_functions import TransferFunction
     >>> from magphonon.scenes import with_dofs, suspect_units
     >>> scene = read_scene('oscillator')
     >>> h = receptance(*scene.shaken(), scene.frf.omega, scene.frf.damping)

@@ -37,6 +37,10 @@ from .structures import FileLattice
 
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
+RAYLEIGH = 33 / 140
+"""Share of the mass of a cantilever that moves with its tip while it bends as under a static force."""
+HEAVY = 5.0  # 3 m omega^2/k of a pillar above which Rayleigh's mass is off by more than a percent of the stiffness
+STEP = 1e-4  # of a difference of the stiffness of a pillar
 MOST_CELLS = 10**6
 """Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
 
@@ -134,9 +138,39 @@ class Pillar(Table):
         return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
 
     @property
+    def mass_kg(self) -> float:
+        """Mass of the whole pillar; zero if the density is unknown."""
+        return (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m
+
+    @property
     def moving_mass_kg(self) -> float:
-        """Mass of the pillar that moves with its tip, Rayleigh's 33/140 of the whole; zero if the density is unknown."""
-        return 33 / 140 * (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m
+        """Mass of the pillar that moves with its tip, Rayleigh's 33/140 of the whole."""
+        return RAYLEIGH * self.mass_kg
+
+    def excess(self, omega: Any) -> tuple[Any, Any]:
+        """By how much its stiffness at frequencies in rad/ms exceeds k - 33/140 m omega^2, in N/mm, and the slope by ln k."""
+        x, k = self.heaviness(omega), self.stiffness_N_per_m * u.N / u.m
+        beside = [dynamic_stiffness(x * (1 + step)) - 1 + RAYLEIGH / 3 * x * (1 + step) for step in (0.0, STEP, -STEP)]
+        return k * beside[0], k * (beside[0] - (beside[1] - beside[2]) / (2 * STEP))
+
+    def heaviness(self, omega: Any) -> Any:
+        """The number x = 3 m omega^2/k of a pillar of mass m at frequencies in rad/ms; Rayleigh's mass is right below 5."""
+        return 3 * self.mass_kg * (1e3 * np.asarray(omega)) ** 2 / self.stiffness_N_per_m
+
+
+def dynamic_stiffness(x: Any) -> Any:
+    """Stiffness of a cantilever at its tip in static ones: z^3/3 (1 + cos z cosh z)/(sin z cosh z - cos z sinh z), z^4 = x.
+
+    Its mass m makes x = 3 m omega^2/k; up to x = 237, where it has a node at the tip.
+
+    Examples
+    --------
+    >>> from magphonon.scenes.lattices import dynamic_stiffness
+    >>> round(float(dynamic_stiffness(0.1)), 6), round(1 - 33 / 420 * 0.1, 6)  # Rayleigh's mass is enough
+    (0.992142, 0.992143)
+    """
+    z = np.maximum(x, 1e-3) ** 0.25
+    return z**3 / 3 * (1 + np.cos(z) * np.cosh(z)) / (np.sin(z) * np.cosh(z) - np.cos(z) * np.sinh(z))
 
 
 class OutOfPlane(Table):
@@ -195,6 +229,15 @@ class Foundation(Table):
     def law(self, in_plane: PairLaw) -> Law:
         """The pair law of the particles, which is `in_plane` for particles at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
+
+    def doubts(self, omega: Any) -> list[str]:
+        """A line that says up to which of some frequencies in rad/ms pillars act as springs, if they do not at all of them."""
+        if self.pillar is None or (x := np.max(self.pillar.heaviness(omega))) <= HEAVY:
+            return []
+        limit = u.hertz(np.max(omega) * np.sqrt(HEAVY / x))
+        return [f'Above {limit:.3g} Hz the pillars are too heavy for springs with 33/140 of their mass, as they count here: at '
+                f'{u.hertz(np.max(omega)):.4g} Hz 3 m omega^2/k is {x:.3g}, and true frequencies are lower. A fit of ridges '
+                'uses the stiffness of the pillars at each frequency.']
 
     @property
     def moving_mass(self) -> float:

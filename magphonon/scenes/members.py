@@ -83,19 +83,18 @@ def joined(atoms: Atoms, members: tuple[Members, ...], **sites: Any) -> Atoms:
         If a member joins a node that does not exist; if no tensions of the other members balance the given ones, or several do;
         if a cable would have to push.
     """
-    listed = [(i, j, shift, group) for group in members for i, j, shift in group.between]
-    bare = net(atoms, [(i, j, shift, Spring(1.0, 0.0)) for i, j, shift, _ in listed], **sites)
+    ends, groups = zip(*((pair, group) for group in members for pair in group.between), strict=True)
+    bare = net(atoms, [(*pair, Spring(1.0, 0.0)) for pair in ends], **sites)
     lengths = repulsion_of(bare).bonds.lengths
-    known = [group.known(r) for (*_, group), r in zip(listed, lengths, strict=True)]
-    tensions = np.array([0.0 if t is None else t for t in known])
-    if None in known:
-        tensions = _balanced(bare, tensions, np.array([t is not None for t in known]))
-    for (i, j, _, group), t in zip(listed, tensions, strict=True):
+    tensions = np.array([group.known(r) for group, r in zip(groups, lengths, strict=True)], float)  # NaN where not known
+    if np.isnan(tensions).any():
+        tensions = _balanced(bare, np.nan_to_num(tensions), ~np.isnan(tensions))
+    for (i, j, _), group, t in zip(ends, groups, tensions, strict=True):
         if group.slack and t < -UNBALANCED * abs(tensions).max():
             raise ValueError(f'members: the cable from {i} to {j} would push with {-t:.3g} N, but cables go slack; remove its '
                              f'slack = true, or give other tensions')
-    return net(atoms, [(i, j, shift, group.law_at(r, t))
-                       for (i, j, shift, group), r, t in zip(listed, lengths, tensions, strict=True)], **sites)
+    laws = [group.law_at(r, t) for group, r, t in zip(groups, lengths, tensions, strict=True)]
+    return net(atoms, [(*pair, law) for pair, law in zip(ends, laws, strict=True)], **sites)
 
 
 def _balanced(bare, tensions, known):

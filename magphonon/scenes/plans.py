@@ -172,6 +172,6 @@ class BurstPlan(Table):
         where = burst_setup(cell, patch, self.source)
         if len(where.row) < FEWEST:
             raise ValueError(f'the row along R2 has {len(where.row)} particles inside the rim, and a map of waves needs at least '
-                             f'{FEWEST}; enlarge [patch]')
+                             f'{FEWEST}; make [patch] {FEWEST / max(len(where.row) - 1, 1):.2g} times as large')
         burst = self.burst(k, where)
         return where, run_burst(patch, where, burst.drive, burst.damping, burst.duration, tolerance=self.tolerance, **engine)

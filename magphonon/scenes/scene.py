@@ -26,17 +26,20 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from .. import units as u
+from ..bands.bands import band_path
 from ..bands.force_constants import enough_cells
 from ..bands.neighbours import ConvergedShells, converged_shells, whole_reach
 from ..errors import PhysicsError
 from ..files import whole_file
+from ..interactions.bond_laws import laws_from_dict, laws_to_dict
 from ..lattices.bonds import bonds_within
 from ..lattices.patches import surrounded
 from ..response.frf import Dof
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
 from ..stiffness.bond import Model
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.relaxation import Relaxation, relaxed
+from ..stiffness.relaxation import MEND, Relaxation, enough_foundation, relaxed
+from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from .consistency import check
 from .fields import Table, Title, listed, reason
@@ -47,14 +50,22 @@ from .plans import BandPlan, BurstPlan, FrfPlan
 from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import Defects, FileLattice
 from .tolerances import Uncertainty
-from .written_atoms import checked_atoms, tables_of
 
 PAIRS = 3e-4
 """Where shells = 'all' has to become a number: largest relative change of a frequency by the omitted neighbours."""
 LONG_RANGE = 0.01
 """Where a law of long range needs a number of shells: largest relative error of a frequency by the omitted neighbours."""
+POINTS = 200
+"""Wavevectors along the path of the bands in a scene written from Python."""
 MOST_IN_A_CELL = 30
 """Largest number of particles in the cell of a file whose bands are computed to find how many neighbours it needs."""
+
+DEEPEST = 100  # largest number of names in a key with dots; those of a scene have four
+START = '"magphonon scene prototype" prints a scene to start from'
+SLIPS = {r'=\s*[-+]?\d+,\d': 'numbers take a decimal point, as in 0.01',
+         r'\\': "a path takes slashes, as in 'C:/bench/particles.csv'",
+         r'=\s*[-+]?[\d.]+(e-?\d+)?\s*[^\W\d_]': 'a number stands alone: its unit is in the name of the key'}
+"""What a line that is not TOML may hold, and what to write instead."""
 
 
 @contextmanager
@@ -249,8 +260,7 @@ class Scene(Table):
             foundation = self.foundation.springs(foundation)
         sites = {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
         gyration = getattr(self.lattice, 'gyration_rad_per_s', 0.0) / u.s
-        spatial = atoms.pbc.all() or (self.foundation is not None and self.foundation.out_of_plane is not None)
-        return sites | ({'gyration': gyration} if gyration else {}) | ({} if spatial else {'dim': 2})
+        return sites | ({'gyration': gyration} if gyration else {})
 
     @property
     def turns(self) -> bool:
@@ -268,9 +278,12 @@ class Scene(Table):
             return None
         called = self._name or repr(self.title)
         try:
-            return relaxed(self.defects.applied(self._perfect(model)))
+            atoms = self.defects.applied(self._perfect(model))
+            return relaxed(atoms)
         except PhysicsError as error:
-            raise type(error)(f'{called} with [defects]: {error}') from None
+            weak, enough = (k / (u.N / u.m) for k in enough_foundation(atoms))
+            raise type(error)(f'{called} with [defects]: {str(error).partition(f"; {MEND}")[0]}; a foundation of {enough:.4g} '
+                              f'N/m holds it, {weak:.4g} N/m do not') from None
         except ValueError as error:
             raise ValueError(f'{called}: {error}') from None
 
@@ -339,9 +352,8 @@ class Scene(Table):
                 'a finite structure', '"magphonon modes" shows its modes')
             raise ValueError(f'[{name}] needs a lattice, and {self.title!r} is {what}; {shown}')
         if table is None:
-            have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
-            example = ', as in "magphonon scene ' + have[0] + '"' if have else ''
-            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one{example}')
+            example = next(other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8'))
+            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one, as in "magphonon scene {example}"')
         return table
 
     def band_path(self) -> BandPath:
@@ -386,16 +398,16 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     try:
         text = source.text
     except UnicodeDecodeError as error:
-        raise ValueError(f'{source} is not TOML: its byte {error.start + 1} is not text in UTF-8; '
-                         '"magphonon scene prototype" prints a scene to start from') from None
+        raise ValueError(f'{source} is not TOML: its byte {error.start + 1} is not text in UTF-8; {START}') from None
     try:
+        if any(words.count('.') > DEEPEST for words in re.split(r'[=,\[\]{}#\n]', text)):
+            raise RecursionError  # of 100 kB of nested names tomllib would make 10 GB
         data = tomllib.loads(text)
     except ValueError as error:
         words = re.sub(r"\('([^()]*?)',?\)", lambda keys: '[' + keys[1].replace("', '", '.') + ']', str(error))
-        raise ValueError(f'{source} is not TOML ({words}); "magphonon scene prototype" prints a scene to start from') from None
+        raise ValueError(f'{source} is not TOML ({words}); {_slip(source, text, words)}') from None
     except RecursionError:
-        raise ValueError(f'{source} is not a scene: it nests lists or tables hundreds deep; "magphonon scene prototype" prints '
-                         'one to start from') from None
+        raise ValueError(f'{source} is not a scene: it nests lists or tables hundreds deep; {START}') from None
     try:
         with np.errstate(over='raise', divide='raise', invalid='raise'):
             scene = Scene.model_validate(data, context={'folder': source.folder})
@@ -406,6 +418,15 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
                          'check their units and exponents, first those of [law]') from None
     except ValidationError as error:
         raise ValueError('\n'.join(f'{source}: {fault}' for fault in _faults(error, data))) from None
+
+
+def _slip(source, text, words):
+    """What to write instead of a line that is not TOML."""
+    found = re.search(r'at line (\d+)', words)
+    line = text.splitlines()[int(found[1]) - 1] if found else ''
+    if source.suffix not in ('', '.toml'):
+        return f'tables of measurements are for "magphonon fit"; {START}'
+    return next((mend for slip, mend in SLIPS.items() if re.search(slip, line)), START)
 
 
 def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = None) -> None:
@@ -450,12 +471,38 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     if os.path.lexists(beside) and not _names(path, beside.name):
         raise ValueError(f'{beside} exists and is not the file of particles of a scene {path.name}; move it, or choose another '
                          'name for the scene')
-    tables = tables_of(checked_atoms(atoms), title, beside.name)
+    tables = _tables_of(_checked(atoms), title, beside.name)
     scene_of(tables, atoms)  # with all checks of a scene that is read
     with whole_file(beside, 'wb') as particles, whole_file(path) as file:
         ase.io.write(particles, atoms, format='traj')
         file.write(f'# The particles, their law, bonds and foundation are in {beside.name}, to the last bit: {atoms.calc!r}\n')
         file.write(toml(tables))
+
+
+def _checked(atoms: Atoms) -> Atoms:
+    """Return the atoms, or raise ValueError if a scene cannot hold them."""
+    calc: Any = getattr(atoms, 'calc', None)
+    if not isinstance(calc, Repulsion):
+        raise ValueError(f'a scene is made of atoms with PairCalculator or AllNeighbours, not with {calc!r}; attach either')
+    laws_from_dict(laws_to_dict(calc.laws))
+    calc.displacements(atoms)  # refuses atoms that are not those of the calculator
+    return atoms
+
+
+def _tables_of(atoms: Atoms, title: str | None, file: str) -> dict[str, Any]:
+    """The tables of a scene for the atoms; for periodic atoms it has bands along ASE's path through their zone."""
+    held = '' if not atoms.constraints else ', some of them held'
+    tables = {'title': title or f'{len(atoms)} particles from Python{held}', 'lattice': {'kind': 'file', 'file': file},
+              'law': {'kind': 'saved'}}
+    if atoms.pbc.any():
+        try:
+            path = band_path(atoms, None, POINTS)
+        except ValueError:  # ASE knows no path through this zone
+            return tables
+        calc: Any = atoms.calc
+        cells = [int(n) for n, periodic in zip(enough_cells(calc), atoms.pbc, strict=True) if periodic]
+        tables['bands'] = {'path': path.path, 'points': POINTS, 'supercell': cells}
+    return tables
 
 
 def _names(path, particles):

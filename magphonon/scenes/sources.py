@@ -41,6 +41,11 @@ class Source:
         return Path(self.name).stem
 
     @property
+    def suffix(self) -> str:
+        """The ending of the name, '.toml'."""
+        return Path(self.name).suffix
+
+    @property
     def text(self) -> str:
         """The text, with line ends of any system converted to newlines."""
         return StringIO(self.content.decode('utf-8-sig'), newline=None).getvalue()

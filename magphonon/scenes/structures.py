@@ -184,7 +184,7 @@ class FileLattice(Table):
         least, most = NEAREST_m
         if not least <= self.spacing_m <= most:
             raise ValueError(f'.file: it puts the nearest particles {self.spacing_m:.3g} m apart; this must lie between '
-                             f'{least:g} and {most:g} m: check the unit of its lengths')
+                             f'{least:g} and {most:g} m: check the unit of its lengths, which is mm in files that ASE reads')
 
     def cell(self) -> Atoms:
         """The particles, `ase.Atoms` in mm and g, with their constraints but without a calculator."""
@@ -242,11 +242,13 @@ def _read_by_ase(path):
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # of formats and of what a file lacks
-            found: Any = ase.io.read(path, index=-1, do_not_split_by_at_sign=True)
+            frames: Any = ase.io.read(path, index=':', do_not_split_by_at_sign=True)
     except Exception as error:  # ASE's readers may raise anything
         raise ValueError(f'ASE reads no structure in {path} ({type(error).__name__}: {error}); it may be a table .csv of '
                          'positions in metres instead') from None
-    return found
+    if len(frames) > 1:
+        warnings.warn(f'{path} is a film of {len(frames)} frames; the scene takes the last one', stacklevel=2)
+    return frames[-1]
 
 
 class Substitution(Table):

@@ -1,7 +1,4 @@
-from .amplitude_shifts import Shifts as Shifts, frequency_shifts as frequency_shifts
-from .buckling import (
-    CriticalFoundation as CriticalFoundation,
-    SoftMode as SoftMode,
-    critical_foundation as critical_foundation,
-)
-from .verdicts import Buckling as Buckling, Finding as Finding, Verdict as Verdict, verdict as verdict
+from .amplitude_shifts import frequency_shifts as frequency_shifts
+from .buckling import critical_foundation as critical_foundation
+from .prestress import prestress_reserve as prestress_reserve
+from .verdicts import verdict as verdict

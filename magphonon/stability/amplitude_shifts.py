@@ -65,7 +65,7 @@ class Shifts(InHertz):
         return np.divide(share, self.harmonic, out=np.full(len(self.harmonic), np.inf), where=self.harmonic > 0)
 
 
-@takes('constraints', 'conventional')
+@takes('constraints', 'conventional', 'radii')
 def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:
     """Frequency shifts with amplitude, of waves of any wavevector or of the softest and stiffest mode of a finite structure.
 

@@ -150,20 +150,26 @@ def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, w
     """
     calc, other = atoms.calc, foundation - common_support(atoms)
     if isinstance(atoms, LinearSystem):
-        z = np.unique(atoms.free[2::3].indices)
         masses, cell = atoms.masses if weighted else None, atoms.atoms
         K = calc.rest_stiffness('complete')
-        return softest(calc.bonds, K, atoms.free[:, z], cell, calc.foundation + other, masses)
+        return softest(calc.bonds, K, atoms.free[:, z_of(atoms)], cell, calc.foundation + other, masses)
     root = 1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms))
     springs, weights = other * np.eye(len(root)), root * root[:, None]
     return _over_zone(lambda q: (calc.bloch_matrix(q, 'complete')[:, 2::3, 2::3] + springs) * weights, atoms.cell.array,
                       atoms.pbc, len(atoms), _steps_of_sums(calc))
 
 
+def z_of(layer: LinearSystem) -> NDArray[np.int_]:
+    """The columns of `LinearSystem.free` of a layer that are directions along z."""
+    return np.unique(layer.free[2::3].indices)
+
+
 def flat_layer(atoms: Atoms) -> bool:
-    """Whether the atoms are a layer at rest in one plane, whose particles may move out of the plane."""
+    """Whether the atoms are a layer at rest in one plane, whose particles may move out of the plane independently of their motion
+    in it, as they do unless the axis of a gyration is oblique.
+    """
     calc: Any = atoms.calc
-    if not (isinstance(calc, Repulsion) and calc.layer):
+    if not (isinstance(calc, Repulsion) and calc.layer) or np.ndim(calc.gyration) == 2:
         return False
     if calc.pairwise and (calc.load[:, 2].any() or calc.slack[:, 2].any()):  # pyright: ignore[reportAttributeAccessIssue]
         return False
@@ -301,12 +307,22 @@ def critical_support(system: LinearSystem, magnets: bool) -> tuple[float, float]
     `phi_zz + phi'' + phi'/r = 0`, so that each bond adds `k_zz = -(phi'' + phi'/r) = -(a - 1) f/r` to the stiffness out
     of the plane, with the local exponent `a = -dln f/dln r`; a central energy phi(r) would add only `phi'/r = -f/r`.
     """
-    calc, cell = system.calc, system.atoms
+    calc = system.calc
     r = calc.bonds.lengths
     per_bond = calc.law.dphi(r) / r
     if magnets:
         per_bond = -(calc.law.d2phi(r) + per_bond)
-    free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(system.mobile)]
-    K = per_bond[:, None, None]
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
-    return softest(calc.bonds, K, free, cell).needed, float(alone[system.mobile].max(initial=0.0))
+    return _across(system, per_bond).needed, float(alone[system.mobile].max(initial=0.0))
+
+
+def lowest_across(system: LinearSystem) -> float:
+    """Lowest frequency of planar particles out of their plane without supports, by the tension of bonds, rad/ms."""
+    r = system.calc.bonds.lengths
+    found = _across(system, system.calc.law.dphi(r) / r, system.masses)
+    return float(np.sqrt(max(found.lowest, 0.0))) if found.lowest > ROUND_OFF * found.highest else 0.0
+
+
+def _across(system, per_bond, masses=None):
+    free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(system.mobile)]
+    return softest(system.calc.bonds, per_bond[:, None, None], free, system.atoms, 0.0, masses)

@@ -6,7 +6,7 @@ list.  A function whose finding is never a fault is decorated with `remark` and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,17 +17,15 @@ from ase.constraints import FixAtoms
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
-from ..bands.bloch import bloch_modes
-from ..bands.force_constants import checked_supercell
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push, forces_and_walls
 from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.splittings import SPLITTINGS
-from ..errors import positive
-from ..findings import Finding, Findings
-from ..interactions.bond_laws import groups, laws_of, taken
+from ..errors import one_of
+from ..interactions.bond_laws import laws_of, taken
 from ..interactions.law_cards import card_of
-from ..interactions.pair_laws import Hertz, higher_derivatives
+from ..interactions.members import Spring
+from ..interactions.pair_laws import Hertz, Overlap
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
@@ -44,36 +42,68 @@ from .buckling import (
     fastest_growth,
     flat_layer,
     highest_squared,
+    lowest_across,
     on_the_verge,
     softest_of,
     softest_out_of_plane,
+    z_of,
 )
+from .mechanisms import FreeMotions, free_motions
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
 SPACED = 2000
 """Largest number of degrees of freedom of a finite structure for which a stable spacing is searched; it needs about thirty lowest
 modes."""
-DERIVATIVE_ERROR = 1e-6  # largest relative error of the stiffness up to which a finite-difference displacement is called safe
-ROUND_OFF = 5e-17
-"""Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
-proportional to the displacement."""
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
-DENSEST = 50e-3  # mass divided by the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
 
-CHECKS = Findings()  # the checks of a `Case` by name
-REMARKS, check, remark = CHECKS.remarks, CHECKS.check, CHECKS.remark
+@dataclass(frozen=True)
+class Finding:
+    """What one check found.
+
+    Attributes
+    ----------
+    value : Any
+        The result in mm, g, ms; None if it does not apply or was not computed.
+    words : str
+        A sentence or two, in SI units; empty if there is nothing to say.
+    fault : bool
+        Whether a run would fail, or its result be meaningless.
+    unjudged : str
+        What was omitted because it would take too long for so many particles.
+    """
+
+    value: Any = None
+    words: str = ''
+    fault: bool = False
+    unjudged: str = ''
+
+
+CHECKS: dict[str, Callable[[Case], Finding]] = {}  # by name, in the order in which their words are printed
+REMARKS: set[str] = set()  # names of those that are never a fault
+
+
+def check(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Decorator that adds a function to the checks, under its name."""
+    CHECKS[judge.__name__] = judge  # pyright: ignore[reportAttributeAccessIssue]  functions have one
+    return judge
+
+
+def remark(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Decorator that adds a function whose finding is never a fault."""
+    REMARKS.add(judge.__name__)  # pyright: ignore[reportAttributeAccessIssue]
+    return check(judge)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict:
     """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
-    Each check is an attribute that holds its result, and runs when the attribute is first read: `residual` (N),
-    `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
-    `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `gyration` (rad/ms),
-    `density` (g/mm^3).  The attribute is None if the check does not apply to the structure, or was not computed.
+    `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` (Finding) says it in words: 'residual' (N),
+    'buckling' and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports'
+    (Supports), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not computed.  A check
+    runs when it is first asked for.
     """
 
     case: Case
@@ -82,12 +112,10 @@ class Verdict:
     def finding(self, name: str) -> Finding:
         """What the check of this name found."""
         if name not in self._found:
-            self._found[name] = CHECKS[name](self.case)
+            self._found[name] = CHECKS[one_of('the check', name, tuple(CHECKS))](self.case)
         return self._found[name]
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in CHECKS:
-            return object.__getattribute__(self, name)  # raises again what a property has raised
+    def __getitem__(self, name: str) -> Any:
         return self.finding(name).value
 
     @property
@@ -134,8 +162,7 @@ class Verdict:
 
 
 @takes('all neighbours', *LINEAR)
-def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
-            distance: float | None = None, damping: ArrayLike = 0.0) -> Verdict:
+def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) -> Verdict:
     """Check a structure before a run: whether it is at rest and stable, its time step, its supports and its linear range.
 
     A periodic cell is treated as an infinite lattice, and its whole zone is searched. In a cell of more than 200 degrees of
@@ -154,10 +181,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     drives : sequence of drives
         Drives of the run; `Constant` drives may balance static forces, in addition to the dead load of the calculator.  A drive
         on a particle that does not exist raises ValueError.
-    supercell : three ints, optional
-        Supercell for phonopy's finite displacements.
-    distance : float, optional
-        Displacement for phonopy's finite displacements in mm, if you choose it yourself.
     damping : float or array_like, shape (particles,)
         Damping rate in 1/ms, which may need shorter time steps.
 
@@ -167,7 +190,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     >>> cell = lattices.square(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=3.0)
     >>> judged = verdict(cell)
-    >>> judged.fine, round(judged.buckling.needed, 9)  # it needs 4 f/L0
+    >>> judged.fine, round(judged['buckling'].needed, 9)  # it needs 4 f/L0
     (False, 4.0)
     """
     forces_and_walls(drives, len(atoms))  # refuses drives of particles that do not exist
@@ -176,8 +199,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
     refuse(atoms, all_but('a verdict of motion in the plane', 'oblique'))
-    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms)), 'supercell': supercell,
-           'distance': distance if distance is None else positive('distance', distance, 'mm')}
+    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms), atoms.calc)}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
         LinearSystem.of(atoms)
@@ -200,13 +222,11 @@ class Case:
     atoms: Atoms  # the structure at this rest; of a flat layer its motion in the plane
     system: Any  # argument of the linear tools
     pushes: NDArray[np.float64]  # shape (particles,): unbalanced static force on each particle, N
-    away: float = 0.0  # in mm, as `Verdict.away`
-    closest: float = 1.0  # as `Verdict.contact`
+    away: float = 0.0  # in mm, as the check `away`
+    closest: float = 1.0  # as the check `contact`
     layer: Atoms | None = None  # the flat layer with its motion out of the plane
     gyrating: LinearSystem | None = None  # with the gyration that `system` leaves out
     damping: ArrayLike = 0.0  # as for `verdict`
-    supercell: Sequence[int] | None = None  # as for `verdict`
-    distance: float | None = None  # as for `verdict`
 
     @property
     def calc(self) -> Any:
@@ -246,7 +266,7 @@ class Case:
     @property
     def touching(self) -> bool:
         """Whether particles are in mechanical contact, which they would lose at other spacings."""
-        return any(isinstance(law, Hertz) for law in laws_of(self.calc.laws))
+        return any(isinstance(law, Hertz | Overlap) for law in laws_of(self.calc.laws))
 
     @cached_property
     def softest(self) -> SoftMode:
@@ -265,17 +285,12 @@ class Case:
     @property
     def verge(self) -> bool:
         """Whether the foundation is exactly as stiff as the structure needs, within round-off."""
-        return on_the_verge(self.spring, self.softest.needed) or self.flat
+        return on_the_verge(self.spring, self.softest.needed) or self.free.count > 0
 
     @cached_property
-    def flat(self) -> bool:
-        """Whether a wave of finite length costs no energy, in a lattice without foundation, on a mesh over the zone."""
-        if self.spring or self.softest.needed or self.large or not self.atoms.pbc.any():
-            return False
-        along = [np.arange(6) / 6 if periodic else np.zeros(1) for periodic in self.atoms.pbc]
-        q = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 3)
-        omega, _ = bloch_modes(self.system, q[q.any(axis=1)], 'complete')
-        return bool(omega.min() * abs(omega.min()) <= VERGE * omega.max() ** 2)
+    def free(self) -> FreeMotions:
+        """Motions that cost no energy; none if some wave has negative energy, or if foundation and bonds resist all."""
+        return _free_motions(self.system, self.system.free, self.softest, self.spring) if self.listed else FreeMotions()
 
     @cached_property
     def grows(self) -> tuple[float, NDArray[np.float64]]:
@@ -299,7 +314,8 @@ class Case:
         moving = softest_out_of_plane(structure, spring, weighted=True)
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)
         growth = float(np.sqrt(-moving.lowest)) if falls else 0.0
-        return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
+        free = _free_motions(structure, structure.free[:, z_of(structure)], soft, spring) if self.listed else FreeMotions()
+        return Buckling(spring, soft.needed, soft.q, growth, free), float(np.sqrt(max(moving.highest, 0.0)))
 
     @property
     def stable(self) -> bool:
@@ -309,6 +325,11 @@ class Case:
     def unstable(self) -> bool:
         """Whether some motion grows; on the verge of buckling a structure is neither stable nor unstable."""
         return bool(self.grows[0] or (self.above is not None and self.above[0].growth))
+
+
+def _free_motions(system, free, soft, spring):
+    """The motions along the directions `free` that cost no energy, if the softest one may be such."""
+    return FreeMotions() if soft.needed or soft.lowest + spring > VERGE * soft.highest else free_motions(system, free, soft.q)
 
 
 @dataclass(frozen=True)
@@ -324,19 +345,19 @@ class Buckling:
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
+    free : FreeMotions
+        Motions that cost no energy.
     spacing : float or None
         Length of the shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is no such
         length, or if it was not computed, such as for balls in contact.
-    flat : bool
-        Whether a lattice has no foundation and a wave of finite length costs no energy.
     """
 
     spring: float
     needed: float
     softest: np.ndarray
     growth: float
+    free: FreeMotions
     spacing: float | None = None
-    flat: bool = False
 
     @property
     def stable(self) -> bool:
@@ -348,7 +369,7 @@ class Buckling:
         """Whether the foundation equals the needed one to within a fraction of 1e-9, so that round-off would decide whether
         motion grows.
         """
-        return self.flat or on_the_verge(self.spring, self.needed)
+        return self.free.count > 0 or on_the_verge(self.spring, self.needed)
 
 
 class Supports(NamedTuple):
@@ -377,43 +398,59 @@ def residual(case: Case) -> Finding:
 @check
 def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space, by the complete model, because the conventional model does not show buckling."""
-    search = case.balanced and case.listed and not case.touching
-    searched = search and case.large <= (SPACED if case.finite else 0)
-    scale = 1.0 if case.verge else critical_spacing(case.system) if searched else None
-    unjudged = 'the spacing at which the structure buckles' if search and case.large > (SPACED if case.finite else 0) else ''
-    growth, q = case.grows
-    found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing, case.flat)
-    where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
-    uneven = np.ndim(case.calc.foundation) > 0
-    spring, needed = _stiffness(found.spring), _stiffness(found.needed)
-    own = ' at its softest spring' if uneven else ''
-    if found.flat:
-        words = (f'It is on the verge of buckling{where}: waves of finite length cost no energy, so round-off would decide. Give '
-                 'it a foundation.')
-    elif found.verge:
-        words = (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring}{own} is just what it needs, and '
-                 'round-off would decide. Take a stiffer foundation.')
-    elif not found.stable:
-        room = f' A spacing above {at} would also make it stable.' if at else ''
-        words = f'It buckles{where}{_growth(found)}. It needs a foundation of {needed} and has {spring}{own}.{room}'
-        if case.gyrating is not None:
-            words += (' Whether gyration holds so many particles was not computed.' if case.large else
-                      ' Gyration is too slow to hold it.')
-    elif not case.held:
-        words = (f'Stable{where} only without losses: without gyration it would need a foundation of {needed} and '
-                 f'has {spring}{own}; with gyration any damping lets it fall, however slowly.')
-    elif found.needed:
-        room = f' It would be stable down to a spacing of {at}.' if at else ''
-        more = _times(found.spring / found.needed)
-        words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} needed.{room}'
-    elif uneven:
-        words = f'Stable{where}, and it would stay so if all springs were softer by {spring}, the stiffness of the softest one.'
-    else:
-        words = f'Stable{where}, even without a foundation.' + (f' It would buckle below a spacing of {at}.' if at else '')
+    found, many = _buckling(case)
+    words = (_holds if found.stable else _fails)(case, found, ' in the plane' if case.calc.dim == 2 else '')
     if case.large and case.atoms.pbc.any():
         words += (' The periodic cell is so large that only waves that fit into one or two cells were computed; another wave may '
                   'be softer. Check a smaller cell of the same lattice, or another number of repeats.')
-    return Finding(found, words, not found.stable, unjudged)
+    return Finding(found, words, not found.stable, 'the spacing at which the structure buckles' if many else '')
+
+
+def _buckling(case):
+    """Stability by the complete model, and whether the structure is too large to search for the spacing at which it ends."""
+    search = case.balanced and case.listed and not case.touching
+    many = search and case.large > (SPACED if case.finite else 0)
+    scale = 1.0 if case.verge else critical_spacing(case.system) if search and not many else None
+    growth, q = case.grows
+    return Buckling(case.spring, case.softest.needed, q, growth, case.free, scale and scale * case.spacing), many
+
+
+def _fails(case, found, where):
+    """Why a structure is not stable `where` it moves, in words."""
+    spring = _spring(case, found)
+    if found.free.count:
+        return found.free.words(where)
+    if found.verge:
+        return (f'It is on the verge of buckling{where}{_at(found)}: the foundation of {spring} is just what it needs, and '
+                'round-off would decide. Take a stiffer foundation.')
+    room = f' A spacing above {found.spacing / u.m:.4g} m would also make it stable.' if found.spacing else ''
+    words = f'It buckles{where}{_growth(found)}. It needs a foundation of {_stiffness(found.needed)} and has {spring}.{room}'
+    if case.calc.model != 'complete':
+        words += f" The {case.calc.model} model does not show this, because it leaves out D*. Use model='complete'."
+    if case.gyrating is None:
+        return words
+    return words + (' Whether gyration holds so many particles was not computed.' if case.large else
+                    ' Gyration is too slow to hold it.')
+
+
+def _holds(case, found, where):
+    """Why a structure is stable `where` it moves, in words."""
+    spring, needed, at = _spring(case, found), _stiffness(found.needed), found.spacing and f'{found.spacing / u.m:.4g} m'
+    if not case.held:
+        return (f'Stable{where} only without losses: without gyration it would need a foundation of {needed} and has {spring}; '
+                'with gyration any damping lets it fall, however slowly.')
+    if found.needed:
+        room = f' It would be stable down to a spacing of {at}.' if at else ''
+        return f'Stable{where}: the foundation of {spring} is {_times(found.spring / found.needed)} the {needed} needed.{room}'
+    if np.ndim(case.calc.foundation):
+        return (f'Stable{where}, and it would stay so if all springs were softer by {_stiffness(found.spring)}, the stiffness of '
+                'the softest one.')
+    below = f' It would buckle below a spacing of {at}.' if at else ''
+    return f'Stable{where}, even without a foundation{found.free.whole}.{below}'
+
+
+def _spring(case, found):
+    return _stiffness(found.spring) + ' at its softest spring' * bool(np.ndim(case.calc.foundation))
 
 
 @check
@@ -426,19 +463,12 @@ def out_of_plane(case: Case) -> Finding:
     if found.stable:
         margin = f'{_times(found.spring / found.needed)} the {need} needed' if found.needed else 'stiffer than needed'
         return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
+    if found.free.count:
+        return Finding(found, found.free.words(' out of the plane'), True)
     if found.verge:
         return Finding(found, f'It is on the verge of buckling out of the plane{_at(found)}: the supports of {have} along z are '
                        'just what it needs, and round-off would decide. Take stiffer supports.', True)
     return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
-
-
-@check
-def model(case: Case) -> Finding:
-    """Model of the calculator."""
-    if case.stable or case.calc.model == 'complete':
-        return Finding(case.calc.model)
-    return Finding(case.calc.model, f"The {case.calc.model} model does not show this, because it leaves out D*. Use "
-                   "model='complete'.", fault=True)
 
 
 @remark
@@ -503,36 +533,6 @@ def contact(case: Case) -> Finding:
                    'rest. Start with a larger distance.', fault=True)
 
 
-@check
-def supercell(case: Case) -> Finding:
-    """Supercell for phonopy's finite displacements."""
-    if case.supercell is None:
-        return Finding()
-    try:
-        return Finding(checked_supercell(case.calc, case.supercell))
-    except ValueError as error:
-        return Finding(None, f'Finite differences would be wrong: {error}.', fault=True)
-
-
-@check
-def displacements(case: Case) -> Finding:
-    """Smallest and largest displacement d for accurate finite differences, mm: round-off limits it from below, and from above the
-    curvature of the law, whose relative error of the stiffness phi'' is phi'''' d^2/(6 phi'').
-    """
-    lengths = case.calc.bonds.lengths
-    nearest = [(law, lengths[own].min()) for law, own in groups(case.calc.law, len(lengths))]
-    bent = [(abs(higher_derivatives(law, np.array([r]))[1][0]), abs(law.d2phi(r))) for law, r in nearest]
-    curvature = max((fourth / second for fourth, second in bent if fourth), default=0.0)  # none of cables that are slack
-    least = float(ROUND_OFF / DERIVATIVE_ERROR * case.spacing)
-    most = float(np.sqrt(6 * DERIVATIVE_ERROR / curvature)) if curvature else np.inf  # of springs
-    if case.distance is None or least <= case.distance <= most:
-        return Finding((least, most))
-    reason = 'small: round-off' if case.distance < least else 'large: the curvature of the law'
-    return Finding((least, most), f'A finite-difference displacement of {case.distance / u.m:.3g} m is too {reason} changes the '
-                   f'stiffness by more than a fraction of {DERIVATIVE_ERROR:g}. Use {least / u.m:.2g} to {most / u.m:.2g} m.',
-                   fault=True)
-
-
 @remark
 def supports(case: Case) -> Finding:
     """Stiffness that supports must have out of the plane."""
@@ -543,13 +543,29 @@ def supports(case: Case) -> Finding:
     magnets = all(card_of(law).magnets for law in laws_of(case.calc.laws))
     wave, alone = critical_support(case.system, magnets=True) if magnets else (None, None)
     found = Supports(wave, alone, critical_support(case.system, magnets=False)[0])
+    return Finding(found, _support(found) if found.central else _across(case))
+
+
+def _across(case):
+    """What a flat net would do out of its plane, which its tension stiffens, in words."""
+    members = [law for law in laws_of(case.calc.laws) if isinstance(law, Spring)]
+    if not members:
+        return ''
+    lowest = lowest_across(case.system) if case.finite else 0.0
+    would = '' if not case.finite else ', which would cost no energy'
+    if lowest:
+        would = f', whose lowest frequency would be {u.in_words("Hz", u.hertz(lowest), digits=6)}'
+    return (f'Not modelled: motion along z{would}. It is included by dim=3 in Python, or in a scene by '
+            '[foundation.out_of_plane] with stiffness_N_per_m = 0.')
+
+
+def _support(found):
+    """The stiffness that supports must have, in words."""
     need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
-    if not found.central:
-        return Finding(found)
-    if wave is None or alone is None or np.isclose(wave, found.central, rtol=SAME):  # or charges, whose energy obeys Laplace too
-        return Finding(found, f'{need}{_stiffness(found.central)}.')
-    return Finding(found, f'{need}{_stiffness(wave)} for upright magnets ({_stiffness(alone)} if only one of them can move). '
-                   f'For particles whose forces are along the lines between them {_stiffness(found.central)} is enough.')
+    if found.wave is None or np.isclose(found.wave, found.central, rtol=SAME):  # or charges, whose energy obeys Laplace too
+        return f'{need}{_stiffness(found.central)}.'
+    return (f'{need}{_stiffness(found.wave)} for upright magnets ({_stiffness(found.alone)} if only one of them can move). '
+            f'For particles whose forces are along the lines between them {_stiffness(found.central)} is enough.')
 
 
 @remark
@@ -572,28 +588,6 @@ def amplitude(case: Case) -> Finding:
                        'spacing.')
     return Finding(found, f'The linear theory holds for small motion: its frequencies are 1 % off at an amplitude of '
                    f'{u.in_words("m", found / u.m, digits=2)}, {100 * share:.2g} % of the spacing.')
-
-
-@remark
-def gyration(case: Case) -> Finding:
-    """Largest gyration of a particle in rad/ms, 0 if none gyrates."""
-    if case.gyrating is None:
-        return Finding(0.0)
-    largest = case.gyrating.turning
-    return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s. Tools that see only forces, such as phonopy '
-                   'and LAMMPS, would miss the gyration and are refused where possible.')
-
-
-@remark
-def density(case: Case) -> Finding:
-    """Mass divided by the cube of the spacing, g/mm^3."""
-    heaviest = case.atoms.get_masses().max()
-    found = float(heaviest / case.spacing**3)
-    if found <= DENSEST:
-        return Finding(found)
-    return Finding(found, f'Check the units: a particle of {heaviest / u.kg:.3g} kg at a spacing of {case.spacing / u.m:.3g} m '
-                   f'gives {1e3 * found:.2g} g/cm3, denser than any metal. In Python lengths are in mm, masses in g, forces in '
-                   'N.')
 
 
 def _at(found):

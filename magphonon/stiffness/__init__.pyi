@@ -8,12 +8,11 @@ from .defects import (
     with_interstitial as with_interstitial,
     with_vacancies as with_vacancies,
 )
-from .elastic import Moduli as Moduli, cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
-from .ewald import lattice_sum as lattice_sum
+from .elastic import cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
 from .nets import net as net, self_stress as self_stress
 from .other_tools import for_ase_tools as for_ase_tools
+from .packings import Following as Following, packing as packing
 from .pair_splitting import split as split
-from .relaxation import Relaxation as Relaxation, relaxed as relaxed
-from .repulsion import Repulsion as Repulsion
+from .relaxation import relaxed as relaxed
 from .rest import LinearSystem as LinearSystem
 from .restart import restored as restored

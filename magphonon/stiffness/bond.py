@@ -58,7 +58,7 @@ class Central:
 
 @dataclass(frozen=True, eq=False)
 class Mixed:
-    """Interactions that differ from bond to bond: `strength` times one of the `parts`.
+    """Interactions that differ from bond to bond: `strength` times one of the `parts`, of the distance over `scale`.
 
     Attributes
     ----------
@@ -66,11 +66,13 @@ class Mixed:
     which : ndarray of int, shape (bonds,)
         Index of the part of each bond.
     strength : ndarray, shape (bonds,)
+    scale : ndarray, shape (bonds,), or None for the distance itself
     """
 
     parts: tuple[PairInteraction, ...]
     which: NDArray[np.intp]
     strength: NDArray[np.float64]
+    scale: NDArray[np.float64] | None
 
     def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Energy and gradient of each bond."""
@@ -83,7 +85,7 @@ class Mixed:
     def central(self, dim: int) -> PairLaw | None:
         """The law of each bond's length (`BondLaws`), if all parts have one."""
         laws = tuple(part.central(dim) for part in self.parts)
-        return None if None in laws else laid(laws, self.which, self.strength)  # pyright: ignore[reportArgumentType]
+        return None if None in laws else laid(laws, self.which, self.strength, self.scale)  # pyright: ignore[reportArgumentType]
 
     def _each(self, method, R):
         found = []
@@ -103,11 +105,16 @@ def interaction_of(law: Law, dim: int) -> PairInteraction:
     return given if found is None else Central(found)
 
 
-def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengths: NDArray[np.float64],
-                      dim: int) -> PairInteraction:
+def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengths: NDArray[np.float64], dim: int,
+                      radii: NDArray[np.float64] | None = None) -> PairInteraction:
     """The interaction of all bonds; see `laws_along`."""
     each, which, strength = laws_along(laws, bonds.i, bonds.j, kinds, strengths)
-    return interaction_of(Mixed(tuple(interaction_of(law, dim) for law in each), which, strength), dim)
+    scale = None if radii is None else radii[bonds.i] + radii[bonds.j]
+    acting = interaction_of(Mixed(tuple(interaction_of(law, dim) for law in each), which, strength, scale), dim)
+    if scale is not None and acting.central(dim) is None:
+        raise ValueError('a law of the distance over the sum of both radii acts along the line between two particles; leave out '
+                         f'the radii, or take another law than {laws!r}')
+    return acting
 
 
 def bond_stiffness(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -101,6 +101,8 @@ class PairCalculator(Repulsion):
         is a number: the force on gyroscopes, on a rotating bench (g is twice its rate) or on charges in a magnetic field.  In
         the plane it is `m g J u'`, J = [[0, 1], [-1, 0]], and turns clockwise.  It does no work and is not part of the ASE
         `forces`: tools of this package include it, as `DrivenVerlet` does, or refuse it; ASE's own dynamics ignores it.
+    radii : float or array_like, shape (particles,), optional
+        Radii R in mm: the laws are then functions of `r/(R_i + R_j)`, as between soft spheres (`magphonon.interactions.Overlap`).
     dim : {2, 3}, optional
         Number of components of a displacement; by default it follows from the positions, the cell and the foundation.
 
@@ -133,7 +135,8 @@ class PairCalculator(Repulsion):
     def __init__(self, reference: Atoms, laws: Laws, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, model: Model = 'complete', shells: int = 1, cutoff: float | None = None,
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
-                 load: ArrayLike | None = None, gyration: ArrayLike = 0.0, dim: int | None = None) -> None:
+                 load: ArrayLike | None = None, gyration: ArrayLike = 0.0, radii: ArrayLike | None = None,
+                 dim: int | None = None) -> None:
         self._laws = checked_laws(laws)
         masses_of(reference)
         self.reference = reference.copy()
@@ -144,8 +147,9 @@ class PairCalculator(Repulsion):
         self.bonds = bonds = bonds_of(self.reference, bonds, shells, cutoff)
         self.dim = displacement_components(reference, foundation, dim, bonds)
         self.reference.positions.flags.writeable = False  # constant forces are computed from them once
-        self._sites = Sites(strengths, anchors, load, foundation, gyration).checked(self.reference, self.dim)
-        self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self.strengths, self.dim)
+        self._sites = Sites(strengths, anchors, load, foundation, gyration, radii).checked(self.reference, self.dim)
+        self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self.strengths, self.dim,
+                                             self._sites.radii)
         refuse_height(self.reference, bonds, self.dim, central=self.interaction.central(self.dim) is not None)
         refuse_infinite(self)
         super().__init__(model=model)

@@ -25,19 +25,24 @@ from typing import Any
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from .. import units
-from ..errors import finite
-from ..interactions.pair_laws import PairLaw
+from ..errors import finite, one_of
 from ..results import Saved
 from ..traits import takes
 from .all_neighbours import AllNeighbours
+from .bond import MODELS, Model
 from .calculator import PairCalculator, bond_virial, measure, same_cell
-from .matrices import signed_root
+from .factors import inverse
+from .matrices import hessian, signed_root
 from .repulsion import masses_of, repulsion_of
 from .rest import LinearSystem
 
-FLOPPY = 1e-12  # fraction of the largest stiffness below which an internal motion is taken as independent of strain
+FLOPPY = 1e-12
+"""Stiffness added to every direction, as a fraction of the largest one, because translations and floppy motions have none; strain
+does not push them, and refinement takes it out of all others."""
+REFINEMENTS = 3  # each divides the error of a motion by its stiffness over FLOPPY of the largest
 ISOTROPIC = 1e-6
 """Difference between directions, as a fraction of the largest modulus, that counts as zero; the finite strains of an infinite
 lattice give differences of 2e-11."""
@@ -194,14 +199,16 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     return bond_virial(calc, calc.displacements(atoms)) / measure(atoms)
 
 
-@takes('all neighbours')
-def elastic_moduli(atoms: Atoms) -> Moduli:
+@takes('all neighbours', 'radii')
+def elastic_moduli(atoms: Atoms, model: Model = 'complete') -> Moduli:
     """Stress and elastic moduli of a lattice at rest, without its foundation.
 
     Parameters
     ----------
     atoms : ase.Atoms
         One cell with its PairCalculator or AllNeighbours.
+    model : {'complete', 'conventional'}
+        D0 + D*, or D0 alone: bonds as springs at their natural length, which have no stress. AllNeighbours takes the first.
 
     Examples
     --------
@@ -221,19 +228,30 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
         if calc.load.any() or calc.spring_forces.any():
             raise ValueError('a dead load or stretched springs of the foundation hold the particles here, so the lattice has '
                              'no moduli of its own; relax it without them')
-        slopes = _of_bonds(calc, calc.law)
+        slopes, Phi = _of_bonds(calc, model), hessian(calc.bonds, calc.rest_stiffness(model), 0.0)
     elif calc.singular(along).any():
         raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '
                          'moduli of its own; use a law that falls faster, or a number of shells')
+    elif one_of('model', model, MODELS) == 'conventional':
+        raise ValueError('the sum over all neighbours has no moduli of springs alone; give a number of shells, or '
+                         "model='complete'")
     else:
-        slopes = _by_finite_strain(calc)
+        slopes, Phi = _by_finite_strain(calc), sparse.csr_array(calc.bloch_series(along)[0].real)
     stress, clamped, Lambda = slopes
-    V, Phi, dim = measure(atoms), calc.bloch_series(along)[0].real, calc.dim
-    internal = np.linalg.svd(np.tile(np.eye(dim), (len(atoms), 1)))[0][:, dim:]  # motion of the particles of a basis
-    push = internal.T @ Lambda.reshape(len(Phi), -1)
-    following = (push.T @ np.linalg.pinv(internal.T @ Phi @ internal, FLOPPY, hermitian=True) @ push).reshape((dim,) * 4)
+    V, dim = measure(atoms), calc.dim
+    following = _following(Phi, Lambda.reshape(Phi.shape[0], -1)).reshape((dim,) * 4)
     density = float(masses_of(atoms).sum() / V)
     return Moduli(_along_periods(atoms, dim), density, stress / V, clamped / V, (clamped - following) / V)
+
+
+def _following(Phi, push):
+    """What the moduli lose as the particles of a basis follow the strain, `push^T Phi^-1 push`, shape (strains, strains)."""
+    largest = abs(Phi).sum(axis=1).max() or 1.0  # a cell of one particle has no internal motion
+    solve = inverse(Phi + FLOPPY * largest * sparse.eye_array(len(push)))
+    y = solve(push)
+    for _ in range(REFINEMENTS):
+        y = y + solve(push - Phi @ y)
+    return push.T @ y
 
 
 def _refuse_patches(atoms):
@@ -247,15 +265,15 @@ def _along_periods(atoms, dim):
     return np.linalg.pinv(periods) @ periods
 
 
-def _of_bonds(calc: PairCalculator, law: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _of_bonds(calc: PairCalculator, model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """First and second strain derivative of the energy in mJ, and Lambda in N, shape (particles * dim, dim, dim).
 
     Lambda is valid only at rest, where the terms with the forces on a particle cancel.
     """
-    bonds, R, dim = calc.bonds, calc.bond_vectors, calc.dim
+    bonds, R, dim, law = calc.bonds, calc.bond_vectors, calc.dim, calc.law
     S = R @ _along_periods(calc.reference, dim)
     r = np.linalg.norm(R, axis=1)
-    g = law.dphi(r) / r
+    g = law.dphi(r) / r if one_of('model', model, MODELS) == 'complete' else 0 * r
     curvature = (law.d2phi(r) - g) / r**2
     first = np.einsum('b,bi,bj->ij', g, S, S)
     second = np.einsum('b,bi,bj,bk,bl->ijkl', curvature, S, S, S, S, optimize=True)

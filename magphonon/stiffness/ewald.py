@@ -73,7 +73,7 @@ def lattice_sum(lattice: ArrayLike | Atoms, law: float | GaussianMixture, offset
 
     Examples
     --------
-    >>> from magphonon.stiffness import lattice_sum
+    >>> from magphonon.stiffness.ewald import lattice_sum
     >>> round(lattice_sum([[1.0, 0], [0.5, 0.75**0.5]], 3.0), 10)  # of r^-3 over the triangular lattice
     11.0341757349
     """

@@ -39,6 +39,9 @@ SADDLE = 1e-10  # fraction of the highest squared frequency below which a negati
 PUSH = 0.05  # displacement of the particle that moves most when a saddle is left, as a fraction of the shortest bond
 VERGE = 1e-6  # fraction of the highest squared frequency below which round-off hides the direction of descent
 SADDLES = 20  # largest number of saddles that are left in succession
+STEP, LEAST = 1.25, 0.1
+"""Factor between two foundations that are tried where one is too weak, and the first one of particles without, as a share of the
+largest force in a bond over its length."""
 MEND = 'hold its rim or give it a foundation (magphonon.critical_foundation)'
 
 
@@ -143,6 +146,24 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     _refuse_verge(lowest, highest, atoms)
     raise Unstable(f'the structure came to rest {SADDLES + 1} times, each time on a saddle, where it is unstable: from the '
                      f'last one it would run away at the rate {np.sqrt(-lowest):.4g} / ms; {MEND}')
+
+
+def enough_foundation(atoms: Atoms) -> tuple[float, float]:
+    """Foundation in N/mm of the stiffest site with which a structure buckles or slides as it relaxes, and the one, stiffer by
+    `STEP`, with which it stays in place.
+    """
+    calc = repulsion_of(atoms)
+    force, _ = sizes(calc.bond_vectors, calc.interaction)
+    weak = calc.foundation if np.any(calc.foundation) else LEAST * force.max() / calc.bonds.lengths.min()
+    while True:  # infinitely stiff springs hold every structure
+        stiffer = atoms.copy()
+        stiffer.calc = calc.about(atoms, foundation=STEP * weak)
+        try:
+            relaxed(stiffer)
+        except Unstable:
+            weak = STEP * weak
+        else:
+            return float(np.max(weak)), float(STEP * np.max(weak))
 
 
 def _refuse_verge(lowest, highest, atoms):

@@ -16,7 +16,7 @@ from ..errors import one_of, positive
 from ..interactions.bond_laws import laws_of
 from .restartable import from_dict, to_dict
 from .sites import FLAT, Foundation, Sites, each_spring, gyration_blocks, height
-from .supercells import NEAR, fitted, refuse_another_order
+from .supercells import NEAR, fitted, jumped, refuse_another_order
 
 if TYPE_CHECKING:
     from ..interactions.bond_laws import Laws
@@ -116,7 +116,7 @@ class Repulsion(Calculator):
         raise NotImplementedError
 
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
-        if atoms is not None:
+        if atoms is not None and jumped(self, atoms):
             refuse_another_order(self, atoms)
         super().calculate(atoms, properties, system_changes)
         calc, atoms = fitted(self, self.atoms)  # of the reference, or of a supercell of it in any order

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import finite, not_negative, one_of
+from ..errors import finite, not_negative, one_of, positive
+from .plausibility import warn_of_damping
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -48,6 +49,7 @@ class Sites:
                                                       settable=True))
     gyration: Any = field(default=0.0, metadata=_by(lambda given, atoms, dim: site_gyration(given, len(atoms), dim),
                                                     settable=True, seldom=True))
+    radii: Any = field(default=None, metadata=_by(lambda given, atoms, dim: site_radii(given, len(atoms)), seldom=True))
 
     @classmethod
     def names(cls, **wanted: bool) -> tuple[str, ...]:
@@ -161,6 +163,16 @@ def site_strengths(strengths: ArrayLike | None, particles: int) -> NDArray[np.fl
     return given
 
 
+def site_radii(radii: ArrayLike | None, particles: int) -> NDArray[np.float64] | None:
+    """The radii of the particles in mm, read-only; None where the law is one of the distance itself."""
+    if radii is None:
+        return None
+    given = np.broadcast_to(finite('radii', radii), particles).copy()
+    positive('the smallest of the radii', given.min(), 'mm')
+    given.flags.writeable = False
+    return given
+
+
 def site_gyration(gyration: ArrayLike, particles: int, dim: int) -> Foundation:
     """The gyration along z in rad/ms as one number if it is uniform, otherwise as an array, shape (particles,), read-only.
 
@@ -190,12 +202,16 @@ def gyration_blocks(gyration: Any, dim: int) -> NDArray[np.float64]:
     return -np.cross(np.eye(3), g[:, None]).swapaxes(1, 2)[:, :dim, :dim]
 
 
-def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
-    """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError."""
+def site_damping(damping: ArrayLike, particles: int, calc: Any = None) -> NDArray[np.float64]:
+    """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError.
+
+    Warns of rates that look like 1/s for a `calc`.
+    """
     given = finite('damping', damping)
     if given.shape not in ((), (particles,)):
         raise ValueError(f'damping must be one number or one for each of the {particles} particles, not the shape {given.shape}')
     not_negative('damping', float(given.min(initial=0.0)), '1/ms')
+    warn_of_damping(calc, given)
     return np.broadcast_to(given, particles)
 
 

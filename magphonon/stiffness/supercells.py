@@ -109,21 +109,27 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     return calc.supercells[0], atoms
 
 
+def jumped(calc: Repulsion, atoms: Atoms) -> bool:
+    """Whether a particle is farther from where the last call saw it than particles move between calls."""
+    own, before = calc.reference, calc.seen
+    if before is None or len(before) != len(own):
+        before = own.positions
+    if len(atoms) != len(own) or not abs(atoms.positions - before).max(initial=0.0) > calc.near:  # asked at each call
+        return False
+    # motion may lead to the sites of others
+    return calc.seen is None or not (atoms.has('momenta') and atoms.get_momenta().any())
+
+
 def refuse_another_order(calc: Repulsion, atoms: Atoms) -> None:
     """Raise ValueError if the particles are in another order than in the reference, such as sorted by symbol.
 
     Particles may change places over many calls. But if all are at sites of the lattice, some at those of others, from one call
     to the next, they were reordered, unless all moved together.
     """
-    own, before = calc.reference, calc.seen
-    if before is None or len(before) != len(own):
-        before = own.positions
-    if len(atoms) != len(own) or not abs(atoms.positions - before).max(initial=0.0) > calc.near:  # asked at each call
-        return
-    if calc.seen is not None and atoms.has('momenta') and atoms.get_momenta().any():  # motion may lead to the sites of others
-        return
+    own = calc.reference
     if atoms.cell.rank != own.cell.rank or (atoms.pbc != own.pbc).any() or not strayed(calc, atoms):
         return
+
     def places(of):
         found = np.linalg.solve(of.cell.complete().array.T, of.positions.T).T
         return np.where(own.pbc, found % 1.0 % 1.0, found)  # twice: -1e-17 % 1 is 1

@@ -33,6 +33,8 @@ WORD = re.compile(r'^[^\W\d_]+[ _#.-]*(?=\d)')  # before the number of a point, 
 HEADER = 'time_s', 'particle', 'u_x_m', 'u_y_m'
 TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)  # function types and abscissa types of records over time, 0 for unknown
 ORDINATES = {8: 'displacement', 11: 'velocity'}
+QUANTITIES = {8: 'displacements', 9: 'forces', 11: 'velocities', 12: 'accelerations', 13: 'forces'}
+AXIS = {17: 'time', 18: 'frequency'}  # of a function
 AXES = {0: '', 1: 'x', 2: 'y', 3: 'z'}
 
 
@@ -101,7 +103,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     Examples
     --------
     >>> import tempfile
-    >>> from magphonon.waves import read_places
+    >>> from magphonon.waves.scan_tables import read_places
     >>> file = tempfile.mkdtemp() + '/points.csv'
     >>> with open(file, 'w') as table:
     ...     _ = table.write('point,x_mm,y_mm\nA1,0,0\nA2,10,0\n')
@@ -227,10 +229,11 @@ def _over_time(path, functions):
     found = [one for one in functions if one['func_type'] in TIME_RESPONSES and one['abscissa_spec_data_type'] in ABSCISSAS]
     kinds = {ORDINATES.get(one['ordinate_spec_data_type'], '') for one in found}
     if kinds not in ({'displacement'}, {'velocity'}):
-        types = sorted({one['func_type'] for one in functions})
-        what = ('some of its records are of another quantity' if found else
-                f'its functions have the types {types}, but a record over time has the type 1')
-        raise ValueError(f'{path} holds no displacements or velocities over time: {what}; export time records of one of the two')
+        what = ', '.join(sorted({f'{QUANTITIES.get(one["ordinate_spec_data_type"], "unknown quantities")} over '
+                                 f'{AXIS.get(one["abscissa_spec_data_type"], "an unknown axis")} (type {one["func_type"]})'
+                                 for one in functions})) or 'none'
+        raise ValueError(f'{path} holds no displacements or velocities over time, and no transfer functions (type 4): its '
+                         f'functions are {what}; export one of the three')
     return found
 
 

@@ -136,7 +136,8 @@ def compare(ridge: Ridge, branch: Branch) -> Misfit:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon.waves import Branch, compare, ridge, wavenumber_frequency
+    >>> from magphonon.waves import compare, ridge, wavenumber_frequency
+    >>> from magphonon.waves.wave_analysis import Branch
     >>> t, x = np.arange(0, 400, 0.5)[:, None], np.arange(24)
     >>> s = t - x / 0.6 - 100
     >>> crest = ridge(wavenumber_frequency(1e-3 * np.exp(-((s / 20) ** 2)) * np.cos(0.5 * s), 0.5))

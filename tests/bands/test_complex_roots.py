@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 from oracles import Pairs, neighbour_vectors
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion
 from magphonon.bands import evanescent
@@ -121,7 +122,7 @@ def test_no_wave_is_missing_and_none_is_false(seeds):
         assert what_is_left(cell) < EXACT, seed
 
 
-@pytest.mark.parametrize('rate', [1e-4, 1e8])
+@pytest.mark.parametrize('rate', few_first([1e-4, 1e8], 1))
 def test_waves_do_not_depend_on_the_unit_of_time(rate):
     for seed in range(4):
         cell = Cell(seed, rate)

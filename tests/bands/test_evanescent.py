@@ -86,18 +86,6 @@ def test_waves_that_end_at_once_are_infinite_and_not_round_off():
     assert decay[np.isfinite(decay)].max() < 10
 
 
-@pytest.mark.parametrize(('change', 'message'), [
-    ({'direction': (0.123, 0.45, 0)}, 'no fraction with a denominator of at most 6'),
-    ({'direction': (0, 0, 1)}, 'no bond has a component along the direction'),
-    ({'direction': (0, 1)}, r'must have the shape \(3,\)'),
-    ({'omega': [0.1, np.nan]}, r'omega\[1\] is nan'),
-    ({'model': 'simple'}, "model must be one of 'complete', 'conventional'"),
-])
-def test_impossible_requests_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        complex_bands(prototype(), **({'direction': GAMMA_M, 'omega': [0.1], 'model': 'complete'} | change))
-
-
 def test_a_flat_band_has_no_wavenumber():
     honeycomb = prototype(lattices.honeycomb)
     flat = np.sqrt(FOUNDATION / 0.707)  # without D* the honeycomb has a floppy mode at every wavevector

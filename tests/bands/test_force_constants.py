@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands, units as u
 from magphonon.bands import extracted_dstar, force_constants, foundation_recovered
-from magphonon.interactions import Yukawa
 
 PATHS = {'chain': 'GX', 'square': 'GXMG', 'triangular': 'GMKG', 'honeycomb': 'GMKG', 'kagome': 'GMKG'}
 
@@ -75,17 +74,6 @@ def test_phonopy_itself_returns_hertz():
     # three modes: motion along z has the frequency zero, below all others here
     assert abs(frequencies[:, 0]).max() < 1e-9
     assert_allclose(frequencies[:, 1:], analytic_bands(cell, path).frequencies_Hz, rtol=PROMISE)
-
-
-def test_several_shells_another_law_and_a_given_supercell():
-    cell = prototype('honeycomb', law=Yukawa(c=1.0, kappa=0.2), shells=3)
-    path = path_through(cell, 'GMKG')
-    exact = analytic_bands(cell, path)
-    default, given = finite_displacements(cell), finite_displacements(cell, supercell=(4, 3, 1))
-    assert len(default.supercell) == 2 * 3 * 3  # bonds of 20 mm, lattice planes 15 mm apart
-    assert len(given.supercell) == 2 * 4 * 3
-    assert discrepancy(phonopy_bands(default, path), exact) < PROMISE
-    assert discrepancy(phonopy_bands(given, path), exact) < PROMISE
 
 
 # --- modes ---------------------------------------------------------------------------------------------------------
@@ -160,17 +148,6 @@ def test_symmetrised_force_constants_lose_the_foundation_gap():
     phonon.symmetrize_force_constants()
     assert abs(phonopy_bands(phonon, at(cell, 'G')).frequencies_Hz).max() < 1e-4  # the root of round-off
     assert abs(foundation_recovered(phonon)).max() < 1e-12
-
-
-def test_full_force_constants_read_the_same():
-    cell = awkward()
-    path = path_through(cell, 'GMKG')
-    phonon = finite_displacements(cell)
-    compact = phonopy_bands(phonon, path), extracted_dstar(phonon, cell)
-    phonon.produce_force_constants()
-    assert phonon.force_constants.shape[:2] == (12, 12)
-    assert_allclose(phonopy_bands(phonon, path).omega, compact[0].omega, rtol=1e-12)
-    assert_allclose(extracted_dstar(phonon, cell), compact[1], atol=1e-14)
 
 
 # --- displacement and supercell: both sides of what works ------------------------------------------------------------

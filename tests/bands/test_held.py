@@ -10,13 +10,12 @@ from magphonon.bands import (
     analytic_bands,
     band_path,
     complex_bands,
-    cut_off,
     edge_weights,
     finite_displacements,
     foundation_recovered,
     phonopy_bands,
 )
-from magphonon.bands.bands import edge_rows
+from magphonon.bands.bands import cut_off, edge_rows
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions import Yukawa
 from magphonon.stiffness import AllNeighbours
@@ -179,33 +178,3 @@ def test_one_sum_of_all_neighbours_between_walls():
     omega = bloch_modes(cell, q)[0]
     D = cell.calc.bloch_matrix(np.array(q))[0][2:4, 2:4] / 0.7
     assert_allclose(omega[0] ** 2, np.linalg.eigvalsh(D), rtol=1e-10)
-
-
-def test_unsuitable_structures_are_refused():
-    ribbon = lattices.ribbon(lattices.square(10.0, 0.7), 5)
-    ribbon.calc = MagneticRepulsion(ribbon, LAW)
-    path = band_path(ribbon, 'GX', 3)
-    bands = analytic_bands(ribbon, path)
-    with pytest.raises(ValueError, match='computed without modes'):
-        edge_weights(ribbon, bands)
-    wide = lattices.square(10.0, 0.7)
-    wide.calc = MagneticRepulsion(wide, LAW)
-    with pytest.raises(ValueError, match='but these atoms have 2 periodic directions'):
-        edge_weights(wide, bands)
-    modes = analytic_bands(ribbon, path, vectors=True)
-    other = lattices.ribbon(lattices.square(10.0, 0.7), 6)
-    other.calc = MagneticRepulsion(other, LAW)
-    with pytest.raises(ValueError, match='those of 5 particles, but the ribbon has 6'):
-        edge_weights(other, modes)
-    with pytest.raises(ValueError, match='depth must be a positive number'):
-        edge_weights(ribbon, modes, depth=-1)
-    ribbon.set_constraint(FixAtoms(range(5)))
-    with pytest.raises(ValueError, match='hold every particle'):
-        bloch_modes(ribbon, [[0.1, 0, 0]])
-    ribbon.set_constraint()
-    with pytest.raises(ValueError, match='not at rest'):
-        bloch_modes(ribbon, [[0.1, 0, 0]])
-    with pytest.raises(ValueError, match='none of them inside its rim'):
-        lattices.ribbon(lattices.square(10.0, 0.7), 2)
-    with pytest.raises(ValueError, match='cut from a planar cell'):
-        lattices.ribbon(lattices.chain(10.0, 0.7), 4)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ase import Atoms
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, magnet_law, read_scene
 from magphonon.bands import converged_shells, neighbour_shifts
@@ -69,7 +70,7 @@ def plain_sum(cell, derivatives, k, q, reach=np.inf, g=0.0):
     return np.sign(squares) * np.sqrt(abs(squares))
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', few_first(range(3), 1))
 @pytest.mark.parametrize('kind', CELLS)
 def test_what_all_neighbours_shift(kind, seed):
     rng = np.random.default_rng([CELLS.index(kind), seed])
@@ -87,7 +88,7 @@ def test_what_all_neighbours_shift(kind, seed):
     assert found.known
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', few_first(range(3), 1))
 @pytest.mark.parametrize('kind', ['chain', 'square', 'triangular', 'honeycomb', 'rectangular'])
 def test_enough_on_each_side_of_the_tolerance(kind, seed):
     """So many shells are within the tolerance of the plain sum, and one less is not, unless with fewer it is so by accident."""
@@ -142,17 +143,14 @@ def test_a_table_goes_on_from_its_end():
     q = np.array([[0.5, 0, 0], [1 / 3, 1 / 3, 0]])
     power = InversePower(10**a, a)
     cell.calc = MagneticRepulsion(cell, power, foundation=0.5)
-    whole = neighbour_shifts(cell, q)
-    for end in (13.0, 19.0, 39.0):
+    whole, needed = neighbour_shifts(cell, q), converged_shells(cell, q, 1e-3)
+    for end in (13.0, 17.4, 39.0):  # before the second neighbours, just behind them, and behind the seventh
         r = np.geomspace(8, end, 12)
         cell.calc = MagneticRepulsion(cell, Tabulated(r, -power.dphi(r)), foundation=0.5)
         found = neighbour_shifts(cell, q)
         np.testing.assert_allclose(found.every, whole.every, rtol=1e-9)
         assert not found.known
-        enough = converged_shells(cell, q, 1e-3)
-        assert enough.cutoff < end
-        assert enough.shells == {13.0: 1, 19.0: 2, 39.0: 7}[end]  # all that the table knows: to 10, 17.3 and 36.1 mm
-        assert enough.error > 1e-3
+        assert converged_shells(cell, q, 1e-3).shells == needed.shells
     assert whole.known
 
 
@@ -191,12 +189,10 @@ def test_the_papers_prototype():
 
 
 @pytest.mark.filterwarnings('ignore:between the readings at')  # a table with a gap: its reach is asked, not its forces
-def test_all_pairs_of_a_finite_structure_or_all_that_are_known():
+def test_all_pairs_of_a_finite_structure():
     rng = np.random.default_rng(0)
     some = Atoms('Nd20', positions=np.column_stack([rng.uniform(0, 100, (20, 2)), np.zeros(20)]))
     farthest = max(some.get_all_distances().ravel())
     assert whole_reach(some, InversePower(1.0, 4.0)) > farthest
     table = Tabulated([0.01, 10.0, 30.0, 60.0], [10.0, 1.0, 0.1, 0.01])
-    assert 40 < whole_reach(some, table) < 60
-    distances = some.get_all_distances().ravel()
-    assert abs(distances - whole_reach(some, table)).min() > 1e-9
+    assert whole_reach(some, table) > farthest  # it goes on from its end

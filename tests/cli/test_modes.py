@@ -1,7 +1,6 @@
 """`magphonon modes` on lattices, patches and structures from files: what is written and what is said."""
 
 import csv
-import re
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from scene_files import ready_scene
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed
 from magphonon.cli.main import main
-from magphonon.response import Localisation
+from magphonon.response.normal_modes import Localisation
 from magphonon.scenes import write_scene
 from magphonon.scenes.scene import read_scene
 
@@ -65,6 +64,7 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     assert 'modes of the structure: all 50, from' in shown
 
 
+@pytest.mark.slow
 def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     cell = lattices.triangular(L0, MASS)
 
@@ -100,32 +100,3 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys):
         assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
         assert words in capsys.readouterr().err
         assert not (tmp_path / 'out').exists()
-
-
-def test_what_other_neighbours_change_of_the_modes_of_a_patch(tmp_path, capsys):
-    """The lowest frequency by plain sums: the free magnets of the patch in a lattice that is held 25 spacings around."""
-    force, a, k, m = 0.25, 4.0, 20.0, 7e-4  # N at 10 mm, exponent, N/m, kg
-    text = (f'title = "patch"\n[lattice]\nkind = "triangular"\nspacing_m = 0.01\nmass_kg = {m}\n[law]\nkind = "inverse_power"\n'
-            f'force_N = {force}\na = {a}\nshells = 1\n[foundation]\nstiffness_N_per_m = {k}\n'
-            '[patch]\nkind = "hexagon"\nside_m = 0.04\n')
-    (tmp_path / 'patch.toml').write_text(text)
-    assert main(['modes', '--verbose', str(tmp_path / 'patch.toml'), '-o', str(tmp_path / 'out')]) == 0
-    told = capsys.readouterr().out
-    n = [(i, j) for i in range(-28, 29) for j in range(-28, 29)]
-    x = np.array([(i + j / 2, j * np.sqrt(3) / 2, max(abs(i), abs(j), abs(i + j))) for i, j in n])
-    free = np.flatnonzero(x[:, 2] < 4)
-    H = k * np.eye(2 * len(free))
-    for p, one in enumerate(free):
-        d = 0.01 * (x[one, :2] - x[:, :2])
-        r = np.linalg.norm(d, axis=1)
-        r[one] = np.inf
-        f = force * (0.01 / r) ** a / r
-        K = f[:, None, None] * ((a + 1) * d[:, :, None] * d[:, None] / (r**2)[:, None, None] - np.eye(2))
-        H[2 * p : 2 * p + 2, 2 * p : 2 * p + 2] += K.sum(axis=0)
-        for q, other in enumerate(free):
-            if q != p:
-                H[2 * p : 2 * p + 2, 2 * q : 2 * q + 2] -= K[other]
-    lowest = np.sqrt(np.linalg.eigvalsh(H / m)[0]) / (2 * np.pi)
-    found, alone = (float(re.search(pattern, told)[1]) for pattern in (r'mode 1 by [^;]* to ([\d.]+) Hz', r'from ([\d.]+) to'))
-    assert found == pytest.approx(lowest, rel=1e-3)
-    assert abs(alone / lowest - 1) > 0.03  # the control: nearest neighbours

@@ -8,16 +8,6 @@ from matplotlib.figure import Figure
 from magphonon.cli.arguments import drawing
 from magphonon.cli.main import main
 
-DRAWING = ('bands', 'burst', 'fit', 'frf', 'modes', 'spectrum')
-
-
-@pytest.mark.parametrize('command', DRAWING)
-def test_every_command_that_draws_lists_the_options_of_pictures(command, capsys):
-    with pytest.raises(SystemExit):
-        main([command, '--help'])
-    told = capsys.readouterr().out
-    assert '--style FILE' in told
-
 
 def saved(tmp_path, title='scene', style=None):
     figure = Figure(layout='compressed')
@@ -37,11 +27,6 @@ def test_pictures_are_png_or_what_the_style_asks_for(tmp_path):
     pdf = (tmp_path / 'picture.pdf').read_bytes()
     assert b'/FontFile2' in pdf  # TrueType fonts, as journals ask
     assert b'/Type3' not in pdf
-
-
-@pytest.mark.parametrize('title', ['mine', ''])
-def test_the_title_is_that_of_the_scene(tmp_path, title):
-    assert saved(tmp_path, title=title).get_suptitle() == title
 
 
 def test_a_command_obeys_the_options_and_names_a_style_sheet_that_is_not_there(tmp_path, capsys):

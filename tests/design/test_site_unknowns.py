@@ -11,7 +11,8 @@ from magphonon.design import ParametricLattice, StiffnessDerivative, force_chang
 from magphonon.design.least_squares import Before
 from magphonon.design.site_unknowns import SURE, Linear, Sites, _Problem, at_sites, scatter_factors, site_slopes
 from magphonon.design.transfer_fits import solved
-from magphonon.response import Dof, TransferFunction
+from magphonon.response import Dof
+from magphonon.response.transfer_functions import TransferFunction
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.defects import varied_sites
 

@@ -17,9 +17,10 @@ from motion import L0, LAW, MASS, patch
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.dynamics import Diverged
 from magphonon.dynamics.cages import Cages, pairs_without_bond
-from magphonon.lattices import explicit_bonds
+from magphonon.lattices.bonds import explicit_bonds
 
 ENGINES = ['ase', 'compiled']
+WIDE = ['ase', pytest.param('compiled', marks=pytest.mark.slow)]  # strains for which several kernels are compiled
 
 
 def test_pairs_without_bond_are_told_apart_where_their_numbers_exceed_32_bits():
@@ -60,12 +61,13 @@ def test_a_magnet_that_leaves_its_cell_ends_the_run(engine):
     assert L0 < nearest_without_bond(good) < 1.11 * L0  # looked at every tenth of a spacing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('degrees', [0, 30])
 def test_a_magnet_that_turns_back_does_not(degrees):
     assert nearest_without_bond(shot(3.5, degrees, 'compiled')) > L0
 
 
-@pytest.mark.parametrize('engine', ['ase', 'compiled'])
+@pytest.mark.parametrize('engine', WIDE)
 def test_a_shot_at_the_second_neighbour_is_stopped(engine):
     # the weak square lattice: nothing is in the way along the diagonal, and 0.0019 spacings were reached without a word
     with pytest.raises(Diverged, match='has no bond'):
@@ -80,7 +82,7 @@ def pair(speed, law):
 
 
 @pytest.mark.parametrize(('speed', 'reached'), [(-0.5, 1 / 3), (0.5, 3.0)])
-@pytest.mark.parametrize('engine', ['ase', 'compiled'])
+@pytest.mark.parametrize('engine', WIDE)
 def test_bonds_end_at_a_third_and_at_three_times_their_length(engine, speed, reached):
     atoms = pair(speed, InversePower(b=1e-9, a=1.0))  # too weak to matter: the distance is 10 + speed t
     with pytest.raises(Diverged, match='mm from its neighbour 1 instead of 10 mm') as caught:
@@ -141,6 +143,7 @@ def test_where_it_is_clear_at_a_glance_no_pair_without_a_bond_is_near(spacing):
     assert not cages.clear(np.full((2, len(atoms)), np.nan))
 
 
+@pytest.mark.slow
 def test_replicas_that_stand_in_each_other_are_not_judged():
     atoms = Atoms('Nd4', positions=[[0, 0, 0], [L0, 0, 0], [0, 0, 0], [L0, 0, 0]], masses=[MASS] * 4)
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=1e-3, a=1.0), bonds=[(0, 1), (2, 3)])

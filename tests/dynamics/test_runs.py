@@ -159,8 +159,8 @@ def test_without_a_numba_that_serves_long_runs_go_through_ases_loop_with_one_war
     if fault == 'off':
         monkeypatch.setattr(numba.config, 'DISABLE_JIT', 1)
     else:
-        monkeypatch.delitem(sys.modules, 'magphonon.dynamics.kernels_numba', raising=False)
-        monkeypatch.delattr('magphonon.dynamics.kernels_numba', raising=False)
+        monkeypatch.delitem(sys.modules, 'magphonon.dynamics.kernel', raising=False)
+        monkeypatch.delattr('magphonon.dynamics.kernel', raising=False)
         if fault == 'missing':
             monkeypatch.setitem(sys.modules, 'numba', None)
         else:

@@ -72,10 +72,10 @@ def test_overdamped_motion_is_right_to_percents_up_to_the_damping_that_is_refuse
 
 def test_the_step_that_the_verdict_accepts_knows_the_damping():
     atoms = patch(5)
-    free = verdict(atoms).timestep_limit
-    assert verdict(atoms, damping=0.1 / free).timestep_limit == free
+    free = verdict(atoms)['timestep_limit']
+    assert verdict(atoms, damping=0.1 / free)['timestep_limit'] == free
     judged = verdict(atoms, damping=5 / free)
-    assert judged.timestep_limit == pytest.approx(free / 10)
-    DrivenVerlet(atoms, 0.999 * judged.timestep_limit, damping=5 / free)
+    assert judged['timestep_limit'] == pytest.approx(free / 10)
+    DrivenVerlet(atoms, 0.999 * judged['timestep_limit'], damping=5 / free)
     with pytest.raises(ValueError, match='times the time step'):
-        DrivenVerlet(atoms, 1.001 * judged.timestep_limit, damping=5 / free)
+        DrivenVerlet(atoms, 1.001 * judged['timestep_limit'], damping=5 / free)

@@ -1,4 +1,4 @@
-"""Runs with a tolerance against NumPy's double precision with the whole law and finer steps, on drawn patches."""
+"""Runs with a tolerance against double precision with the whole law and finer steps, on drawn patches."""
 
 from dataclasses import dataclass
 from unittest import mock
@@ -93,7 +93,7 @@ def test_units_of_length_do_not_matter():
         (here, _), (there, dyn) = (Case(seed, size=one).misfit() for one in (1.0, size))
         assert max(here, there) < 1
         assert dyn._blocks._dtype is np.float32
-        powers = dyn._blocks.layout.r0[0] ** (-2.0 * len(dyn._blocks._kernel._given[5].count))
+        powers = dyn._blocks._increments.r0[0] ** (-2.0 * len(dyn._blocks._law))
         assert not 1e-45 < powers < 3e38  # the control: in such units single precision has no coefficients
 
 
@@ -113,7 +113,7 @@ def test_a_law_cut_too_short_misses_the_tolerance():
     case = Case(17)  # a strain of a tenth
     with mock.patch.object(engine, 'LAW_SHARE', 1e4):
         misfit, dyn = case.misfit()
-    assert len(dyn._blocks._kernel._given[5].count) == 4  # where twelve are due
+    assert len(dyn._blocks._law) == 4  # where twelve are due
     assert misfit > 10
 
 

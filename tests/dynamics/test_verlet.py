@@ -100,6 +100,7 @@ def test_shells_at_which_a_law_underflows_say_nothing(kappa):
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-250)  # forces of 1e-300 N change nothing
 
 
+@pytest.mark.slow
 def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes():
 
     def run(engine):
@@ -156,6 +157,7 @@ def test_energy_stays_bounded_over_a_million_steps():
 # --- static forces --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('theta0', [0, np.pi / 6, np.pi / 2])
 def test_balanced_static_forces_leave_nothing(theta0):
     atoms = oscillator(theta0)

@@ -23,7 +23,6 @@ from magphonon.interactions.fits import (
     SharedErrors,
     fit_forces,
     scene_entry,
-    shells_within,
 )
 from magphonon.interactions.force_tables import Forces
 from magphonon.interactions.pair_laws import local_exponent, repulsion
@@ -233,12 +232,6 @@ def test_the_entry_of_a_scene_is_the_fit():
     assert local_exponent(fit.law, L0) == pytest.approx(fit.exponent, rel=1e-4)  # a spline through the curve
 
 
-@pytest.mark.parametrize(('reach', 'shells'), [(1.2, 1), (1.5, 1), (1.7330, 2), (2.08, 3), (2.6, 3), (2.65, 4)])
-def test_the_table_reaches_so_many_shells_in_both_lattices(reach, shells):
-    """Square: 1, 1.414, 2, 2.236, 2.828; triangular: 1, 1.732, 2, 2.646."""
-    assert shells_within(reach) == shells
-
-
 @pytest.mark.parametrize('digits', [6, 8, 10, 16])
 def test_tables_without_noise_have_the_intervals_of_those_with_little(digits):
     """No smooth law is followed to more than some digits: a floor of the noise keeps false certainty and false conflicts out."""
@@ -334,21 +327,18 @@ def test_what_a_pair_may_be_off_is_in_the_interval():
     assert 'The table holds one pair' in report_of(rows)
 
 
-def test_a_law_ends_where_noise_would_bend_it():
-    """Neighbours beyond a table go on as it ends, so its end must fall; measured to 60 mm, where noise is all there is."""
-    laws = []
+def test_a_law_goes_on_falling_where_noise_is_all_there_is():
+    """Neighbours beyond a table go on as it ends, so its end must fall; measured to 60 mm."""
     for seed in (5, 6):
         rows = table(LAWS['cuboid'], (8, 60), seed)
-        laws.append(fit_forces(replace(rows, f=rows.f + 0.01 * np.random.default_rng(seed).normal(size=30)), L0, ERRORS).law)
-    assert min(float(local_exponent(law, law.r[-1])) for law in laws) > 0.5
-    assert laws[0].r[-1] > 55
-    assert 20 < laws[1].r[-1] < 50  # drawn: 35
+        law = fit_forces(replace(rows, f=rows.f + 0.01 * np.random.default_rng(seed).normal(size=30)), L0, ERRORS).law
+        assert float(local_exponent(law, law.r[-1])) > 1
 
 
 def test_a_law_of_the_family_and_its_derivatives():
     """By differences, of the law, of its energy and of its parameters."""
-    family, p, r, h = LawFamily(L0), np.array([-1.4, 0.6, 0.8, -0.5, 0.3, 0.7, -0.4]), np.linspace(7, 40, 12), 1e-4
-    law, v = FamilyLaw(family, p), np.random.default_rng(0).normal(size=7)
+    family, p, r, h = LawFamily(L0), np.array([-1.4, 0.6, 0.8, -0.5]), np.linspace(7, 40, 12), 1e-4
+    law, v = FamilyLaw(family, p), np.random.default_rng(0).normal(size=4)
     assert law.phi(L0) == pytest.approx(0, abs=1e-15)
     change, there = family.change(law, v), [FamilyLaw(family, p + way * h * v) for way in (1, -1)]
     np.testing.assert_allclose((law.phi(r + h) - law.phi(r - h)) / (2 * h), law.dphi(r), rtol=1e-7)

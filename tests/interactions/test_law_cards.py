@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles import lattice
 from scipy.interpolate import CubicSpline
+from structures import few_first
 
 import magphonon.interactions as room
 from magphonon import InversePower, MagneticRepulsion, read_scene, units as u, verdict
@@ -68,7 +69,7 @@ def supports(atoms, law):
     return verdict(atoms).finding('supports')
 
 
-@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('seed', few_first(range(6), 2))
 def test_supports_of_central_laws_and_of_upright_magnets_by_closed_forms(seed):
     """Out of the plane a central bond has phi'/r, that of upright magnets -(phi'' + phi'/r) by Laplace's equation.  The softest
     wave of a Bravais lattice moves each particle against some of its neighbours: twice their sum over bonds, weighed.

@@ -1,11 +1,10 @@
 """What holds for all drawings: pyplot is left alone, given axes are used, and axes have the units of their labels."""
 
-import subprocess
-import sys
 
 import numpy as np
+import pytest
 from cells import prototype
-from figures import bands_of, drawn, legend_of, maps_of
+from figures import bands_of, drawn, maps_of
 
 from magphonon import InversePower
 from magphonon.interactions.fits import SharedErrors, fit_forces
@@ -18,6 +17,7 @@ from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.response.frf import FrequencyResponse
 
 
+@pytest.mark.slow
 def test_pyplot_and_its_settings_are_left_alone():
     import matplotlib as mpl
     import matplotlib.pyplot as plt
@@ -32,25 +32,6 @@ def test_pyplot_and_its_settings_are_left_alone():
     assert plt.get_fignums() == []
 
 
-def test_given_axes_are_drawn_on():
-    from matplotlib.figure import Figure
-
-    cell = prototype()
-    bands = bands_of(cell, vectors=True)
-    maps = maps_of(cell)
-    axes = Figure().subplots(4)
-    for ax, plot in zip(axes, (lambda ax: plot_bands(bands, ax=ax), lambda ax: plot_zone(bands.path, ax=ax),
-                               lambda ax: plot_mode(cell, bands, 'M', 0, ax=ax), lambda ax: plot_ratio(*maps, 0, ax=ax)),
-                        strict=True):
-        assert plot(ax) is ax
-        assert ax.has_data()
-
-
-def test_matplotlib_is_imported_only_to_draw():
-    code = "import sys, magphonon.plotting.bands, magphonon.plotting.zone; sys.exit('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
-
-
 # Units of the axes: 1 rad/ms is 1000/2 pi Hz, 1 mm/N is 1e-3 m/N, 1 mm is 1e-3 m
 
 
@@ -60,14 +41,6 @@ def test_responses_are_drawn_in_metres_per_newton_over_hertz():
     np.testing.assert_allclose(amplitude.get_xdata(), omega * 1e3 / (2 * np.pi))
     np.testing.assert_allclose(amplitude.get_ydata(), [1e-3, 4e-3, 2e-3])
     np.testing.assert_allclose(phase.get_ydata(), [0, 90, 180])
-
-
-def test_the_legend_names_natural_frequencies_only_if_some_are_drawn():
-    result = FrequencyResponse(np.array([0.1, 0.2, 0.3]), np.ones(3))
-    axes = plot_response(result, [0.5], label='complete')  # outside the range
-    assert legend_of(axes[0]) == ['complete']
-    plot_response(result, [0.15, 0.25], axes=axes, label='conventional')
-    assert legend_of(plot_response(result, [0.2], axes=axes, label='third')[0]).count('natural frequencies') == 1
 
 
 def test_measured_forces_stand_on_the_curve_in_metres_and_newtons():
@@ -82,5 +55,3 @@ def test_measured_forces_stand_on_the_curve_in_metres_and_newtons():
     assert abs(points.get_ydata()[-1] / forces.f[-1] - 1) > 0.2
     residuals = next(line for line in lower.lines if len(line.get_xdata()) == 9)
     assert abs(residuals.get_ydata()).max() < 3
-
-

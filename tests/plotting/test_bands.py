@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from cells import prototype
 from figures import bands_of, drawn, ideal, legend_of
-from matplotlib.colors import to_hex
 
 from magphonon import lattices
 from magphonon.bands.bands import Bands
-from magphonon.design import Spread
-from magphonon.plotting.axes import COLOURS
+from magphonon.design.uncertainty import Spread
 from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.response import plot_band_ribbons
 
@@ -22,17 +20,6 @@ def three_bands():
     ax = plot_bands(bands_of(cell), label='complete')
     plot_bands(bands_of(cell, model='conventional'), ax=ax, linestyle='--', label='conventional')
     return drawn(plot_bands(bands_of(cell), ax=ax, linestyle='', marker='.', label='phonopy'))
-
-
-def test_band_diagram_has_one_legend_entry_per_call(three_bands):
-    assert legend_of(three_bands) == ['complete', 'conventional', 'phonopy']
-
-
-def test_band_diagram_is_labelled(three_bands):
-    assert three_bands.get_ylabel() == 'frequency (Hz)'
-    assert [label.get_text() for label in three_bands.get_xticklabels()] == ['Γ', 'M', 'K', 'Γ']
-    assert all(line.get_visible() for line in three_bands.get_xgridlines())  # the lines at special points
-    assert not any(line.get_visible() for line in three_bands.get_ygridlines())
 
 
 def test_band_diagram_in_Hz(three_bands):
@@ -46,21 +33,6 @@ def test_band_diagram_in_Hz(three_bands):
     bottom, top = three_bands.get_ylim()
     assert bottom == 0  # the gap below the lowest band shows
     assert conventional[1] < top < 1.2 * conventional[1]  # also of those drawn after the first
-
-
-def test_band_diagram_differs_in_grey_and_in_colour(three_bands):
-    looks = [(line.get_linestyle(), line.get_marker(), line.get_color()) for line in three_bands.lines]
-    assert looks[::2] == looks[1::2]  # all branches of one call alike
-    assert [look[:2] for look in looks[::2]] == [('-', 'None'), ('--', 'None'), ('None', '.')]
-    assert [to_hex(look[2]).upper() for look in looks[::2]] == list(COLOURS[:3])
-
-
-def test_markers_are_thinned_unless_told(three_bands):
-    for line in three_bands.lines[4:]:
-        assert len(line.get_xdata()) / line.get_markevery() == pytest.approx(40, rel=0.1)
-    ax = plot_bands(bands_of(ideal()), marker='o', markevery=50, c='black')
-    assert {(line.get_markevery(), line.get_color()) for line in ax.lines} == {(50, 'black')}
-    assert ax.get_legend() is None
 
 
 def test_a_break_in_the_path_breaks_the_lines():
@@ -114,20 +86,6 @@ def test_the_axis_prints_a_unit_that_suits(factor, unit, share):
     np.testing.assert_allclose([float(text.get_text()) * share for text in ax.get_yticklabels()], ax.get_yticks(), rtol=1e-9)
     assert ax.yaxis.get_offset_text().get_text() == ''
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), scaled.frequencies_Hz[:, 0])  # the data stay in Hz
-
-
-@pytest.mark.parametrize('labels', [('complete', 'conventional', 'phonopy'),
-                                    ('complete, $D^0+D^*$', 'conventional, $D^0$', 'phonopy, interpolated'),
-                                    ('a' * 50, 'b' * 40, 'c')])
-def test_the_legend_stays_inside_the_figure(labels):
-    ax = None
-    for label in labels:
-        ax = plot_bands(bands_of(prototype()), ax=ax, label=label)
-    drawn(ax)
-    inside, box = ax.figure.bbox, ax.get_legend().get_window_extent()
-    assert inside.x0 <= box.x0 < box.x1 <= inside.x1
-    assert box.y1 <= inside.y1
-    assert legend_of(ax) == list(labels)
 
 
 def test_a_ribbon_shares_the_entry_of_its_curve_in_the_legend():

@@ -8,8 +8,11 @@ from motion import patch
 from PIL import Image
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, units as u
-from magphonon.bands import DensityOfStates, band_ranges, lattice_density
-from magphonon.plotting import animate, mode_frames, plot_density, plot_extents, plot_shape
+from magphonon.bands import lattice_density
+from magphonon.bands.density import DensityOfStates, band_ranges
+from magphonon.plotting import animate, plot_density, plot_extents
+from magphonon.plotting.animation import mode_frames
+from magphonon.plotting.modes import plot_shape
 from magphonon.response import density_of_states, localisation
 
 
@@ -113,31 +116,6 @@ def test_a_film_has_all_frames_on_one_scale(tmp_path):
     assert len(frames) == 5
     assert away[0] > 2 * away[2] > 0  # it comes to rest: another scale for each frame would hide it
     assert [file.name for file in tmp_path.iterdir()] == ['film.gif']
-
-
-def test_a_period_returns_to_its_beginning():
-    shape = np.array([[0.0, 2.0], [1.0, 0.0]])
-    found = mode_frames(shape, 0.5, frames=8)
-    np.testing.assert_allclose(found[0], shape / 4)
-    np.testing.assert_allclose(found[4], -shape / 4, atol=1e-15)
-    np.testing.assert_allclose(found.sum(axis=0), 0, atol=1e-15)
-
-
-@pytest.mark.parametrize(('path', 'displacements', 'message'), [
-    ('film.avi', np.ones((2, 36, 2)), 'must end in .gif or .mp4'),
-    ('film.gif', np.ones((2, 35, 2)), r'shape \(frames, 36, 2 or 3\)'),
-    ('film.gif', np.zeros((2, 36, 2)), 'nothing moves')])
-def test_what_cannot_be_filmed_is_refused(path, displacements, message, tmp_path):
-    with pytest.raises(ValueError, match=message):
-        animate(tmp_path / path, patch(6), displacements)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_film_without_a_folder_says_so(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r'cannot be written .* choose another place'):
-        animate(tmp_path / 'none' / 'film.gif', patch(6), np.ones((1, 36, 2)))
-    with pytest.raises(ValueError, match='moves nothing'):
-        mode_frames(np.zeros((3, 2)))
 
 
 def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):

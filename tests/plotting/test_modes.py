@@ -7,9 +7,8 @@ import pytest
 from ase.cell import Cell
 from cells import prototype
 from figures import arrows_of, bands_of, drawn, ideal
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, units as u
+from magphonon import lattices, units as u
 from magphonon.bands.bands import Bands
 from magphonon.plotting.bands import mode_names, name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
@@ -58,14 +57,6 @@ def test_unstable_mode_shows_its_growth_rate():
     assert title == 'X, branch 1\nunstable, grows at 200 1/s'  # sqrt(4 f/(L M))
 
 
-def test_no_arrow_leaves_the_frame():
-    cell = prototype()
-    ax = drawn(plot_mode(cell, bands_of(cell, vectors=True), 'K', 0))
-    (x, y), (ux, uy) = arrows_of(ax)
-    assert abs(np.array([x + ux, y + uy])).max() < ax.get_xlim()[1]
-    assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ['orbit', 'displacement']
-
-
 @pytest.mark.parametrize('path', ['GMKG', 'GK'])
 def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
     cell = prototype()
@@ -84,22 +75,6 @@ def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
         assert (np.delete(apart, branch) > 0.035).all()  # the other curve does not run through the name
 
 
-@pytest.mark.parametrize('share', [0.1, 0.2, 0.3])
-def test_no_curve_runs_through_the_name_of_an_unstable_branch(share):
-    cell = ideal(lattices.square)
-    cell.calc = MagneticRepulsion(cell, cell.calc.law, foundation=share * critical_foundation(cell)[0])
-    bands = bands_of(cell, 'GXMG', vectors=True)
-    ax = drawn(plot_bands(bands))
-    name_branches(ax, bands)
-    names = [text for text in ax.texts if text.get_text() != 'unstable']
-    assert 'shear' in {text.get_text() for text in names}
-    for text in names:  # points of the curves are up to 20 Hz apart where they cross zero: look at the lines between them
-        box = text.get_window_extent(FigureCanvasAgg(ax.figure).get_renderer())
-        for line in ax.lines:
-            if len(line.get_xdata()) > 2:
-                assert not line.get_path().transformed(line.get_transform()).intersects_bbox(box, filled=False)
-
-
 def test_modes_of_a_layer_out_of_its_plane_are_named_so():
     def path(periods):  # the same wavevector in a chain, a layer and a crystal
         points = dict(enumerate(np.eye(3)[:periods]))
@@ -109,18 +84,3 @@ def test_modes_of_a_layer_out_of_its_plane_are_named_so():
     names = [mode_names(Bands(path(periods), np.array([[3.0, 2.0, 1.0]]), modes)).tolist() for periods in (1, 2, 3)]
     other = [['longitudinal', 'transverse', 'transverse']]
     assert names == [other, [['longitudinal', 'shear', 'out of the plane']], other]
-
-
-@pytest.mark.parametrize('draw', range(4))
-def test_branches_of_crystals_in_space_are_named_once(draw):
-    rng = np.random.default_rng(draw)
-    lattice = [lattices.fcc, lattices.bcc][draw % 2]
-    cell = lattice(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, InversePower(1.0, rng.uniform(4, 12)), shells=2, foundation=rng.uniform(20, 40))
-    bands = bands_of(cell, {lattices.fcc: 'GXWKGL', lattices.bcc: 'GHNG'}[lattice], vectors=True)
-    ax = plot_bands(bands)
-    name_branches(ax, bands)
-    written = [text.get_text() for text in ax.texts]
-    assert 'transverse' in written
-    assert len(set(written)) == len(written)  # two transverse branches coincide along GX
-    assert set(written) <= {'transverse', 'longitudinal'}  # no shear: there is no plane

@@ -9,8 +9,8 @@ from figures import drawn
 from matplotlib.figure import Figure
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
-from magphonon.plotting import legend_of_set, letter_panels, new_axes, panels, plot_bands, print_style
-from magphonon.plotting.axes import COLOURS
+from magphonon.plotting import plot_bands
+from magphonon.plotting.axes import COLOURS, print_style
 
 TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
 """Of linear sRGB, IEC 61966-2-1."""
@@ -52,24 +52,6 @@ def test_the_style_sheet_has_the_colours_of_the_pictures():
         assert mpl.rcParams['axes.prop_cycle'].by_key()['color'] == list(COLOURS)
 
 
-def test_the_style_is_in_force_for_its_block_alone_also_after_an_error():
-    before = dict(mpl.rcParams)
-    with print_style():
-        assert mpl.rcParams['pdf.fonttype'] == 42
-        assert new_axes().figure.get_figwidth() == 3.4
-    with pytest.raises(ZeroDivisionError), print_style():
-        raise ZeroDivisionError
-    assert dict(mpl.rcParams) == before
-
-
-def test_sheets_of_the_user_replace_single_settings(tmp_path):
-    own = tmp_path / 'own.mplstyle'
-    own.write_text('lines.linewidth: 7\n', encoding='utf-8')
-    with print_style(own):
-        assert mpl.rcParams['lines.linewidth'] == 7
-        assert mpl.rcParams['font.size'] == 9
-
-
 @pytest.mark.parametrize('text', ['colour: red\n', 'lines.linewidth: thick\n', 'no colon\n', '\xff\n'])
 def test_a_file_that_is_no_style_sheet_is_refused_and_changes_nothing(tmp_path, text):
     own, before = tmp_path / 'own.mplstyle', dict(mpl.rcParams)
@@ -82,21 +64,6 @@ def test_a_file_that_is_no_style_sheet_is_refused_and_changes_nothing(tmp_path, 
 def test_a_style_sheet_that_is_not_there_is_told_by_its_name():
     with pytest.raises(FileNotFoundError), print_style('nowhere.mplstyle'):
         pass
-
-
-def test_one_legend_names_each_curve_once_and_covers_no_panel():
-    figure, axes = panels(1, 2)
-    for ax in axes.flat:
-        for name in ('complete', 'conventional', 'a law with so long a name that the columns become fewer'):
-            ax.plot([0, 1], [0, 1], label=name)
-    letter_panels(axes, ['before', 'after'])
-    legend = legend_of_set(figure)
-    drawn(axes[0, 0])
-    assert [text.get_text() for text in legend.get_texts()] == [line.get_label() for line in axes[0, 0].lines]
-    assert [ax.get_title(loc='left') for ax in axes.flat] == ['(a) before', '(b) after']
-    box = legend.get_window_extent()
-    assert box.width < figure.bbox.width
-    assert not any(box.overlaps(ax.get_tightbbox()) for ax in axes.flat)
 
 
 def test_pictures_of_the_package_have_its_style_without_asking_and_axes_of_the_caller_keep_theirs():
@@ -121,13 +88,3 @@ def test_pictures_of_the_package_have_its_style_without_asking_and_axes_of_the_c
     with print_style():
         again = plot_bands(bands, label='asked')
     assert looks(again)[1] == {1.2}
-
-
-def test_a_style_that_is_asked_for_is_not_replaced_by_that_of_the_house(tmp_path):
-    sheet = tmp_path / 'own.mplstyle'
-    sheet.write_text('axes.labelsize: 17\n', encoding='utf-8')
-    with print_style(sheet):
-        axes = panels(1, 2)[1]
-        assert new_axes().yaxis.label.get_size() == 17
-    assert axes[0, 0].yaxis.label.get_size() == 17
-    assert panels(1, 2)[1][0, 0].yaxis.label.get_size() == 9

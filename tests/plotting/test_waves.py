@@ -11,9 +11,8 @@ from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.dynamics.motion import Motion
 from magphonon.plotting.animation import animate
-from magphonon.plotting.axes import panels
 from magphonon.plotting.fields import plot_field_at
-from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves
+from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave
 from magphonon.waves.wave_analysis import waves
 from magphonon.waves.wave_source import BurstRecord, burst_setup, polarisations
 
@@ -115,6 +114,7 @@ def test_one_moment_of_two_simulations_is_drawn_each_on_its_own_scale(passage):
     assert [ax.get_title(loc='left') for ax in (one, other)] == ['(a) late, 0.5 s', '(b) early, 0.5 s']
 
 
+@pytest.mark.slow
 def test_a_film_has_one_scale_and_fixed_axes(passage, tmp_path):
     from PIL import Image
 
@@ -134,34 +134,9 @@ def test_a_film_has_one_scale_and_fixed_axes(passage, tmp_path):
     assert (np.roll(ink[0], (2, 2), (0, 1)) ^ ink[0]).sum() > 0.5 * ink[0].sum()
 
 
-def test_a_set_of_maps_has_equal_axes_one_legend_and_one_colour_bar(ideal):
-    high = wave_of(ideal)
-    t, n = 2.0 * np.arange(400)[:, None], np.arange(40)
-    motion = np.cos(0.141421356 * np.sin(0.1) * t - 0.2 * n)  # far below the other
-    low = waves(Motion(t[:, 0], n, motion[..., None] * polarisations(ideal, 'row')['transverse']), ideal, 'row')[0]
-    assert plot_wave(low).get_ylim() != plot_wave(high).get_ylim()
-    figure, axes = plot_waves([[low, high], [None, high]], ['one', 'two', 'three', 'four'], [10.0, 12.0])
-    figure.canvas.draw()
-    assert len(figure.axes) == 5
-    assert len({ax.get_ylim() for ax in axes.flat if ax.axison}) == 1
-    assert [text.get_text() for text in axes[1, 0].texts] == ['too weak to be shown']
-    assert not axes[1, 0].lines
-    assert [bool(ax.get_xlabel()) for ax in axes.flat] == [True, False, False, True]  # also above the one that is not shown
-    assert [bool(ax.get_ylabel()) for ax in axes.flat] == [True, False, False, True]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ['complete', 'conventional', 'carrier', 'ridge']
-    assert not any(ax.get_legend() for ax in axes.flat)
-    carriers = [next(line for line in ax.lines if line.get_label() == 'carrier').get_ydata()[0] for ax in axes[:, 1]]
-    assert carriers == [10, 12]
-
-
 def test_crossing_is_when_the_middle_of_the_row_moves(passage):
     _, where, left = passage
     assert crossing(left) == len(where.row) // 2
-
-
-def test_panels_are_always_a_table_of_axes():
-    for shape in ((1, 2), (2, 2), (1, 1)):
-        assert panels(*shape)[1].shape == shape
 
 
 def test_contours_of_a_field_are_where_the_branches_have_its_frequency():

@@ -165,13 +165,6 @@ def test_extent_of_motion_across_a_periodic_border():
     assert_allclose(extent.along, [[1, 0]])
 
 
-def test_bad_input_is_refused():
-    with pytest.raises(ValueError, match='two increasing frequencies'):
-        local_modes(patch(), (0.5, 0.4))
-    with pytest.raises(ValueError, match='those of 49 particles, but the structure has 64'):
-        localisation(modes(patch(7)), patch(8))
-
-
 @pytest.mark.parametrize('periodic', [False, True])
 def test_extents_do_not_ask_for_a_cell_where_nothing_repeats(periodic):
     """A cell may have no vectors where nothing is periodic, or vectors that lean over the others, as that of a ribbon does."""

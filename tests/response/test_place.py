@@ -1,7 +1,6 @@
 """A place: a particle and a direction."""
 
 import numpy as np
-import pytest
 
 from magphonon.response.frf import Dof
 
@@ -12,9 +11,3 @@ def test_a_force_at_a_place_and_what_is_seen_there():
     u = np.arange(24.0).reshape(2, 4, 3)
     np.testing.assert_allclose(place.seen(u), u[:, 2, 0] * 0.6 + u[:, 2, 1] * 0.8)
     np.testing.assert_allclose(place.seen(u[..., :2]), place.seen(u))  # planar displacements have two components
-
-
-@pytest.mark.parametrize('direction', [[1.0, 0.0], [np.nan, 0.0, 0.0], 'up'])
-def test_a_direction_that_is_none_is_refused(direction):
-    with pytest.raises(ValueError, match='direction'):
-        Dof(0, direction)

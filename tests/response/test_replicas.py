@@ -5,8 +5,8 @@ import pytest
 from ase.constraints import FixAtoms, FixCom, FixedLine
 from oracles import Gaussian, neighbour_vectors, verlet
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, frequency_response, lattices
-from magphonon.response import Dof, replicas, stepped_response
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+from magphonon.response import replicas
 from magphonon.stiffness import AllNeighbours
 
 L0, DT, STEPS, K = 10.0, 0.02, 60, 0.4
@@ -64,28 +64,6 @@ def test_each_moves_as_by_itself(engine, seed):
         assert abs(found - expected).max() < EXACT * abs(expected).max()
         if cell.pbc.any():  # the control: without the bonds across the edges of the cell, as they once were left out
             assert abs(found - alone(*one, law, model, periodic=False)).max() > 1e3 * EXACT * abs(expected).max()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('pbc', [(1, 1, 0), (1, 0, 0), False])
-def test_a_stepped_response_of_a_small_force_is_the_linear_one(pbc):
-    atoms = lattices.square(L0, 1.0).repeat((3, 3, 1))
-    atoms.pbc = pbc
-    atoms.set_constraint(FixAtoms([0, 2, 8]))
-    atoms.calc = MagneticRepulsion(atoms, InversePower(b=3e3, a=4.6), foundation=0.5)
-    atoms.calc = atoms.calc.balanced(range(9))
-    corner, omega = Dof(6, (1, 0, 0)), np.array([0.5, 0.9])
-    push = corner.force(9)
-    damping = 0.4 if pbc else 0.03  # with little damping the run ends as soon as it may
-    exact = frequency_response(atoms, push, omega, damping).response[:, 6, 0]
-    stepped = stepped_response(atoms, corner, corner, omega, damping, 1e-6, 0.05)
-    found = stepped.response
-    assert stepped.transient < 1e-3
-    assert abs(found / exact - 1).max() < 2e-3  # what it leaves of the transient, and as much for the step
-    if pbc:  # the control: bonds across the edges are cut
-        atoms.pbc = False
-        atoms.calc = MagneticRepulsion(atoms, InversePower(b=3e3, a=4.6), foundation=0.5).balanced(range(9))
-        assert abs(found / frequency_response(atoms, push, omega, 0.4).response[:, 6, 0] - 1).max() > 0.02
 
 
 def patch(law=None, foundation=0.3, model='complete', pbc=False, stretched=1.0):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from oracles import Pairs, free_basis
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices
 from magphonon.response import frf
@@ -42,7 +43,8 @@ def green(s, m, k, gamma, omega, count, source):
     return away * sinh(a * least) * sinh(a * (count + 1 - most)) / (2 * s * np.sinh(a) * sinh(a * (count + 1)))
 
 
-@pytest.mark.parametrize(('seed', 'count'), [*((seed, 120) for seed in range(6)), *((seed, 400) for seed in range(6, 10))])
+@pytest.mark.parametrize(('seed', 'count'), few_first(
+    [(0, 120), (6, 400), *((seed, 120) for seed in range(1, 6)), *((seed, 400) for seed in range(7, 10))], 2))
 def test_a_wave_that_has_died_out_keeps_its_digits(seed, count):
     rng = np.random.default_rng(seed)
     atoms, s, m, k = chain(rng, count)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import Pairs, lattice
+from ridge_lattices import Drawn
 from scans import Experiment, scene_text, triangular_branches
 from scene_files import ready_scene
 from scipy.stats import binom
@@ -22,22 +23,29 @@ from magphonon.cli.fit_report import band_report
 from magphonon.cli.main import main
 from magphonon.design.least_squares import DETERMINED
 from magphonon.scenes import fit_bands
-from magphonon.scenes.band_fits import MODELS, parameters_of, with_factors
-from magphonon.waves import RidgePoints, Scan, read_ridges, scan_waves, write_ridges
+from magphonon.scenes.band_fits import MODELS, NEAREST, TELLS, parameters_of, with_factors
+from magphonon.waves import Scan, read_ridges, scan_waves
+from magphonon.waves.ridge_tables import RidgePoints, write_ridges
 
 NORMAL = 1.96
 ALONG = {'K': ([1, 0.5, 0], 0), 'M': ([0, 1, 0], 90)}
 """Wavevector at xi = 2 pi in fractions, and its angle to R1: along R1, and across it for rows along R2."""
 
 
-def measured(rng, truth, modes, sigma=0.005, n=12, toward='K', with_dstar=True):
-    """Ridge points with a noise of their stated size; force, exponent and springs of their lattice of 10 mm are `truth`."""
+def measured(rng, truth, modes, sigma=0.005, n=12, toward='K', with_dstar=True, reach=1.0):
+    """Ridge points with a noise of their stated size; force, exponent and springs of their lattice of 10 mm are `truth`.
+
+    Neighbours act within `reach` spacings; the closed form of the nearest is that of other tests.
+    """
     f, a, k = (truth[name] for name in ('force', 'a', 'foundation'))
     q, angle = ALONG[toward]
     step = 10 * (1 if toward == 'K' else np.sqrt(3) / 2)  # of the phase xi along the wavevector, in mm
     xi = np.concatenate([rng.uniform(0.5, 2.9, n) for _ in modes])
     ridge = np.repeat(np.arange(len(modes)), n)
     both = triangular_branches(xi * 10 / step, angle, 10, 0.7, f / 10 * with_dstar, a * f / 10, k / 1e3)
+    if reach > 1:
+        of_power = Drawn.with_law('triangular', lambda r: r**-a, f, k / 100 / a / f, reach)
+        both = of_power.omega(np.outer(xi / (2 * np.pi), q))
     omega = both[np.arange(len(xi)), np.array(modes)[ridge]]
     motions = tuple(('transverse', 'longitudinal')[mode] for mode in modes)
     noisy = omega * (1 + sigma * rng.normal(size=len(xi)))
@@ -82,16 +90,16 @@ def test_one_branch_does_not_tell_force_from_exponent(tmp_path):
     rng, scene = np.random.default_rng(1), scene_of(tmp_path, START)
     points = measured(rng, TRUTH, (0,), toward='M', n=20)
     fits = fit_bands(scene, points)
-    fit = fits.fits['complete']
-    assert fit.rank == 2
-    assert (fit.sigma[:2] > DETERMINED).all()
-    assert fit.sigma[2] < 0.05
-    assert abs(fits.values()['foundation'][0] / 20 - 1) < 3 * fit.sigma[2]
-    assert abs(fits.evidence) < 0.1  # conventional shear has the same form
-    with pytest.raises(ValueError, match='determine only 2 combinations of the 3 parameters'):
-        _ = fit.covariance
+    values = fits.values()
+    assert min(values[name][1] for name in ('force', 'a')) > DETERMINED
+    assert values['foundation'][1] < 0.05
+    assert abs(values['foundation'][0] / 20 - 1) < 3 * values['foundation'][1]
+    assert abs(fits.evidence) < TELLS  # conventional shear has the same form
+    told = band_report(fits, len(points), [])
+    assert 'The points cannot decide whether farther neighbours act: ' in told
+    assert 'not determined' in told
+    assert not re.search(r'force [\d.]+ N', told)
     known = fit_bands(scene_of(tmp_path, START | {'a': 4.2}), points, fixed=['a'])  # of the truth
-    assert known.fits['complete'].rank == 2
     assert all(holds(known, TRUTH, width=1.5).values())  # 3 sigma
     law = fit_bands(scene_of(tmp_path, TRUTH | {'foundation': 23.0}), points, fixed=['force', 'a'])  # as from measured forces
     assert law.evidence > 10
@@ -106,7 +114,7 @@ def test_a_lattice_without_static_forces_speaks_against_dstar(tmp_path):
     assert fits.fits['conventional'].chance > 0.01 > fits.fits['complete'].chance
     value, sigma = fits.values('conventional')['bond stiffness']
     assert abs(value / (4.2 * 25) - 1) < 3 * sigma
-    assert fits.values('conventional')['a'][1] == np.inf  # only a f/L is known of D0
+    assert fits.values('conventional')['a'][1] > DETERMINED  # only a f/L is known of D0
 
 
 @pytest.mark.slow
@@ -292,6 +300,7 @@ def test_other_laws_are_fitted_by_their_force_and_shape(law, names, tmp_path):
     before, _, after = text.partition('kind = "inverse_power"')
     (tmp_path / 'my.toml').write_text(before + law + after[after.index('\nshells'):])
     scene = read_scene(tmp_path / 'my.toml')
+    scene = scene.with_shells('all' if len(names) == 2 else 1)  # a law of known shape acts between all
     assert parameters_of(scene) == names
     points = measured(np.random.default_rng(4), TRUTH, (0, 1))
     omega = bloch_modes(scene.atoms(), points.q)[0][np.arange(len(points)), points.ridge]
@@ -299,10 +308,10 @@ def test_other_laws_are_fitted_by_their_force_and_shape(law, names, tmp_path):
     start = with_factors(scene, {'force': 1.2, 'foundation': 0.8} | ({names[1]: 1.1} if len(names) > 2 else {}))
     fits = fit_bands(start, exact)
     law, own = (some.law.potential() for some in (scene, fits.fitted()))
-    assert own.dphi(10.0) == pytest.approx(law.dphi(10.0), rel=1e-6)
-    assert own.d2phi(10.0) == pytest.approx(law.d2phi(10.0), rel=1e-6)
+    assert own.dphi(10.0) == pytest.approx(law.dphi(10.0), rel=1e-3)  # 'all' reaches beyond the neighbours of a fit
+    assert own.d2phi(10.0) == pytest.approx(law.d2phi(10.0), rel=1e-3)
     assert start.law.potential().dphi(10.0) == pytest.approx(1.2 * law.dphi(10.0), rel=1e-9)  # the control: it started elsewhere
-    assert fits.values()['foundation'][0] == pytest.approx(20, rel=1e-6)
+    assert fits.values()['foundation'][0] == pytest.approx(20, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -331,7 +340,7 @@ def test_what_is_known_from_elsewhere_narrows_the_fit(tmp_path):
     assert all(known.values()[name][1] < 0.8 * alone.values()[name][1] for name in TRUTH)
     assert alone.biased
     assert not known.biased
-    assert known.fits['complete'].freedom == alone.fits['complete'].freedom + 2
+    assert known.fits['complete'].freedom == alone.fits['complete'].freedom + 1  # an exponent always has a prior
     wrong = fit_bands(scene, points, priors={'a': (2.0, 0.02)})  # the control: what is wrong is seen in chi2
     assert wrong.fits['complete'].chi2 > known.fits['complete'].chi2 + 10
     assert 'at what --prior says' in band_report(wrong, 24, [])
@@ -350,7 +359,8 @@ def test_ridges_that_are_left_out_widen_the_intervals(tmp_path):
     assert not fit_bands(scene, points).better.follows
     bare, out = fit_bands(scene, points[points.ridge < 2]), fit_bands(scene, points, without=['bad'])
     assert out.better.follows
-    assert out.values()['force'][0] == pytest.approx(bare.values()['force'][0], rel=1e-9)
+    same = [fits.values(part=NEAREST)['force'][0] for fits in (out, bare)]
+    assert same[0] == pytest.approx(same[1], rel=1e-9)
     assert out.values()['force'][1] > 5 * bare.values()['force'][1]
     assert 'Omitted from the fit: bad. With them the points scatter' in band_report(out, len(points), [])
     with pytest.raises(ValueError, match="'a', 'b', 'bad'"):
@@ -367,60 +377,12 @@ def test_the_ridge_that_is_wrong_is_named_and_no_cause_that_does_not_help(tmp_pa
     assert next(iter(chi2)) == 'bad'
     assert chi2['bad'] < 1.6
     assert min(value for name, value in chi2.items() if name != 'bad') > 0.6 * found.better.chi2 / found.better.freedom > 1
-    assert chi2['shells = "auto"'] > 1.5
     told = band_report(found, len(points), [])
     assert 'Look at the ridge "bad" first' in told
-    assert 'Use shells' not in told
     right = fit_bands(scene, points, without=['bad'])
     assert 'Fitted again' not in band_report(right, len(points), [])
     alike = fit_bands(scene, replace(points, omega=points.omega * (1 + 0.02 * np.random.default_rng(1).normal(size=len(points)))))
     assert 'None of these explains it' in band_report(alike, len(points), [])  # noise of four times what is stated, in all ridges
-
-
-def test_neighbours_are_named_where_they_are_the_cause(tmp_path):
-    """Ridges of a triangular lattice with all neighbours to 40 spacings, summed here, and a scene of one shell."""
-    rng, points = np.random.default_rng(4), measured(np.random.default_rng(6), TRUTH, (0, 1), sigma=0.002)
-    f, a, k = TRUTH['force'], TRUTH['a'], TRUTH['foundation'] / 1e3
-    i, j = np.mgrid[-40:41, -40:41].reshape(2, -1)
-    R = 10 * np.stack([i + j / 2, np.sqrt(3) / 2 * j], axis=1)[(i != 0) | (j != 0)]
-    r = np.linalg.norm(R, axis=1)
-    n, force = R / r[:, None], f * (r / 10) ** -a
-    nn = n[:, :, None] * n[:, None]
-    blocks = (a * force / r)[:, None, None] * nn - (force / r)[:, None, None] * (np.eye(2) - nn)
-    phase = 2 * np.pi * np.stack([i, j], axis=1)[(i != 0) | (j != 0)] @ points.q[:, :2].T
-    D = k * np.eye(2) + np.einsum('bq,bxy->qxy', 1 - np.cos(phase), blocks)
-    omega = np.sqrt(np.linalg.eigvalsh(D)[np.arange(len(points)), points.ridge] / 0.7)
-    noisy = replace(points, omega=omega * (1 + 0.002 * rng.normal(size=len(points))), sigma_omega=0.002 * omega)
-    found = fit_bands(scene_of(tmp_path, START), noisy)
-    assert 'Use shells = "auto"' in band_report(found, len(noisy), [])
-    assert found.causes['shells = "auto"'].chi2 < 0.2 * found.better.chi2
-
-
-@pytest.mark.slow
-def test_an_inverse_power_stands_for_any_smooth_law(tmp_path):
-    """Ridges of two powers, of five shells, without noise; the control is an inverse power of the exponent at the spacing."""
-    near, far = 0.15, 0.1  # N at 10 mm, of r^-3.2 and r^-6
-    truth = {'force': near + far, 'a': (3.2 * near + 6 * far) / (near + far), 'foundation': 20.0}
-    cell, points = lattice('triangular'), measured(np.random.default_rng(6), TRUTH, (0, 1), toward='M', n=20)
-    pairs = [Pairs(cell, InversePower(f * 10**a, a), 3.1 * 10) for f, a in ((near, 3.2), (far, 6.0))]
-    D = sum(one.bloch(cell.positions, points.q) for one in pairs)
-    omega = np.sqrt(np.linalg.eigvalsh(D / 0.7 + 0.02 / 0.7 * np.eye(2))[np.arange(40), points.ridge])
-    exact = replace(points, omega=omega, sigma_omega=2e-4 * omega)
-    (tmp_path / 'my.toml').write_text(scene_text(0.01, 7e-4, 0.22 * 0.01**4.6, 4.6, 23.0).replace('shells = 1', 'shells = 5'))
-    scene = read_scene(tmp_path / 'my.toml')
-    fits = fit_bands(scene, exact)
-    assert fits.names == ('force', 'a', 'foundation')
-    assert all(holds(fits, truth).values())
-    assert abs(fits.better.residuals[:40]).max() < 0.5  # the rest are those of the priors of the bends
-    assert 'hold for any smooth law' in band_report(fits, 40, [])
-    again = bloch_modes(fits.fitted().perfect_cell(), points.q)[0][np.arange(40), points.ridge]
-    np.testing.assert_allclose(again, omega, rtol=1e-4)  # the table is that law, and so are the frequencies that are stated
-    np.testing.assert_allclose(fits.predicted(points.q)[0][np.arange(40), points.ridge], again, rtol=1e-6)
-    right = with_factors(scene, {'a': truth['a'] / 4.6})
-    control = fit_bands(right, exact, fixed=['a'])
-    assert not control.of_any_law
-    assert not holds(control, truth, width=2)['foundation']
-    assert 'hold for any smooth law' not in band_report(control, 40, ['a'])
 
 
 def scene_of_table(folder, force, a, uncertainty):
@@ -441,7 +403,7 @@ def test_intervals_allow_for_the_exponent_of_a_table(n, tmp_path):
     rng, held = np.random.default_rng(3), np.zeros((2, 2))
     for _ in range(n):
         truth = {'force': rng.uniform(0.15, 0.4), 'a': rng.uniform(3.5, 5), 'foundation': rng.uniform(15, 30)}
-        points, a = measured(rng, truth, (0, 1)), truth['a'] + 0.4 * rng.normal()
+        points, a = measured(rng, truth, (0, 1), reach=30.0), truth['a'] + 0.4 * rng.normal()
         for k, known in enumerate(('[uncertainty]\nforce_percent = 8\nexponent = 0.4\n\n', '')):
             fits = fit_bands(scene_of_table(tmp_path, 0.2, a, known), points)
             assert fits.names == ('force', 'foundation')
@@ -455,7 +417,7 @@ def test_intervals_allow_for_the_exponent_of_a_table(n, tmp_path):
 def test_the_force_of_a_table_is_compared_with_that_of_the_ridges(tmp_path, stated, steep, apart):
     """The scene has a table of 0.25 N or 0.36 N +- 8 % at 10 mm; the ridges are of 0.25 N."""
     scene = scene_of_table(tmp_path, stated, TRUTH['a'], f'[uncertainty]\nforce_percent = 8\nexponent = {steep}\n\n')
-    found = fit_bands(scene, measured(np.random.default_rng(6), TRUTH, (0, 1)))
+    found = fit_bands(scene, measured(np.random.default_rng(6), TRUTH, (0, 1), reach=30.0))
     assert found.stated == pytest.approx((stated, 0.08 * stated), rel=1e-3)
     told = band_report(found, len(found.points), []) + '\n'
     assert f'The scene states a force of {stated} +- {0.08 * stated:.2g} N' in told
@@ -485,7 +447,7 @@ def test_two_springs_and_their_frequencies(tmp_path):
 
 def test_magnets_of_a_named_shape_are_fitted_by_their_strength(tmp_path):
     """Grade or remanence may tell where the fit starts; the shape stays."""
-    law = ('kind = "magnets"\nshells = 5\n', '\n[law.ring]\nouter_diameter_m = 0.005\nheight_m = 0.003\n')
+    law = ('kind = "magnets"\nshells = "all"\n', '\n[law.ring]\nouter_diameter_m = 0.005\nheight_m = 0.003\n')
     text = scene_text(0.01, 7e-4, 1.0, 1.0, 20.0)
     before, after = text[: text.index('kind = "inverse_power"')], text[text.index('[foundation]'):]
     scenes = []
@@ -497,7 +459,7 @@ def test_magnets_of_a_named_shape_are_fitted_by_their_strength(tmp_path):
     exact = replace(points, omega=omega, sigma_omega=1e-3 * omega)
     found = [fit_bands(scene, exact) for scene in scenes]
     right = -with_factors(scenes[1], {'force': 1.3}).law.potential().dphi(10.0)
-    assert [fits.values()['force'][0] for fits in found] == pytest.approx([right] * 2, rel=1e-6)
+    assert [fits.values()['force'][0] for fits in found] == pytest.approx([right] * 2, rel=1e-3)
     assert all(parameters_of(scene) == ('force', 'foundation') for scene in scenes)
 
 

@@ -76,7 +76,7 @@ def test_tolerances_of_the_force_and_of_the_exponent_at_this_force():
 @pytest.mark.slow
 def test_fits_know_it():
     from magphonon.bands.bloch import bloch_modes
-    from magphonon.waves import RidgePoints
+    from magphonon.waves.ridge_tables import RidgePoints
 
     scene = with_force()
     xi = np.tile(np.linspace(0.6, 2.8, 12), 2)

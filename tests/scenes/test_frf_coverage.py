@@ -7,7 +7,8 @@ import pytest
 
 from magphonon import read_scene
 from magphonon.cli.fit_report import frf_report
-from magphonon.response import Dof, TransferFunction
+from magphonon.response import Dof
+from magphonon.response.transfer_functions import TransferFunction
 from magphonon.scenes import fit_frf
 from workflows import bench_lattice as bench
 

@@ -11,8 +11,10 @@ from magphonon.cli.fit_report import frf_report
 from magphonon.cli.main import main
 from magphonon.design.sensitivities import hessian_changes
 from magphonon.dynamics import Harmonic, Recorder
-from magphonon.response import Dof, TransferFunction, estimated, lock_in, read_transfer, receptance
+from magphonon.response import Dof, estimated, read_transfer, receptance
 from magphonon.response.frf import base_force
+from magphonon.response.stepped import lock_in
+from magphonon.response.transfer_functions import TransferFunction
 from magphonon.scenes import fit_frf
 from magphonon.scenes.frf_fits import responses_of, suspect_units, with_dofs
 from magphonon.stiffness import LinearSystem

@@ -25,8 +25,6 @@ tension_N = 5
 """
 
 
-
-
 def grid(folder, old='', new=''):
     assert old in GRID
     (folder / 'node.csv').write_text('x_m,y_m\n0,0\n')
@@ -65,6 +63,45 @@ def test_bands_of_a_periodic_net_are_those_of_strings_and_springs(tmp_path):
     cell = read_scene(grid(tmp_path)).atoms()
     squares = analytic_bands(cell, [[0.5, 0, 0], [0, 0.5, 0]]).omega ** 2 / (u.N / u.m / u.kg)
     assert_allclose(squares, [[4 * 5 / 0.1 / 0.002, 4 * 300 / 0.002]] * 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize('taut', [True, False])
+def test_a_flat_net_says_what_it_would_do_out_of_its_plane(taut, tmp_path, capsys, monkeypatch):
+    """A membrane of 5 by 5 nodes: omega^2 = 4 T/(m a) (sin^2 pi/8 + sin^2 pi/8) with the tension T; slack, nothing holds it."""
+    monkeypatch.chdir(tmp_path)
+    rows = [f'{x / 10},{y / 10},{int({x, y} & {0, 4} != set())}' for x in range(5) for y in range(5)]
+    (tmp_path / 'net.csv').write_text('x_m,y_m,held\n' + '\n'.join(rows) + '\n')
+    pairs = [[5 * x + y, 5 * x + y + 5] for x in range(4) for y in range(5)] + [
+        [5 * x + y, 5 * x + y + 1] for x in range(5) for y in range(4)]
+    text = f'''title = "x"
+lattice = {{kind = "file", file = "net.csv", mass_kg = 0.001}}
+law = {{kind = "members"}}
+[[members]]
+between = {pairs}
+stiffness_N_per_m = 10000
+slack = true
+rest_length_m = {0.099 if taut else 0.101}
+'''
+    (tmp_path / 'net.toml').write_text(text)
+    f = np.sqrt(4 * 10 / (0.001 * 0.1) * 2) * np.sin(np.pi / 8) / (2 * np.pi)
+    assert main(['check', 'net.toml']) == int(not taut)
+    said = capsys.readouterr().out
+    assert (f'motion along z, whose lowest frequency would be {f:.6g} Hz' in said) == taut
+    assert ('It is slack in the plane: 18 motions cost no energy, which 40 slack members would resist' in said) == (not taut)
+    if taut:
+        assert main(['modes', 'net.toml', '-o', 'out']) == 0
+        assert f'would be {f:.6g} Hz' in capsys.readouterr().out
+        (tmp_path / 'net.toml').write_text(text.replace('[[members]]', """foundation.stiffness_N_per_m = 0
+foundation.out_of_plane = {stiffness_N_per_m = 0, upright_magnets = false}
+[[members]]"""))
+        assert modes(read_scene('net.toml').atoms()).frequencies_Hz[0] == pytest.approx(f, rel=1e-12)
+        assert main(['check', 'net.toml']) == 0
+
+
+def test_bands_that_are_all_zero_are_refused_with_the_cause(tmp_path, capsys):
+    scene = grid(tmp_path, 'tension_N = 5', 'slack = true\nrest_length_m = 0.11')
+    assert main(['bands', str(scene), '-o', str(tmp_path / 'out')]) == 2
+    assert 'all bands are zero: It is slack in the plane: 2 motions cost no energy, which 2 slack' in capsys.readouterr().err
 
 
 def test_rest_lengths_move_nodes_to_where_they_balance(tmp_path):

@@ -62,7 +62,7 @@ def test_a_patch_moves_out_of_the_plane_too(tmp_path):
     patch = scene.patch_atoms()
     assert patch.calc.layer
     assert patch.calc.foundation.shape == (len(patch), 3)
-    assert verdict(patch).out_of_plane.spring == pytest.approx(0.5)
+    assert verdict(patch)['out_of_plane'].spring == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(('kind', 'more', 'words'), [

@@ -1,12 +1,10 @@
 """Lattices measured in a photo, and the intervals of finite structures: of specimens that the package did not simulate."""
 
-import re
 
 import numpy as np
 import pytest
 
 from magphonon import modes, read_scene, units as u
-from magphonon.cli.main import main
 from magphonon.design import mode_scatter
 from magphonon.stiffness import Scatter
 from tests.drawn_lattices import VECTORS, drawn_magnets, needed
@@ -173,22 +171,3 @@ def test_refusals(columns, keys, message, tmp_path):
     (tmp_path / 'photo.toml').write_text(SCENE.format(lattice=keys, law=POWER, foundation='', cutoff=0.2))
     with pytest.raises(ValueError, match=message):
         read_scene(tmp_path / 'photo.toml')
-
-
-@pytest.mark.slow
-def test_modes_say_what_a_longer_cutoff_changes(tmp_path, capsys):
-    """As much as the modes of the scene with that cutoff differ."""
-    lab, _ = specimen(np.random.default_rng(5))
-    photographed(tmp_path, lab, np.random.default_rng(5))
-    file = tmp_path / 'photo.toml'
-    text = file.read_text()
-    for cutoff, farther in ((0.012, 0.018), (0.13, 0.195)):
-        file.write_text(text.replace('cutoff_m = 0.2', f'cutoff_m = {cutoff}'))
-        assert main(['modes', '--verbose', str(file), '-o', str(tmp_path / f'out{cutoff}')]) == 0
-        shown = capsys.readouterr().out
-        said = re.search(rf'cutoff_m = {farther} would shift: mode (\d+) by ([-+.e\d]+) % to ([\d.]+) Hz', shown)
-        own = modes(read_scene(file).atoms()).frequencies_Hz[int(said[1]) - 1]
-        assert float(said[2]) == pytest.approx(100 * (float(said[3]) / own - 1), abs=0.2)
-        assert (abs(float(said[2])) > 0.5) == (cutoff < 0.1)  # the control: all pairs are within the longer one already
-        file.write_text(text.replace('cutoff_m = 0.2', f'cutoff_m = {farther}'))
-        assert abs(modes(read_scene(file).atoms()).frequencies_Hz / float(said[3]) - 1).min() < 1e-3

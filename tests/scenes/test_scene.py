@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scene_files import ready_scene
+from structures import few_first
 
 from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, units as u
 from magphonon.interactions.pair_laws import repulsion
@@ -110,7 +111,7 @@ def test_foundation_in_each_form(scene_file):
     assert read_scene(scene_file({'foundation': None})).atoms().calc.parameters.foundation == 0
 
 
-@pytest.mark.parametrize('name', ['neighbours', 'wigner', 'dust'])
+@pytest.mark.parametrize('name', few_first(['neighbours', 'wigner', 'dust'], 1))
 def test_scenes_of_all_neighbours(name):
     """`shells = "all"` is what many shells tend to, and phonopy agrees where the wave fits its supercell."""
     scene = read_scene(ready_scene(name))

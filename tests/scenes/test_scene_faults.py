@@ -101,10 +101,6 @@ def test_one_answer_names_every_fault_and_no_other(name, as_toml):
 # --- one by one ------------------------------------------------------------------------------------------------------
 
 FAULTS = [  # what is changed in the scene of the prototype, and words of the answer: the key or value, and the mend
-    ({'law.a': 'ten'}, "law.a must be a positive number, not 'ten'"),
-    ({'law.a': True}, 'law.a must be a positive number, not True'),
-    ({'law.a': 10**25}, 'too large'),
-    ({'law.shells': 'ALL'}, "law.shells must be a whole number from 1 to 300, 'auto' or 'all', not 'ALL'"),
     ({'law.shells': 1000}, "law.shells must be a whole number from 1 to 300, 'auto' or 'all', not 1000"),
     ({'law': {'kind': 'table', 'distances_m': [0.008, NAN, 0.012, 0.015], 'forces_N': FORCES['forces_N'], 'shells': 1}},
      'law.distances_m[1] must be a positive number, not nan'),
@@ -118,27 +114,17 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'law.a': 1e3}, 'its numbers are too large or too small to compute with ('),
     ({'lattice.kind': 'hexagonal'}, "lattice.kind must be one of 'chain', 'square', "),
     ({'lattice.kind': 'triangle'}, "did you mean 'triangular'?"),
-    ({'law.kind': ['dipoles']}, 'law.kind must be one of '),
     ({'law.kind': 'dipoles'}, "law has no key 'b_N_m_a'; its keys are kind, moment_A_m2, shells"),
-    ({'law.kind': None}, "law lacks the key 'kind'; add one of "),
-    ({'law': 4.5}, 'law must be a table in brackets with a kind, one of '),
-    ({'foundation': 19.7}, 'foundation must be a table in brackets with the keys '),
     ({'foundation': {}}, 'foundation has neither of stiffness_N_per_m and [foundation.pillar]; give one'),
     ({'foundation.stiffness_N_per_m': 19.7}, 'foundation has both of stiffness_N_per_m and [foundation.pillar]; give one'),
-    ({'title': 3}, 'title must be text in quotes, not 3'), ({'title': ' '}, "title must be text in quotes, not ' '"),
     ({'title': 'two\nlines'}, 'title must be one line'), ({'title': 300 * 'x'}, 'at most 200 printable characters'),
     ({'title': '$\\input{x}$'}, 'title holds a formula that cannot be drawn'),
     ({'title': '\x1b[31m'}, 'title must be one line'),
     ({'bands.path': 'GXMG'},
      "bands.path of the triangular lattice must join different ones of the points G, M, K, not 'GXMG'"),
-    ({'bands.path': 'G'}, 'must join different ones of the points'),
-    ({'bands.path': 'GM,'}, 'must join different ones of the points'),
     ({'bands.path': 'GG'}, 'must join different ones of the points'),
-    ({'bands.supercell': 3}, 'bands.supercell must be a list in brackets, not 3'),
     ({'bands.supercell': [3, 3, 1]}, 'must hold 2 whole numbers, not [3, 3, 1]'),
     ({'law': {'kind': 'table', 'shells': 1, 'distances_m': [0.01], 'forces_N': [1.0]}}, 'at least 4 points'),
-    ({'law': {'kind': 'table', **FORCES, 'shells': 2}}, 'distance 17.3205 mm is outside the table (8 to 15 mm); extend'),
-    ({'law': {'kind': 'table', **FORCES, 'shells': 'all'}}, "law.shells = 'all': the sum over all neighbours is known for "),
     ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy"),
     ({'law': HERTZ, 'lattice.spacing_m': 0.101}, 'lattice.spacing_m = '),
     ({'law': HERTZ | {'poisson_ratio': 0.6}}, 'law.poisson_ratio must be at most 0.5, not 0.6'),
@@ -205,7 +191,11 @@ def test_missing_table_is_shown_in_a_scene_that_has_it(table):
     (b'spacing: 10 mm', 'line 1'), (b'title = "\xff"', 'byte 10'), (b'', "lacks the key 'title'"),
     (b'x = ' + 1200 * b'[' + 1200 * b']', 'is not a scene: it nests lists or tables hundreds deep'),
     (b'title = "a"\n[lattice]\n[lattice]\n', 'is not TOML (Cannot declare [lattice] twice'),
-    (b'#' * (10 * 2**20 + 1), 'more than the 10 MB that are read')], ids=range(6))
+    (b'x' + 50_000 * b'.x' + b' = 1', 'is not a scene: it nests lists or tables hundreds deep'),  # which took 10 GB
+    (b'[lattice]\nspacing_m = 0,01', 'numbers take a decimal point, as in 0.01'),
+    (b'[lattice]\nspacing_m = 10 mm', 'its unit is in the name of the key'),
+    (b'title = "C:\\Users\\x"', "a path takes slashes, as in 'C:/bench/particles.csv'"),
+    (b'#' * (10 * 2**20 + 1), 'more than the 10 MB that are read')], ids=range(10))
 def test_files_that_are_no_scene(content, words, tmp_path, request):
     request.addfinalizer(partial(sys.setrecursionlimit, sys.getrecursionlimit()))
     sys.setrecursionlimit(1000)  # Python's own; symfc, which other tests import, raises it

@@ -6,7 +6,7 @@ import pytest
 from ase.constraints import FixAtoms, FixBondLength
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, read_scene, relaxed, units as u
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, modes, read_scene, relaxed, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.scenes import write_scene
@@ -160,6 +160,20 @@ def test_files_of_ase_are_read_in_mm(name, tmp_path):
     assert_allclose(np.sort(bloch_modes(scene.atoms(), q)[0]), bloch_modes(ready, q)[0], rtol=2e-3)
 
 
+def test_what_a_file_of_ase_leaves_open_is_told(tmp_path):
+    """Which frame of a film is taken; and that lengths in metres make a crystal denser than any metal."""
+    film = [lattices.triangular(spacing, 0.7) for spacing in (8.0, 9.0, 10.0)]
+    ase.io.write(tmp_path / 'film.extxyz', film)
+    tables = {'title': 'mine', 'lattice': {'kind': 'file', 'file': 'film.extxyz'}, 'law': LAW}
+    with pytest.warns(UserWarning, match='a film of 3 frames; the scene takes the last one'):
+        scene = Scene.model_validate(tables, context={'folder': tmp_path})
+    assert scene.lattice.spacing_m == pytest.approx(0.01)
+    ase.io.write(tmp_path / 'POSCAR', lattices.fcc(0.01, 0.7), format='vasp')
+    with pytest.warns(UserWarning, match=r'denser than any metal; check their units, .* \(g and mm in files that ASE reads\)'):
+        Scene.model_validate(tables | {'lattice': {'kind': 'file', 'file': 'POSCAR', 'mass_kg': 7e-4}},
+                             context={'folder': tmp_path})
+
+
 @pytest.mark.parametrize('column', ['held', 'mass_kg', 'stiffness_N_per_m'])
 def test_columns_of_tables_mean_nothing_to_ase(column, tmp_path):
     """They must not be read and forgotten in silence."""
@@ -190,6 +204,23 @@ def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
     assert_allclose(u_ - u_.mean(axis=0), 0, atol=1e-7)
 
 
+def test_a_cluster_in_space_moves_in_space(tmp_path, capsys):
+    """A tetrahedron of bars turns and moves as a whole, and its closed form is that of a molecule X4: k/m times 1, 2 and 4."""
+    (tmp_path / 'p.csv').write_text('x_m,y_m,z_m\n0.1,0.1,0.1\n0.1,-0.1,-0.1\n-0.1,0.1,-0.1\n-0.1,-0.1,0.1\n')
+    (tmp_path / 's.toml').write_text('''title = "x"
+lattice = {kind = "file", file = "p.csv", mass_kg = 2.0}
+law = {kind = "members"}
+[[members]]
+between = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
+stiffness_N_per_m = 50.0
+tension_N = 0.0
+''')
+    found = modes(read_scene(tmp_path / 's.toml').atoms()).omega ** 2 / (50.0 * u.N / u.m / (2.0 * u.kg))
+    assert_allclose(found, np.repeat([0, 1, 2, 4], [6, 2, 3, 1]), atol=1e-12)
+    assert main(['check', str(tmp_path / 's.toml')]) == 0
+    assert 'Stable, even without a foundation, besides 6 rigid motions of the whole.' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(('text', 'lattice', 'message'), [
     ('x_m,y_m\n0,0\n', {'mass_kg': 1e-3}, 'one particle without periodic images'),
     ('x_m,y_m\n0,0\n0.01,0\n', {}, 'mass_kg is missing'),
@@ -199,7 +230,6 @@ def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
     ('x_m,y_m\n0,0\n0,1e300\n', {'mass_kg': 1e-3}, 'line 3 of .*: y_m must lie within 1e6 m, not 1e'),
     ('x_m,y_m\n0,0\n-2e6,0\n', {'mass_kg': 1e-3}, 'line 3 of .*: x_m must lie within 1e6 m, not -2e'),
     ('x_m,y_m\n0,0\n0,0\n', {'mass_kg': 1e-3}, 'it puts the nearest particles 0 m apart'),
-    ('x_m,y_m,z_m\n0,0,0\n0.01,0,0.001\n', {'mass_kg': 1e-3}, 'planar particles must share one z'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'cell_m': [[1, 0], [0, 1], [1, 1]]}, 'cell_m must hold one or two'),
 ])
 def test_unsuitable_tables_are_refused(text, lattice, message, tmp_path):

@@ -49,7 +49,7 @@ def test_titles_and_names(cell, tmp_path):
         assert taken >= 12
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(title=some.text(max_size=30))
 def test_drawn_titles(cell, tmp_path_factory, title):
     accepted(cell, tmp_path_factory.mktemp('drawn'), 'mine', title)

@@ -37,7 +37,7 @@ def test_supports_of_a_large_patch(seed):
         needed[magnets] = -np.linalg.eigvalsh(D[free][:, free])[0]
         assert critical_support(LinearSystem.of(patch), magnets)[0] == pytest.approx(needed[magnets], rel=1e-10)  # its digits
     judged = verdict(patch)
-    assert (judged.supports.wave, judged.supports.central) == (pytest.approx(needed[True]), pytest.approx(needed[False]))
+    assert (judged['supports'].wave, judged['supports'].central) == (pytest.approx(needed[True]), pytest.approx(needed[False]))
     assert needed[True] > 1.2 * needed[False]  # the control: another law out of the plane is seen
 
 
@@ -51,7 +51,7 @@ def test_the_linear_amplitude_of_a_large_patch(seed, monkeypatch):
     dense = frequency_shifts(patch)
     assert sparse.omega == pytest.approx(dense.omega, rel=1e-9)
     assert sparse.curvature == pytest.approx(dense.curvature, rel=1e-5)  # mode shapes whose neighbours are close
-    assert verdict(patch).amplitude == pytest.approx(dense.amplitude(0.01), rel=1e-5)
+    assert verdict(patch)['amplitude'] == pytest.approx(dense.amplitude(0.01), rel=1e-5)
     patch.calc = MagneticRepulsion(patch, InversePower(1.0, 9.0), foundation=1.0)  # the control
     assert abs(frequency_shifts(patch).curvature / dense.curvature - 1).min() > 0.1
 
@@ -64,12 +64,12 @@ def test_what_is_not_judged_is_said(monkeypatch):
     judged = verdict(patch)
     assert not judged.unjudged
     held = critical_spacing(LinearSystem.of(patch))
-    assert judged.buckling.spacing is None if held is None else judged.buckling.spacing == pytest.approx(10.0 * held)
+    assert judged['buckling'].spacing is None if held is None else judged['buckling'].spacing == pytest.approx(10.0 * held)
     monkeypatch.setattr(verdicts, 'SPACED', size - 1)
     judged = verdict(patch)
     assert judged.unjudged == ('the spacing at which the structure buckles',)
     assert 'Not computed for so many particles: the spacing at which the structure buckles.' in str(judged)
-    assert judged.buckling.spacing is None
+    assert judged['buckling'].spacing is None
     small = lattices.hexagon(lattices.triangular(10.0, 1.0), 30.0)
     small.calc = MagneticRepulsion(small, InversePower(1e3, 4.0), foundation=1.0)
     assert verdict(small).unjudged == ()

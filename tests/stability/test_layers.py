@@ -45,12 +45,12 @@ def test_the_verdict_turns_at_the_support_that_the_softest_wave_needs(name, upri
     for factor, stable in ((1.001, True), (0.999, False)):
         atoms.calc = MagneticRepulsion(atoms, law.law, foundation=[[1.0, 1.0, factor * needed]])
         judged = verdict(atoms)
-        assert judged.out_of_plane.needed == pytest.approx(needed, rel=1e-9)
-        assert judged.stable == judged.out_of_plane.stable == stable
+        assert judged['out_of_plane'].needed == pytest.approx(needed, rel=1e-9)
+        assert judged.stable == judged['out_of_plane'].stable == stable
         assert ('buckles out of the plane' in str(judged)) != stable
     planar = MagneticRepulsion(atoms, law.law, foundation=1.0)
     atoms.calc = planar
-    assert verdict(atoms).out_of_plane is None
+    assert verdict(atoms)['out_of_plane'] is None
 
 
 def test_the_growth_out_of_the_plane_is_that_of_a_run():
@@ -58,7 +58,7 @@ def test_the_growth_out_of_the_plane_is_that_of_a_run():
     cell = lattices.triangular(10.0, 0.7)
     needed = 9 * -LAW.dphi(10.0) / 10.0
     cell.calc = MagneticRepulsion(cell, LAW, foundation=[[1.0, 1.0, 0.9 * needed]])
-    rate = verdict(cell).out_of_plane.growth
+    rate = verdict(cell)['out_of_plane'].growth
     assert rate == pytest.approx(np.sqrt(0.1 * needed / 0.7), rel=1e-9)
     atoms = cell.repeat((3, 3, 1))
     atoms.calc = cell.calc.on(atoms)
@@ -104,3 +104,24 @@ def test_below_the_threshold_a_layer_relaxes_to_a_zigzag_out_of_its_plane_and_ab
             moved = settled.copy()
             moved.calc = atoms.calc
             assert moved.get_potential_energy() < 0
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_layer_whose_gyration_is_oblique(seed):
+    """A square lattice on supports: stable as all poles of its own u'' + B u' + K u, with B of any axis, over the zone."""
+    rng = np.random.default_rng(seed)
+    f, a, k, g = rng.uniform(0.5, 2), rng.uniform(2, 5), rng.uniform(1, 10, 3), rng.uniform(-3, 3, 3)
+    cell = lattices.square(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(f, a), foundation=[k], gyration=[g])
+    q = np.array(list(np.ndindex(24, 24))) / 24
+    x, y = (2 - 2 * np.cos(2 * np.pi * q)).T
+    K = f * np.stack([a * x - y, a * y - x, -x - y], axis=1) + k
+    B = -np.cross(np.eye(3), g).T
+    A = np.zeros((len(q), 6, 6))
+    A[:, :3, 3:], A[:, 3:, 3:] = np.eye(3), -B
+    A[:, np.arange(3, 6), np.arange(3)] = -K
+    rate = np.linalg.eigvals(A).real.max()
+    assert rate < 1e-6 or rate > 1e-2
+    judged = verdict(cell)
+    assert judged.stable == (rate < 1e-6)
+    assert judged['buckling'].growth == pytest.approx(rate if rate > 1e-2 else 0.0, rel=1e-6)

@@ -15,6 +15,7 @@ from ase import Atoms
 from oracles import Pairs
 from planewaves import PlaneWaves, depth, margin
 from scipy.optimize import brentq, minimize
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, verdict
 from magphonon.stability.buckling import highest_squared, softest_of
@@ -122,7 +123,7 @@ def misjudged(seed):
     return wrong
 
 
-@pytest.mark.parametrize('seed', [0, 1, 2, 3, 4, 6, 7])  # without the dipoles, whose sums are dear
+@pytest.mark.parametrize('seed', few_first([1, 3, 6, 0, 2, 4, 7], 3))  # without the dipoles, whose sums are dear
 def test_drawn_lattices_beside_their_limits(seed):
     assert not misjudged(seed)
 
@@ -259,7 +260,7 @@ def mesh(dim, steps):
     return np.stack(np.meshgrid(*[np.arange(steps) / steps] * dim, indexing='ij'), axis=-1).reshape(-1, dim)
 
 
-@pytest.mark.parametrize('seed', range(30))
+@pytest.mark.parametrize('seed', few_first(range(30), 8))
 def test_the_lowest_point_of_any_landscape_is_found(seed):
     height, dim, scale = landscape(seed)
     found, _, q = softest_wave(lambda q: height(q)[:, None, None] + 0j, np.eye(3), np.arange(3) < dim, 24)

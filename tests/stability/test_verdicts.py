@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from ase import Atoms
-from ase.constraints import FixAtoms, FixBondLength
+from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, critical_foundation, lattices, read_scene, verdict
 from magphonon.dynamics import Constant
@@ -26,11 +27,7 @@ def judged(**options):
 
 
 @pytest.mark.parametrize(('options', 'word'), [
-    # each beside its nearest good neighbour.  Displacements: from 5e-17/1e-6 to
-    # sqrt(6e-6/((a + 1)(a + 2))) = 4.5e-4, as the fourth derivative of r^(1 - a) over its second is (a + 1)(a + 2).
-    ({'distance': 4.6e-4}, 'the curvature of the law'), ({'distance': 4.4e-4}, None),
-    ({'distance': 4e-11}, 'round-off'), ({'distance': 6e-11}, None),
-    ({'supercell': (2, 2, 1)}, 'cannot be separated'), ({'supercell': (3, 3, 1)}, None),
+    # each beside its nearest good neighbour
     ({'a': 2.0, 'k': 1.99}, 'buckles'), ({'a': 2.0, 'k': 2.01}, None),
     ({'a': 2.0, 'model': 'conventional'}, 'does not show this'), ({'a': 4.0, 'model': 'conventional'}, None),
 ])
@@ -53,39 +50,16 @@ def test_balanced_by_a_constant_force():
     atoms = lattices.oscillator(0.0, 1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), bonds=lattices.OSCILLATOR_BONDS)
     found = verdict(atoms)
-    assert (found.residual, found.case.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet: the outer two cancel
+    assert (found['residual'], found.case.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet: the outer two cancel
     assert 'as large as the force in a bond' in found.faults[0]
     assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
-
-
-@pytest.mark.parametrize('seed', [0, 9])  # at 9 Lanczos iterations on the matrix itself, to 1e-4, are 4e-3 short
-def test_foundation_that_just_holds_a_cut_patch(seed):
-    """Patches with holes, beyond the size that is diagonalised whole, a millionth on either side of what they need."""
-    rng = np.random.default_rng(seed)
-    patch = lattices.parallelogram(lattices.honeycomb(1.0, 1.0), int(rng.integers(9, 12)), int(rng.integers(11, 15)))
-    patch = patch[np.sort(rng.permutation(len(patch))[: int(0.97 * len(patch))])]
-    patch.set_constraint()  # with a free rim
-    a = rng.uniform(1.5, 6)
-    x = patch.positions[:, :2] - patch.positions[:, None, :2]
-    r = np.linalg.norm(x, axis=2)
-    K = ((a + 1) * x[..., None] * x[..., None, :] - np.eye(2)) * (abs(r - 1) < 1e-9)[..., None, None]  # f = 1 at r = 1
-    H = -K.swapaxes(1, 2)
-    H[np.arange(len(patch)), :, np.arange(len(patch))] += K.sum(axis=1)
-    H = H.reshape(2 * len(patch), -1)
-    needed = -np.linalg.eigvalsh(H)[0]
-    assert len(H) > 200
-    patch.calc = MagneticRepulsion(patch, InversePower(1.0, a)).balanced(range(len(patch)))
-    assert critical_foundation(patch)[0] == pytest.approx(needed, rel=1e-10)
-    for side in (1 - 1e-6, 1 + 1e-6):
-        patch.calc = MagneticRepulsion(patch, InversePower(1.0, a), foundation=side * needed).balanced(range(len(patch)))
-        assert verdict(patch).stable == (side > 1)
 
 
 def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
     def amplitude(name, k):
         cell = getattr(lattices, name)(1.0, 1.0)
         cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
-        return verdict(cell).amplitude
+        return verdict(cell)['amplitude']
 
     # the twist of kagome stiffens by 27/8 (a + 1) A^2/(k - 6), see test_anharmonic
     assert amplitude('kagome', 6.06) == pytest.approx(np.sqrt(0.01 * 0.06 * 8 / (27 * 5)), rel=1e-6)
@@ -130,11 +104,11 @@ def test_supports_out_of_the_plane(lattice, wave, alone):
     assert_allclose(critical_support(LinearSystem.of(atoms), magnets=True), (3 * wave, 3 * alone), rtol=1e-12)
     assert_allclose(critical_support(LinearSystem.of(atoms), magnets=False), (wave, alone), rtol=1e-12)
     found = verdict(atoms)
-    assert_allclose(found.supports, (3 * wave, 3 * alone, wave), rtol=1e-12)
+    assert_allclose(found['supports'], (3 * wave, 3 * alone, wave), rtol=1e-12)
     atoms.calc = MagneticRepulsion(atoms, Yukawa(c=1.0, kappa=0.5))  # particles that are no magnets
     found = verdict(atoms)
-    assert found.supports.wave is found.supports.alone is None
-    assert_allclose(found.supports.central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
+    assert found['supports'].wave is found['supports'].alone is None
+    assert_allclose(found['supports'].central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
 
 
 @pytest.mark.parametrize('steps', [None, 12, 5])
@@ -154,8 +128,8 @@ def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
                for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
 
 
-@pytest.mark.parametrize(('name', 'repeats', 'needed'), [
-    ('square', 1, 4.0), ('square', 11, 4.0), ('triangular', 1, None), ('triangular', 11, None), ('triangular', 12, None)])
+@pytest.mark.parametrize(('name', 'repeats', 'needed'), few_first([
+    ('square', 1, 4.0), ('square', 11, 4.0), ('triangular', 1, None), ('triangular', 11, None), ('triangular', 12, None)], 2))
 def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed):
     """The square lattice buckles at q = (1/2, 0) and (0, 1/2), the edge of its zone, which is that of 11 x 11 cells too.
 
@@ -169,21 +143,22 @@ def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed
     atoms = atoms.repeat((repeats, repeats, 1))
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=0.999 * needed)
     found = verdict(atoms)
-    assert_allclose(found.buckling.needed, needed, rtol=1e-9)  # round-off
+    assert_allclose(found['buckling'].needed, needed, rtol=1e-9)  # round-off
     assert not found.stable
     assert ('fit into one or two' in str(found)) == (repeats > 1)
-    assert found.buckling.softest.any() == (repeats != 12)
+    assert found['buckling'].softest.any() == (repeats != 12)
     H = hessian(atoms.calc.bonds, atoms.calc.rest_stiffness(), 0.0)
     alone = -np.linalg.eigvalsh(H.toarray())[0]  # the control: q = 0 of the large cell
     assert (alone < 0.99 * needed) == (repeats != 12)
     if repeats == 11:
         # what a run of such a cell does repeats from cell to cell
-        assert 2 / found.timestep_limit == pytest.approx(np.sqrt(np.linalg.eigvalsh(H.toarray())[-1] + 0.999 * needed), rel=1e-6)
+        highest = np.sqrt(np.linalg.eigvalsh(H.toarray())[-1] + 0.999 * needed)
+        assert 2 / found['timestep_limit'] == pytest.approx(highest, rel=1e-6)
     if name == 'square' and repeats == 11:
         assert alone == pytest.approx(4 * np.sin(5 * np.pi / 11) ** 2, rel=1e-9)
 
 
-@pytest.mark.parametrize(('name', 'repeats'), [('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))])
+@pytest.mark.parametrize(('name', 'repeats'), few_first([('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))], 1))
 def test_half_waves_of_a_scattered_cell_against_its_bloch_matrices(name, repeats):
     cell = lattice(name, 10.0)
     perfect, law = cell.repeat(repeats), InversePower(2e3, 4.0)
@@ -219,15 +194,7 @@ def test_atoms_in_another_order_than_their_calculator_are_a_fault(seed):
     found = verdict(other)
     assert not found.fine
     assert 'their order differs from that' in str(found)
-    assert found.away == pytest.approx(np.linalg.norm(patch.positions[order] - patch.positions, axis=1).max())
-
-
-def test_constraints_of_which_nobody_knows_what_they_hold_are_refused():
-    patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
-    patch.calc = MagneticRepulsion(patch, InversePower(b=3e3, a=4.6), foundation=0.5)
-    patch.set_constraint([*patch.constraints, FixBondLength(17, 18)])
-    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are supported'):
-        verdict(patch)
+    assert found['away'] == pytest.approx(np.linalg.norm(patch.positions[order] - patch.positions, axis=1).max())
 
 
 # --- the list of checks ------------------------------------------------------------------------------------------------------
@@ -239,22 +206,13 @@ def test_costly_checks_wait_until_they_are_asked_for(monkeypatch):
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
     judged = verdict(cell)
-    assert (judged.fine, judged.stable, judged.timestep_limit > 0, asked) == (True, True, True, [])
-    assert judged.amplitude is judged.amplitude is None
+    assert (judged.fine, judged.stable, judged['timestep_limit'] > 0, asked) == (True, True, True, [])
+    assert judged['amplitude'] is judged['amplitude'] is None
     assert asked == ['amplitude']
     assert str(judged)
     assert sorted(asked) == sorted(verdicts.REMARKS)
-    with pytest.raises(AttributeError, match="'Verdict' object has no attribute 'speed'"):
-        _ = judged.speed
-
-
-@pytest.mark.parametrize(('factor', 'doubtful'), [(1.01, True), (0.99, False)])
-def test_matter_denser_than_any_metal_is_a_slip_of_units(factor, doubtful):
-    """50 g/cm3 at a spacing of 10 mm are 50 g; the prototype in m, kg and N in place of mm, g and N is 7e5 g/cm3."""
-    cell = lattices.triangular(10.0, factor * 50.0)
-    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    assert ('Check the units' in str(verdict(cell))) == doubtful
-    assert verdict(cell).fine  # a remark: lattices of unit mass and spacing are none the worse
+    with pytest.raises(ValueError, match=r"the check must be one of 'residual', .* not 'speed'"):
+        _ = judged['speed']
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -301,9 +259,9 @@ class Slip(InversePower):
         return super().d2phi(r) if np.isrealobj(r) else self.scale * r
 
 
-@pytest.mark.parametrize('read', [lambda judged: judged.fine, lambda judged: judged.displacements, str])
+@pytest.mark.parametrize('read', [lambda judged: judged['amplitude'], str])
 def test_an_error_in_a_law_is_raised_as_it_is(read):
-    """A verdict looks its checks up as attributes; an AttributeError within one was once reported as a missing check."""
+    """An AttributeError within a check was once reported as a missing check."""
     cell = lattices.square(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, Slip(1.0, 4.0), foundation=5.0)
     with pytest.raises(AttributeError, match="'Slip' object has no attribute 'scale'"):

@@ -107,11 +107,6 @@ def test_written_and_read_again(tmp_path, name):
     assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
 
 
-def test_bonds_of_another_structure_are_refused():
-    with pytest.raises(ValueError, match='the bonds join 12 particles, but the reference has 1'):
-        MagneticRepulsion(lattice('triangular'), LAW, bonds=triangular_patch().calc.bonds)
-
-
 def test_fixed_particles_keep_their_forces_for_those_who_ask():
     patch = lattices.hexagon(lattice('triangular'), 30)
     patch.calc = MagneticRepulsion(patch, LAW)

@@ -47,14 +47,14 @@ def softest(name, shells, a):
 
 def test_never_proves_what_is_not_so():
     proofs = 0
-    for seed in range(150):
+    for seed in range(80):
         atoms = structure(seed, most=40).atoms
         system = LinearSystem.about(atoms.calc, atoms)
         if system.directions and proves_stable(system):
             squares = np.linalg.eigvalsh(system.K.toarray())
             assert squares[0] >= -ROUND_OFF * abs(squares).max()
             proofs += 1
-    assert proofs > 10
+    assert proofs > 6
 
 
 @pytest.mark.parametrize('name', ['chain', 'square', 'triangular', 'fcc', 'bcc'])

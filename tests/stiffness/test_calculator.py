@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 from cells import LAW, triangular_patch
-from oracles import LAWS, lattice
+from oracles import lattice
 
 from magphonon import MagneticRepulsion
 from magphonon.interactions.pair_laws import repulsion
@@ -13,31 +13,6 @@ from magphonon.interactions.pair_laws import repulsion
 def planar_forces(atoms, calc):
     atoms.calc = calc
     return atoms.get_forces(apply_constraint=False)[:, : calc.dim].ravel()
-
-
-@pytest.mark.parametrize('model', ['complete', 'conventional'])
-@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
-def test_nothing_at_rest(law, model):
-    rest = lattice('kagome')
-    rest.calc = MagneticRepulsion(rest, law, foundation=0.1, model=model)
-    assert rest.get_potential_energy() == 0
-    assert not rest.get_potential_energies().any()
-    # the forces of opposite bonds cancel; their directions are known to 1e-16
-    assert abs(rest.get_forces()).max() < 1e-15 * abs(law.dphi(10.0)) * 4
-
-
-def test_energies_of_the_particles():
-    atoms = triangular_patch(foundation=0.02)
-    energies = atoms.get_potential_energies()
-    assert energies.sum() == pytest.approx(atoms.get_potential_energy(), rel=1e-14)
-    assert atoms.get_potential_energy(force_consistent=True) == atoms.get_potential_energy()
-
-    # one particle of a dimer on springs: half the bond and its own spring
-    pair = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
-    pair.calc = MagneticRepulsion(pair, LAW, foundation=0.5)
-    pair.positions[1, 0] += 1
-    bond = LAW.phi(11.0) - LAW.phi(10.0)
-    np.testing.assert_allclose(pair.get_potential_energies(), [bond / 2, bond / 2 + 0.25], rtol=1e-14)
 
 
 def test_planar_particles_feel_nothing_along_z():
@@ -62,17 +37,6 @@ def test_the_plane_may_lie_at_any_height(z):
 
 
 # Anchors
-
-
-def test_minimum_image_in_skewed_cells():
-    # a basis vector of 3.6 spacings at 14 degrees to the other: rounding fractions would take (0.2, 0.2) for (1.2, 0.2)
-    atoms = lattice('triangular', spacing=1.0)
-    atoms.cell[1] += 3 * atoms.cell[0]
-    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.5)
-    atoms.positions[0, :2] = [0.2, 0.2]
-    np.testing.assert_allclose(atoms.get_forces(), [[-0.1, -0.1, 0]], rtol=1e-15)
-    atoms.positions += 2 * atoms.cell[1] - 5 * atoms.cell[0]
-    np.testing.assert_allclose(atoms.get_forces(), [[-0.1, -0.1, 0]], rtol=1e-14)
 
 
 def test_anchors_stay_where_they_were():

@@ -8,7 +8,6 @@ from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.interactions import UprightMagnets
 from magphonon.response import natural_frequencies
 from magphonon.stiffness.defects import (
-    LARGEST_SCATTER,
     Scatter,
     scattered,
     site_normals,
@@ -236,18 +235,6 @@ def test_how_far_disorder_moves_a_structure():
     assert f'moved by up to {rest.shift:.4g} mm (rms {rest.rms:.4g} mm)' in str(rest)
 
 
-def test_scatter_without_sense_is_refused():
-    with pytest.raises(ValueError, match=f'scatter of strength must be at most {LARGEST_SCATTER:g}, not 0.5'):
-        Scatter(strength=0.5)
-    with pytest.raises(ValueError, match='position must be a zero or positive number in mm'):
-        Scatter(-1.0)
-    atoms, _ = supercell(0)
-    with pytest.raises(ValueError, match='seed must be a whole number'):
-        scattered(atoms, Scatter(0.1), seed=1.5)
-    with pytest.raises(ValueError, match='mass must be a positive number'):
-        substituted(atoms, 0, mass=0.0)
-
-
 @pytest.mark.parametrize('seed', range(3))
 def test_lattices_on_unlike_springs_have_holes_and_disorder(seed):
     """The springs pull as that of each site does, times its factor, without those that are gone."""
@@ -272,16 +259,3 @@ def test_lattices_on_unlike_springs_have_holes_and_disorder(seed):
         assert abs(pull[:, :2] + (k * u)[np.roll(image, 1)]).max() > 0.1 * abs(expected).max()  # those of other sites
         for one in tied, free:
             one.positions[:, :2] -= u[image]
-
-
-def test_particles_that_are_none_are_no_defects():
-    """A mask was once read as the particles 0 and 1."""
-    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 2.0)
-    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0)
-    mask = np.random.default_rng(3).random(len(patch)) < 0.3
-    assert len(with_vacancies(patch, np.flatnonzero(mask))) == len(with_vacancies(patch, [])) - mask.sum()
-    for wrong in (mask, [len(patch)], [-1], [1.5]):
-        with pytest.raises(ValueError, match='must be indices from 0 to 18'):
-            with_vacancies(patch, wrong)
-        with pytest.raises(ValueError, match='must be indices from 0 to 18'):
-            substituted(patch, wrong[0] if len(wrong) == 1 else wrong, mass=2.0)

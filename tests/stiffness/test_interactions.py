@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from oracles import gradient, neighbour_vectors, second_derivatives
+from structures import few_first
 
 from magphonon import (
     DrivenVerlet,
@@ -97,7 +98,7 @@ def drawn(seed):
     return atoms, oracle, dim, rng
 
 
-@pytest.mark.parametrize('seed', range(12))
+@pytest.mark.parametrize('seed', few_first(range(12), 4))
 def test_forces_and_hessian_are_derivatives_of_the_energy(seed):
     atoms, energy, dim, rng = drawn(seed)
     u = rng.uniform(-0.3, 0.3, (len(atoms), dim))

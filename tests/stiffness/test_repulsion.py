@@ -25,21 +25,6 @@ def attached(name, kind, k=0.0):
     return atoms
 
 
-@pytest.mark.parametrize('kind', CALCULATORS)
-@pytest.mark.parametrize('name', LATTICES)
-def test_the_foundation_is_in_every_bloch_matrix_and_in_no_series(name, kind):
-    free, held = attached(name, kind).calc, attached(name, kind, k=0.3).calc
-    assert isinstance(held, Repulsion)
-    assert (free.foundation, held.foundation) == (0.0, 0.3)
-    along = np.eye(held.dim)[0]
-    for model in held.bloch_models:
-        added = held.bloch_matrix(Q * held.reference.pbc, model) - free.bloch_matrix(Q * held.reference.pbc, model)
-        scale = abs(free.bloch_matrix(Q * held.reference.pbc, model)).max()
-        np.testing.assert_allclose(added, np.broadcast_to(0.3 * np.eye(added.shape[-1]), added.shape), rtol=0, atol=1e-14 * scale)
-        for with_k, without in zip(held.bloch_series(along, model), free.bloch_series(along, model), strict=True):
-            np.testing.assert_array_equal(with_k, without)
-
-
 @pytest.mark.parametrize('name', LATTICES)
 def test_both_calculators_agree_where_the_law_ends_within_the_shells(name):
     near, endless = (attached(name, kind, k=0.3).calc for kind in CALCULATORS)

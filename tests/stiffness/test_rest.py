@@ -9,28 +9,21 @@ and takes its forces, their derivatives by complex steps, and all modes of the d
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms, FixedLine
+from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 
 from magphonon import (
-    DrivenVerlet,
     InversePower,
     MagneticRepulsion,
-    analytic_bands,
-    critical_foundation,
-    frequency_response,
     lattices,
     modes,
-    propagate,
     relaxed,
     units as u,
     verdict,
 )
 from magphonon.errors import Unstable
 from magphonon.lattices.patches import RIM
-from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
-from magphonon.stability.amplitude_shifts import frequency_shifts
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 HZ = 1e3 / (2 * np.pi)
@@ -137,9 +130,9 @@ def test_the_verdict_on_a_saddle_is_that_it_buckles():
     atoms.positions[:, :2] = x
     assert modes(atoms).omega[0] * HZ == pytest.approx(-35.74, abs=0.005)
     judged = verdict(atoms)
-    assert judged.residual == 0
+    assert judged['residual'] == 0
     assert not judged.stable
-    assert judged.buckling.growth == pytest.approx(np.sqrt(-squares[0]), rel=1e-8)
+    assert judged['buckling'].growth == pytest.approx(np.sqrt(-squares[0]), rel=1e-8)
 
 
 def test_magnets_placed_by_hand_assemble_themselves():
@@ -149,34 +142,3 @@ def test_magnets_placed_by_hand_assemble_themselves():
     atoms.calc = MagneticRepulsion(atoms, LAW, cutoff=14.5)
     f = natural_frequencies(relaxed(atoms).atoms) * HZ
     assert_allclose(f[[0, -1]], [16.34, 145.0], rtol=5e-4)
-
-
-def test_a_guide_along_an_oblique_line_does_not_change_the_mass():
-    """One of seven magnets may move along (0.6, -0.8) only: its squared frequency is its stiffness there over its mass."""
-    atoms = hexagon(20.0, 0.3)
-    inside = int(np.linalg.norm(atoms.positions, axis=1).argmin())
-    fixed = np.setdiff1d(np.arange(len(atoms)), inside)
-    atoms.set_constraint([FixAtoms(fixed), FixedLine(inside, (0.6, -0.8, 0))])
-    along = np.zeros(2 * len(atoms))
-    along[2 * inside : 2 * inside + 2] = 0.6, -0.8
-    square = along @ oracle_of(atoms).hessian(atoms.positions[:, :2]) @ along / 0.707
-    assert relaxed(atoms).lowest == pytest.approx(square, rel=1e-9)
-    assert frequency_shifts(atoms).omega == pytest.approx(np.sqrt(square), rel=1e-9)
-
-
-@pytest.mark.parametrize('mass', [np.nan, 0.0, -1.0])
-def test_masses_spoilt_after_the_calculator_was_made_are_named(mass):
-    atoms = hexagon(20.0, 0.1)
-    cell = lattices.triangular(10.0, 0.7)
-    cell.calc = MagneticRepulsion(cell, LAW)
-    for structure, k in ((atoms, 7), (cell, 0)):
-        masses = structure.get_masses()
-        masses[k] = mass
-        structure.set_masses(masses)
-    push = np.ones((len(atoms), 3)) * [1, 1, 0]
-    path = cell.cell.bandpath('GM', npoints=3, pbc=cell.pbc)
-    for ask in (modes, natural_frequencies, verdict, critical_foundation, relaxed, lambda a: propagate(a, [1.0]),
-                lambda a: frequency_response(a, push, [0.3], 0.1), lambda a: harmonic_response(a, push, [0.3], 0.1),
-                lambda a: DrivenVerlet(a, 0.1), lambda a: analytic_bands(cell, path)):
-        with pytest.raises(ValueError, match=r'mass of particle [70] must be a positive number in g'):
-            ask(atoms)

@@ -67,19 +67,6 @@ def test_a_trajectory_keeps_every_bit(seed, computed, tmp_path):
     assert not np.array_equal(anew.get_forces(), atoms.get_forces())
 
 
-@pytest.mark.parametrize('name', ['lattices.db', 'lattices.json'])
-def test_a_database_keeps_every_bit(name, tmp_path):
-    database = ase.db.connect(tmp_path / name)
-    structures = [patch(seed) for seed in (1, 2, 3)]
-    for atoms in structures:
-        database.write(atoms)
-    for atoms, row in zip(structures, database.select(), strict=True):
-        assert same(atoms, restored(row))
-        assert same(atoms, restored(row.toatoms(), row.calculator_parameters))
-        assert np.array_equal(MagneticRepulsion.fromdict(row.calculator_parameters).get_forces(row.toatoms()),
-                              atoms.calc.get_forces(atoms))
-
-
 LAWS_OF_MAGNETS = [*OWN.values(), magnet_law(Sphere(8.0, 1.2)), magnet_law(Cuboid(4.0, 6.0, 5.0, 1.1)),
                    UprightMagnets(OWN['table'])]
 
@@ -130,30 +117,6 @@ def test_what_is_no_calculator_is_refused(tmp_path):
             restored(bare)
     with pytest.raises(ValueError, match='calculator must be one of'):
         restored(cell, {'calculator': 'EMT'})
-
-
-def test_sites_of_their_own_come_back(tmp_path):
-    """Kinds with laws of their own, strengths, and springs of each particle and direction."""
-    rng = np.random.default_rng(4)
-    atoms = lattices.triangular(10.0, 0.7).repeat((4, 4, 1))
-    atoms.set_tags(rng.integers(0, 2, 16))
-    laws = {(0, 0): LAWS['magnets'], (0, 1): LAWS['table'], (1, 1): LAWS['yukawa']}
-    atoms.calc = MagneticRepulsion(atoms, laws, foundation=rng.uniform(1, 2, (16, 2)), strengths=rng.uniform(0.5, 2, 16))
-    assert 'foundation=<1.1' in repr(atoms.calc)
-    assert 'strengths=<0.' in repr(atoms.calc)
-    ase.io.write(tmp_path / 'a.traj', atoms)
-    again = restored(ase.io.read(tmp_path / 'a.traj'))
-    assert same(atoms, again)
-    # control: one of the laws in place of all
-    assert abs(restored(again, atoms.calc.todict(), laws[0, 0]).get_forces() - atoms.get_forces()).max() > 1e-3
-
-
-def test_motion_out_of_the_plane_comes_back(tmp_path):
-    atoms = lattices.triangular(10.0, 0.7).repeat((4, 4, 1))
-    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(LAWS['dipoles']), foundation=[[0.1, 0.2, 3.0]])
-    atoms.positions += 0.05 * np.random.default_rng(3).normal(size=(16, 3))
-    ase.io.write(tmp_path / 'a.traj', atoms)
-    assert same(atoms, restored(ase.io.read(tmp_path / 'a.traj')))
 
 
 def test_numbers_in_other_units_and_without_masses_are_refused():

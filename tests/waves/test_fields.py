@@ -9,7 +9,10 @@ from magphonon import read_scene
 from magphonon.bands import band_path
 from magphonon.cli.main import main
 from magphonon.scenes import fit_bands
-from magphonon.waves import Scan, field_at, field_map, field_of, field_ridges, read_ridges, write_points
+from magphonon.scenes.band_fits import NEAREST
+from magphonon.waves import Scan, field_at, field_of, field_ridges, read_ridges
+from magphonon.waves.fields import field_map
+from magphonon.waves.ridge_tables import write_points
 from workflows import bench_lattice as bench
 
 SPACING, REACH = 10e-3, 45e-3  # m
@@ -80,6 +83,7 @@ def share(points, expected, of=slice(None)):
     return np.mean((abs(points.frequencies_Hz - expected) < 1.96 * points.sigma_omega * 1e3 / (2 * np.pi))[of])
 
 
+@pytest.mark.slow
 def test_noise_alone_gives_bands_and_the_control_without_static_forces_misses(tmp_path):
     rng, scene = np.random.default_rng(1), scene_of(tmp_path)
     lab, modes, vectors = specimen(1, 0.2, 0.2)
@@ -101,7 +105,8 @@ def holds(scan, lab, vectors, scene, source, folder):
     cell = scene.perfect_cell()
     write_points(folder / 'ridges.csv', field_ridges(field_of(scan, cell), cell, band_path(cell, 'GMKG'), source=source))
     fits = fit_bands(scene, read_ridges(folder / 'ridges.csv'))
-    found = {name: value * np.exp(1.96 * sigma * np.array([-1, 1])) for name, (value, sigma) in fits.values().items()}
+    values = fits.values(part=NEAREST if scene.law.shells == 1 else None)
+    found = {name: value * np.exp(1.96 * sigma * np.array([-1, 1])) for name, (value, sigma) in values.items()}
     spacing = np.linalg.norm(vectors[0])
     f, slope = (float(value) * lab.strengths[~lab.held].mean() ** 2 for value in lab.law(spacing))
     inside = [found[name][0] <= value <= found[name][1]

@@ -12,7 +12,8 @@ import pytest
 from magphonon import read_scene
 from magphonon.bands import band_path
 from magphonon.scenes import fit_bands
-from magphonon.waves import field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
+from magphonon.waves import field_of, field_ridges, read_ridges, scan_waves
+from magphonon.waves.ridge_tables import write_points, write_ridges
 from magphonon.waves.scans import Samples, assembled
 from tests.drawn_lattices import FAULTS, MASS, VECTORS, Tally, bloch, plain_fit, specimen, spoilt
 from workflows import bench_lattice as bench

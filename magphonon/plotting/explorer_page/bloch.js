@@ -1,6 +1,4 @@
 // Frequencies and modes of the lattice from its Bloch matrix, C(q)^+ K C(q) + k (Eq. 18), in SI.
-'use strict';
-
 /**
  * Stiffness of each bond along and across it in N/m: [phi'', phi'/r].
  * Of an inverse power the force at the spacing of the scene stays what it is, whatever the exponent.

@@ -1,6 +1,4 @@
 // The border of buckling: where the lowest squared frequency of the complete model falls below zero.
-'use strict';
-
 /** The foundation in N/m that the lattice needs, by linear interpolation of what magphonon computed over the whole zone. */
 function neededFoundation(data, state) {
   const {over, at, needed_N_per_m: needed} = data.border;

@@ -1,6 +1,4 @@
 // A tone burst in a finite patch of the lattice: m u'' + m (c - g J) u' + K u = F(t), in SI, for the springs alone and with D*.
-'use strict';
-
 const SITES = 1300;  // about so many particles in the patch
 const FINE = 0.02;  // of the longest stable time step: the motion is then off by less than half a per cent when the push is over
 const BALANCED = 1e-9;  // of the force of a bond: what is left of the static forces after relaxation

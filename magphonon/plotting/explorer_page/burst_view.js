@@ -1,6 +1,4 @@
 // The burst as it is seen and played with: two patches side by side on one scale of colours.
-'use strict';
-
 const LEVELS = 24;  // shades on either side of rest
 const BRIGHTEST = 0.6;  // of the largest displacement, from which a colour is full
 const CYCLES = 5;
@@ -168,18 +166,9 @@ class BurstView {
       this.gone.add(this.patch.keys[p]);
     }
     if (this.rebuild()) return this.tell(this.gone.size ? `${this.gone.size} removed; the others have moved to new rest positions.` : '');
-    const enough = this.foundationWithout(this.gone);
     this.gone = before;
     this.rebuild();
-    return this.tell(`Without this particle the lattice buckles; ${enough ? `on a foundation of ${written(enough, 3)}\u202fN/m it would be stable.`
-      : 'give it a stiffer foundation first.'}`);
-  }
-
-  /** A foundation, in N/m, on which the patch without these particles finds a rest; undefined if none is found. */
-  foundationWithout(gone) {
-    if (this.data.structure) return undefined;
-    const patch = patchOf(this.data, gone), now = this.state.foundation_N_per_m;
-    return [1.5, 2, 3, 4, 6, 8].map(times => times * now).find(k => relaxed(patch, this.data, {...this.state, foundation_N_per_m: k}));
+    return this.tell('Without this particle the lattice buckles; give it a stiffer foundation first.');
   }
 
   tell(words) {
@@ -208,8 +197,6 @@ class BurstView {
     on('again', () => this.restart());
     on('step', () => { this.playing = false; this.show(); this.advance(1 / 20 / this.drive.carrier_Hz); });
     on('run', () => { this.playing = !this.playing; this.show(); });
-    on('listen', () => this.sound());
-    on('large', () => document.documentElement.classList.toggle('large'));
     root.querySelector('[name=slower]').addEventListener('change', event => { this.slower = Number(event.target.value); });
     root.querySelectorAll('[name=tool]').forEach(input => input.addEventListener('change', () => { this.tool = input.value; }));
     if (this.data.law.kind !== 'power') root.querySelector('[name=tool][value=remove]').closest('label').hidden = true;
@@ -252,33 +239,6 @@ class BurstView {
     if (!this.playing || !this.seen) return;
     this.advance(Math.min(passed, 0.05) / this.slower);
     if (this.over) this.restart();
-  }
-
-  /** Six spacings from the source, what each lattice does after the push: first with D*, then with springs alone. */
-  sound() {
-    const {x, y, held, size} = this.patch, s = this.drive.source, rate = 8000, fast = 8;
-    const [dx, dy] = this.drive.direction;
-    let ear = s, least = Infinity;
-    for (let p = 0; p < size; p++) {
-      const far = Math.abs(Math.hypot(x[p] - x[s], y[p] - y[s]) - 6) + 0.1 * Math.abs(y[p] - y[s]);
-      if (!held[p] && far < least) [ear, least] = [p, far];
-    }
-    const context = new AudioContext(), bonds = bondsAt(this.patch, this.data, this.state, this.rest);
-    const duration = 4 * this.drive.cycles / this.drive.carrier_Hz, samples = Math.ceil(duration * rate / fast);
-    MODELS.forEach((model, k) => {
-      const burst = new Burst(this.patch, bonds, model, springsOf(this.patch, this.state), this.drive);
-      const buffer = context.createBuffer(1, samples, rate), out = buffer.getChannelData(0);
-      for (let n = 0; n < samples; n++) {
-        burst.advance(fast / rate);
-        out[n] = dx * burst.u[2 * ear] + dy * burst.u[2 * ear + 1];
-      }
-      const loudest = out.reduce((most, u) => Math.max(most, Math.abs(u)), 1e-300);
-      out.forEach((u, n) => { out[n] = 0.5 * u / loudest; });
-      const tone = context.createBufferSource();
-      tone.buffer = buffer;
-      tone.connect(context.destination);
-      tone.start(context.currentTime + k * (samples / rate + 0.4));
-    });
   }
 }
 

@@ -1,13 +1,11 @@
 // The band diagram, as SVG.
-'use strict';
-
 const MARGIN = {left: 66, right: 30, top: 10, bottom: 28};
 const NEGLIGIBLE = 1e-6;  // of the highest frequency: the square root of a rounded eigenvalue
 
 /** How a wavevector of the path and a frequency become places in a picture of the given size. */
 function scalesOf(svg, data, bands) {
   const [width, height] = [svg.clientWidth, svg.clientHeight];
-  const every = [bands.complete, bands.conventional, bands.ridges.map(([, f]) => f)].flat(2);
+  const every = [bands.complete, bands.conventional].flat(2);
   const [highest, lowest] = [Math.max(...every), Math.min(...every)];
   const step = roundStep((highest - Math.min(lowest, 0)) / 8);
   const top = step * Math.ceil(1.02 * highest / step);
@@ -15,7 +13,6 @@ function scalesOf(svg, data, bands) {
   const [right, under] = [width - MARGIN.right, height - MARGIN.bottom];
   return {
     width, height, right, under, top, bottom, step,
-    along: share => MARGIN.left + share * (right - MARGIN.left),
     x: k => MARGIN.left + data.path.axis[k] * (right - MARGIN.left),
     y: f => MARGIN.top + (top - f) / (top - bottom) * (under - MARGIN.top),
   };
@@ -30,16 +27,15 @@ function roundStep(value) {
 function drawBands(svg, data, bands, chosen, effect) {
   if (!svg.clientWidth) return;  // not laid out yet: the page draws again when it is
   const scales = scalesOf(svg, data, bands);
-  const {along, x, y} = scales;
+  const {x, y} = scales;
   const marks = ['conventional', 'complete'].map(model => `<circle class="chosen ${model}" r="6" cx="${x(chosen.at)}"
     cy="${y(bands[model][chosen.at][chosen.branch])}"/>`);
-  const ridges = bands.ridges.map(([share, f]) => `<circle class="ridge" r="4" cx="${along(share)}" cy="${y(f)}"/>`);
   svg.innerHTML = frame(data, scales)
     + `<clipPath id="inside"><rect x="${MARGIN.left}" y="${MARGIN.top}" width="${scales.right - MARGIN.left}"
       height="${scales.under - MARGIN.top}"/></clipPath>`
     + (bands.scene ? `<g clip-path="url(#inside)">${branches(data, scales, bands.scene, 'scene')}</g>` : '')
     + branches(data, scales, bands.complete, 'complete') + branches(data, scales, bands.conventional, 'conventional')
-    + arrow(scales, data, effect) + ridges.join('') + marks.join('');
+    + arrow(scales, data, effect) + marks.join('');
 }
 
 /** Axes, grid, and the region of unstable modes. */

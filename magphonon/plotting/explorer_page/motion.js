@@ -1,6 +1,4 @@
 // The lattice that moves in one mode, as SVG: u(t) = Re e exp(i (2 pi q.l - theta)) in the cell l.
-'use strict';
-
 const ACROSS = 5.4;  // spacings from the left to the right of the picture
 const LONGEST = 0.2;  // spacings: the largest displacement drawn
 const FAINTEST = 0.02;  // of it, from which an unstable mode grows

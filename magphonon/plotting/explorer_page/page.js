@@ -1,6 +1,4 @@
 // The page: sliders, words, and what follows from them.
-'use strict';
-
 const data = JSON.parse(document.getElementById('data').textContent);
 const element = id => document.getElementById(id);
 const NAMES = Object.keys(data.sliders);
@@ -13,7 +11,7 @@ const NO_EXPONENT = `<p class="why">There is no slider for the exponent, because
 
 const scene = stateAt(Object.fromEntries(NAMES.map(name => [name, data.sliders[name].scene])));
 const sceneBands = bandsOf(data, scene, 'complete');
-const view = {state: scene, bands: null, chosen: {branch: 0, at: data.path.point.at}, ridges: [], slowed: 1,
+const view = {state: scene, bands: null, chosen: {branch: 0, at: data.path.point.at}, slowed: 1,
   playing: !matchMedia('(prefers-reduced-motion: reduce)').matches};
 const system = matchMedia('(prefers-color-scheme: dark)');
 const MODELS = ['complete', 'conventional'];
@@ -34,8 +32,7 @@ function shown(name, value, digits = 6) {
 
 function update() {
   view.state = stateAt(Object.fromEntries(NAMES.map(name => [name, Number(element(name).value)])));
-  view.bands = {complete: bandsOf(data, view.state, 'complete'), conventional: bandsOf(data, view.state, 'conventional'),
-    ridges: view.ridges};
+  view.bands = {complete: bandsOf(data, view.state, 'complete'), conventional: bandsOf(data, view.state, 'conventional')};
   const moved = NAMES.some(name => view.state.positions[name] !== scene.positions[name]);
   if (moved) view.bands.scene = sceneBands;
   document.querySelector('#legend .scene').style.visibility = moved ? 'visible' : 'hidden';
@@ -110,25 +107,6 @@ function dstarInWords({name, complete, conventional, branch, ratio}) {
     + `by ${written(100 * (1 - ratio), 3)}\u202f%.`;
 }
 
-/** Keep room for the longest words of each slider, so that nothing below them moves while one does. */
-function reserve() {
-  const states = NAMES.flatMap(name => data.sliders[name].values.map((value, place) =>
-    stateAt({...scene.positions, [name]: place})));
-  const every = {stability: states.map(state => stabilityInWords(state, true)),
-    dstar: states.map(state => dstarInWords(effectOfDstar(state)))};
-  for (const [id, words] of Object.entries(every)) {
-    const twin = element(id).cloneNode();
-    twin.style.minHeight = '';
-    element(id).after(twin);
-    const heights = words.map(each => {
-      twin.innerHTML = each;
-      return twin.offsetHeight;
-    });
-    twin.remove();
-    element(id).style.minHeight = `${Math.max(...heights)}px`;
-  }
-}
-
 /** How fast a mode of negative frequency grows. */
 function growth(frequency) {
   const time_s = 1 / (2 * Math.PI * -frequency);
@@ -199,67 +177,28 @@ function followLink() {
   update();
 }
 
-/** The values of the sliders in one line. */
-function valuesInWords() {
-  const letters = {spacing: 'L', exponent: 'a', foundation: 'k'};
-  return NAMES.map(name => `${letters[name]} = ${shown(name, view.state[KEYS[name]])}`).join(', ');
-}
-
-async function showRidges(file) {
-  const points = readRidges(await file.text());
-  view.ridges = onPath(data, scene, points);
-  update();
-  tell(`${view.ridges.length} of ${points.length} points of ${file.name} lie on this path.`);
-}
-
 function tell(words) {
   element('told').textContent = words;
 }
 
-/** Let a button do something that may fail, and say what came of it. */
-function onClick(id, act) {
-  element(id).addEventListener('click', async () => {
-    try {
-      tell(await act() ?? '');
-    } catch (error) {
-      tell(`That did not work: ${error.message}.`);
-    }
-  });
-}
-
-async function copied(text, words) {
+/** Put a text on the clipboard, and say so; where this is not allowed, show the text at the end of the page. */
+async function copy(text, words) {
   try {
     await navigator.clipboard.writeText(text);
-    return words;
+    tell(words);
   } catch {
     element('text').textContent = text;
     element('text').closest('details').open = true;
-    return 'This browser does not allow copying: the text is at the end of the page.';
+    tell('This browser does not allow copying: the text is at the end of the page.');
   }
 }
 
 function listenToTools() {
-  onClick('link', () => {
+  element('link').addEventListener('click', () => {
     history.replaceState(null, '', linkOf(view.state, view.chosen));
-    return copied(location.href, 'The link to this state is copied.');
+    copy(location.href, 'The link to this state is copied.');
   });
-  onClick('copy', () => copied(sceneText(view.state), 'The scene is copied; paste it into a file of your own.'));
-  onClick('save', async () => {
-    Object.assign(document.createElement('a'), {href: await pictureOf(element('bands'), document.title, valuesInWords()),
-      download: 'bands.png'}).click();
-  });
-  onClick('hear', () => sound(MODELS.map(model => view.bands[model][view.chosen.at][view.chosen.branch]).filter(f => f > 0)));
-  onClick('open', () => element('file').click());
-  const take = file => file && showRidges(file).catch(error => tell(`${file.name} is not drawn: ${error.message}.`));
-  element('file').addEventListener('change', event => {
-    take(event.target.files[0]);
-    event.target.value = '';  // the same file can be chosen again
-  });
-  document.addEventListener('dragover', event => event.preventDefault());
-  document.addEventListener('drop', event => {
-    event.preventDefault();
-    take(event.dataTransfer.files[0]);
-  });
+  element('copy').addEventListener('click', () => copy(sceneText(view.state), 'The scene is copied; paste it into a file of your own.'));
 }
 
 function listen() {
@@ -287,7 +226,6 @@ function listen() {
   });
   addEventListener('hashchange', followLink);
   new ResizeObserver(() => {
-    reserve();
     Object.values(motions).forEach(motion => motion.layOut());
     showMode();
   }).observe(document.querySelector('main'));

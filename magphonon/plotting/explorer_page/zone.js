@@ -1,6 +1,4 @@
 // The first Brillouin zone with the path of the chart and the wavevector that is shown, as SVG; x and y as in the lattice.
-'use strict';
-
 /** The zone is drawn from -1 to 1; its special points stand around it. */
 function drawZone(svg, data, at) {
   const points = data.path.q.map(q => wavevector(data, q));

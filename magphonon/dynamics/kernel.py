@@ -1,0 +1,266 @@
+"""Stages of time steps on displacements from rest, compiled by numba for what a structure has.
+
+A stage is a kick and the drift that follows it.  Every slot sums the forces of its own bonds, so that each bond is evaluated
+twice and no two slots write to one place. A stage reads displacements u and writes those after the drift into w; then u and w
+change places.  So the slots may be done in any order.
+
+    F = h - k u + sum_bonds s (H R + (g + t H) du)        H = e (c0 + c1 e + ...)        e = (2 R.du + t |du|^2)/r0^2
+    v <- keep C v + kick P F        w <- u + drift v
+
+C and P are the damping, the gyration and the mobility of each slot, and zero for held particles; t is one in the complete model,
+else zero.  Slots are done in pieces with fixed borders, since what vector units leave over is rounded differently: results are
+the same bit by bit for any number of threads, each of which has its own pieces.
+
+`piece` is written out as text for the types of its arguments, so that whatever a structure lacks is left out, and all loops over
+bonds, coefficients and dimensions are unrolled.  It contains no literal numbers (`R + R` instead of `2 * R`), whose type would
+convert all others to double precision.  Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector
+units.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from typing import TYPE_CHECKING, NamedTuple
+from warnings import warn
+
+import numpy as np
+from numba import njit, types
+from numba.core.options import DefaultOptions
+from numba.extending import intrinsic, overload
+
+if TYPE_CHECKING:
+    from typing import Any
+
+COUNTED = {'_nrt': False} if hasattr(DefaultOptions, '_nrt') else {}
+"""An internal option of numba that switches off reference counts of arrays, which take longer than a short run of slots."""
+OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True, **COUNTED}
+FAST = {'error_model': 'numpy', 'fastmath': {'contract', 'reassoc', 'nsz'}, 'forceinline': False, **COUNTED}
+
+
+# --- compiling -----------------------------------------------------------------------------------------------------------
+
+
+class Spare:
+    """The disk cache of numba, made optional: code that cannot be read or written there is compiled again."""
+
+    told = False  # whether the user has been warned
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name):
+        return getattr(self._cache, name)
+
+    def load_overload(self, *arguments: Any) -> Any:
+        return self._without(self._cache.load_overload, arguments)
+
+    def save_overload(self, *arguments: Any) -> Any:
+        return self._without(self._cache.save_overload, arguments)
+
+    def _without(self, call, arguments):
+        try:
+            return call(*arguments)
+        except Exception as error:  # a damaged file may raise anything, a full disk OSError
+            if not Spare.told:
+                Spare.told = True
+                warn(f"numba's cache in {self._cache.cache_path} cannot be used ({error!r}): compiled steps are compiled again "
+                     'in each process, which takes seconds; empty this folder, or set NUMBA_CACHE_DIR to another', stacklevel=2)
+            return None
+
+
+def kept(function):
+    """Compile a function, and keep the result on disk if numba finds a folder that it may write to."""
+    try:
+        compiled = njit(cache=True, **OPTIONS)(function)
+    except RuntimeError:
+        return njit(**OPTIONS)(function)
+    compiled._cache = Spare(compiled._cache)
+    return compiled
+
+
+@intrinsic
+def vectorise(typing_context):
+    """Promise that arrays of the calling function do not overlap, and ask for wide vectors: worth a factor of 1.5."""
+    def code(context, builder, signature, arguments):
+        function = builder.function
+        try:
+            set.add(function.attributes, '"prefer-vector-width"="512"')  # a name of LLVM's; llvmlite's own `add` knows only some
+            function.attributes.add('noinline')  # neither would hold within another function
+            for argument in function.args:
+                if argument.type.is_pointer and 'noalias' not in argument.attributes:
+                    argument.add_attribute('noalias')
+        except (AttributeError, TypeError, ValueError) as error:
+            warn(f'this version of numba takes no hints for vector units ({error}): compiled steps are slower', stacklevel=2)
+        return context.get_dummy_value()
+
+    return types.void(), code
+
+
+def written_out(text, name, **names):
+    """The function `name` of a text, which is written out for what is known from types, such as a number of terms."""
+    exec(text, names)  # noqa: S102  of nothing but numbers of terms
+    return names[name]
+
+
+@kept
+def smallest(x):
+    """The smallest kernel, by which it is tried whether kernels can be compiled."""
+    return x
+
+
+# --- the steps -----------------------------------------------------------------------------------------------------------
+
+
+class Bonds(NamedTuple):
+    """Bonds in columns, of which each slot has one bond.
+
+    Attributes
+    ----------
+    near : tuple of uint64, or of ndarray of uint32, shape (slots,)
+        For each column the offset of the neighbour of every slot, or its slot.  On a grid every second column has the offset of
+        the one before with the other sign: its bonds are those of the neighbours, and are stored once.
+    R : tuple of ndarray
+        Components of the rest vectors in mm: shape (groups,), or (groups, slots) if each bond has its own, where a group is a
+        column, or two columns of a grid.
+    unit, g : ndarray
+        1/r0^2, and the static force by length where it turns with the bond, in the same shape.
+    strength : ndarray, shape (groups, slots), or None
+        Factors of the law of each bond; or if the bonds of a group are alike, 0 where one is missing and 1 elsewhere.
+    complete : tuple of None, or empty
+        Not empty for the complete model.
+    """
+
+    near: tuple
+    R: tuple
+    unit: np.ndarray
+    g: np.ndarray
+    strength: np.ndarray | None
+    complete: tuple
+
+
+class Sites(NamedTuple):
+    """What acts on slots.
+
+    Attributes
+    ----------
+    k : tuple of float, or of ndarray, shape (slots,)
+        Springs along each axis in N/mm.
+    load : tuple of ndarray, shape (slots,), or None
+        Static forces in N.
+    decay : ndarray, shape (3, slots), or None
+        Factors of velocities in the first, the others and the last stage of a block; None if all slots have the same.
+    push : ndarray, shape (3, slots), or (1, slots)
+        Velocities of unit kicks in 1/g.
+    turns : pair of ndarray, shape (3, slots), or None
+        Imaginary parts of `decay` and `push`, where velocities v_x + i v_y turn.
+    """
+
+    k: tuple
+    load: tuple | None
+    decay: np.ndarray | None
+    push: np.ndarray
+    turns: tuple | None
+
+
+class Some(NamedTuple):
+    """Slots in ascending order, of which each thread has those from first[me] on, and numbers of each slot.
+
+    These are changes of velocities by unit kicks in mm/ms or places of walls in mm, shape (stages, slots, dim), or directions
+    that are barred to guided particles, shape (1, slots, dim).
+    """
+
+    slots: np.ndarray
+    first: np.ndarray
+    values: np.ndarray
+
+
+def bits(x):
+    """The bits of x, which is not negative, as an integer: these sort like x, and vector units can compute their maximum."""
+
+
+@overload(bits)
+def _bits(x):
+    if x == types.float32:
+        return lambda x: np.float32(x).view(np.int32)
+    return lambda x: np.float64(x).view(np.int64)
+
+
+def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
+    """Do a stage for the slots from lo to hi; returns whether an increment is beyond the reach of the law."""
+
+
+def there(kind):
+    """Whether an argument of this type is not None."""
+    return not isinstance(kind, types.NoneType)
+
+
+def bond(n, axes, bonds, c):
+    """The lines of text that add the force of the bond of column n to f, for these types of arguments."""
+    near, R, _, _, strength, complete = bonds
+    each, listed = R[0].ndim == 2, isinstance(near[0], types.Array)
+    back = not listed and n % 2  # the bond of the neighbour, seen from its other end
+    place = f'[{n}, i]' if listed else f'[{n // 2}, {"j" if back else "i"}]'
+    at = place if each else f'[{n // 2}]'
+    s = f's{place} * ' if there(strength) else ''
+    law = [f'c{q}{at if isinstance(c[q], types.Array) else ""}' for q in range(len(c))]
+    quotient = reduce(lambda higher, one: f'({higher} * e + {one})', law[::-1])
+    stretch = [f'd{x} = {"" if each else s}({f"x{x} - u{x}[j]" if back else f"u{x}[j] - x{x}"})' for x in axes]
+    squares = [f'(R{x}{at} + R{x}{at}{f" + d{x}" * len(complete)}) * d{x}' for x in axes]
+    return [f'j = {f"near[{n}][i]" if listed else f"i + near[{n}]"}', *stretch, f'e = unit{at} * ({" + ".join(squares)})',
+            f'H = {s if each else ""}e * {quotient}', *['far = max(far, abs(e))'] * (not back),
+            *(f'f{x} {"+-"[not back]}= H * R{x}{at}{f" + (g{at} + H) * d{x}" * len(complete)}' for x in axes)]
+
+
+@overload(piece, jit_options=FAST)
+def _piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
+    k, load, decay, _, turns = sites.types
+    axes = range(len(u))
+    springs = [f'k{x}[i]' if isinstance(k[0], types.Array) else f'k{x}' for x in axes]
+    loads = [f'h{x}[i] ' if there(load) else '' for x in axes]
+    if there(turns):
+        kicks = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0][row, i], kick * P[row, i], kick * T[1][row, i]',
+                 'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
+    else:
+        damping = 'keep * C[row, i]' if there(decay) else 'keep'
+        kicks = [f'a{x} = {damping} * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
+    unpacked = 'uwvRk' + 'h' * there(load)
+    head = ['near, R, unit, g, s, _ = bonds', 'k, h, C, P, T = sites', f'{"".join(f"c{q}, " for q in range(len(c)))} = c',
+            *(f'{"".join(f"{a}{x}, " for x in axes)} = {a}' for a in unpacked), 'none = drift - drift', 'top = bits(none)']
+    body = [*(f'x{x} = u{x}[i]; f{x} = {loads[x]}-{springs[x]} * x{x}' for x in axes), 'far = none',
+            *(line for n in range(len(bonds.types[0])) for line in bond(n, axes, bonds.types, c)), *kicks,
+            *(f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes), 'top = max(top, bits(far))']
+    text = '\n    '.join(['def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()', *head,
+                          'for i in range(lo, hi):', *(f'    {line}' for line in body), 'return top > bits(reach)'])
+    return written_out(text, 'piece', vectorise=vectorise, bits=bits)
+
+
+@kept
+def stages(u, w, v, bonds, c, sites, flow, rows, reach, pieces, parts, pushed, guided, led, me, some):
+    """Do some stages of a block, from some[0] to some[1], for the pieces of a thread `me`.
+
+    Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
+    """
+    beyond = False
+    if some[0] % 2:
+        u, w = w, u
+    for n in range(some[0], some[1]):
+        row, keep, kick, drift = rows[n], flow[n, 0], flow[n, 1], flow[n, 2]
+        for p in range(parts[me], parts[me + 1]):
+            beyond |= piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, pieces[p, 0], pieces[p, 1])
+        for m in range(pushed.first[me], pushed.first[me + 1]):
+            i = pushed.slots[m]
+            for x in range(len(u)):
+                v[x][i] += kick * pushed.values[n, m, x]
+                w[x][i] = u[x][i] + drift * v[x][i]
+        for m in range(guided.first[me], guided.first[me + 1]):
+            i, barred, along = guided.slots[m], guided.values[0, m], reach - reach
+            for x in range(len(u)):
+                along += barred[x] * v[x][i]
+            for x in range(len(u)):
+                v[x][i] -= along * barred[x]
+                w[x][i] = u[x][i] + drift * v[x][i]
+        for m in range(led.first[me], led.first[me + 1]):
+            for x in range(len(u)):
+                w[x][led.slots[m]] = led.values[n, m, x]
+        u, w = w, u
+    return beyond

@@ -1,0 +1,227 @@
+"""Packings of soft spheres: at rest, at their pressure, with at least the fewest contacts, and with the stiffness of own sums.
+
+The oracle looks at all pairs of spheres and at all their images, in dense matrices; it shares no line with the package.
+"""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from ase.md.verlet import VelocityVerlet
+from numpy.testing import assert_allclose
+
+from magphonon import (
+    DrivenVerlet,
+    InversePower,
+    MagneticRepulsion,
+    analytic_bands,
+    lattices,
+    modes,
+    relaxed,
+    verdict,
+)
+from magphonon.design import StiffnessDerivative, force_change, frequency_sensitivities
+from magphonon.errors import Unstable
+from magphonon.interactions import Overlap
+from magphonon.stability import prestress_reserve
+from magphonon.stiffness import Following, elastic_moduli, packing
+
+ENERGY = 0.3
+
+
+def drawn(seed, dim, power, pressure, count=48):
+    rng = np.random.default_rng(seed)
+    radii = np.where(np.arange(count) % 2, 0.5, 0.7) * rng.uniform(0.9, 1.1, count)
+    D = 2 * radii.mean()
+    return packing(radii, pressure * ENERGY / D**dim, Overlap(ENERGY, power), seed=seed, dim=dim)
+
+
+def own_contacts(x, cell, radii):
+    """All pairs i < j of images that overlap: i, j, the vector, the sum of radii."""
+    dim, found = x.shape[1], []
+    for shift in product((-1, 0, 1), repeat=dim):
+        R = x[None] - x[:, None] + np.array(shift) @ cell
+        r, D = np.linalg.norm(R, axis=2), radii[:, None] + radii
+        for i, j in np.argwhere((r < D) & (r > 0)):
+            if i < j:
+                found.append((i, j, R[i, j], D[i, j]))
+    return found
+
+
+def own(x, cell, radii, power, springs_alone=False):
+    """Forces, virial, Hessian, and the clamped and internal parts of the moduli."""
+    n, dim = x.shape
+    F, W, H = np.zeros((n, dim)), np.zeros((dim, dim)), np.zeros((n, dim, n, dim))
+    C, L = np.zeros(4 * (dim,)), np.zeros((n, dim, dim, dim))
+    for i, j, R, D in own_contacts(x, cell, radii):
+        r = np.linalg.norm(R)
+        e, f, k = R / r, ENERGY * (1 - r / D) ** (power - 1) / D, ENERGY * (power - 1) * (1 - r / D) ** (power - 2) / D**2
+        F[j] += f * e
+        F[i] -= f * e
+        f = 0.0 if springs_alone else f
+        W += f * r * np.outer(e, e)
+        K = k * np.outer(e, e) - f / r * (np.eye(dim) - np.outer(e, e))
+        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            H[a, :, b] += sign * K
+        T = np.einsum('x,i,j->xij', e, e, e) * (k + f / r) * r
+        L[j] += T
+        L[i] -= T
+        C += np.einsum('xij,k->ijkx', T, R)
+    return F, W, H.reshape(n * dim, -1), C, L.reshape(n * dim, -1)
+
+
+def own_moduli(x, cell, radii, power, springs_alone):
+    """Birch's tensor from the second derivatives of the energy, by a pseudo-inverse."""
+    dim, V = x.shape[1], abs(np.linalg.det(cell))
+    _, W, H, C, L = own(x, cell, radii, power, springs_alone)
+    C = (C - (L.T @ np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ L).reshape(C.shape)) / V
+    s, one = -W / V, np.eye(dim)
+    turned = sum(np.einsum(f'{p},{q}->ijkl', s, one) for p, q in (('ik', 'jl'), ('il', 'jk'), ('jk', 'il'), ('jl', 'ik')))
+    return C + turned / 2 - np.einsum('ij,kl->ijkl', s, one)
+
+
+CASES = [(seed, dim, power, pressure) for seed, (dim, power, pressure) in enumerate(
+    product((2, 3), (2.0, 2.5), (3e-2, 1e-3, 1e-4)))]
+
+
+@pytest.mark.parametrize(('seed', 'dim', 'power', 'pressure'), [
+    pytest.param(*case, marks=[] if case[0] % 4 == 0 else pytest.mark.slow) for case in CASES])
+def test_a_packing_is_at_rest_at_its_pressure_with_the_stiffness_of_own_sums(seed, dim, power, pressure):
+    found = drawn(seed, dim, power, pressure)
+    x, cell, radii = found.atoms.positions[:, :dim], found.atoms.cell.array[:dim, :dim], found.radii[found.held]
+    F, W, H, *_ = own(x, cell, radii, power)
+    rounded = 40 * np.spacing(cell.max()) * abs(H).max()  # positions are rounded, and a contact is stiff
+    assert np.abs(F).max() < rounded
+    assert_allclose(found.atoms.get_forces()[:, :dim], F, atol=rounded)
+    assert_allclose(W / abs(np.linalg.det(cell)), found.pressure * np.eye(dim), atol=1e-6 * found.pressure)
+    contacts = own_contacts(x, cell, radii)
+    assert found.contacts == len(contacts)
+    assert found.excess >= 0
+    touched = np.bincount(np.ravel([pair[:2] for pair in contacts]), minlength=len(x))
+    assert touched.min() > dim  # no rattler is left
+    assert_allclose(found.atoms.calc.rest_hessian().toarray(), H, atol=1e-12 * abs(H).max())
+    omega = modes(found.atoms).omega
+    assert_allclose(np.sign(omega) * omega**2, np.linalg.eigvalsh(H), atol=1e-11 * abs(H).max())
+    for model in ('complete', 'conventional'):
+        B, mine = elastic_moduli(found.atoms, model).birch, own_moduli(x, cell, radii, power, model == 'conventional')
+        assert_allclose(B, mine, atol=1e-8 * abs(mine).max(), err_msg=model)
+    soft, stiff = elastic_moduli(found.atoms).shear, elastic_moduli(found.atoms, 'conventional').shear
+    assert stiff > 1.001 * soft  # the control: D0 alone says it is stiffer; 1.026 was the least of these
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_the_shear_modulus_is_that_of_a_finite_shear(seed):
+    """Own energies of the sheared cell after own Newton steps with contacts free: no formula of moduli enters."""
+    found, strain, power = drawn(seed, 2, 2.0, 3e-2), 1e-6, 2.0
+    x0, cell0, radii = found.atoms.positions[:, :2], found.atoms.cell.array[:2, :2], found.radii[found.held]
+    stresses = []
+    for sign in (1, -1):
+        turn = np.eye(2) + sign * strain / 2 * np.array([[0, 1], [1, 0]])
+        x, cell = x0 @ turn, cell0 @ turn
+        for _ in range(4):
+            F, _, H, *_ = own(x, cell, radii, power)
+            x = x + (np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ F.ravel()).reshape(x.shape)
+        stresses.append(-own(x, cell, radii, power)[1][0, 1] / abs(np.linalg.det(cell)))
+    shear = (stresses[0] - stresses[1]) / (2 * strain)
+    birch = elastic_moduli(found.atoms).birch
+    assert birch[0, 1, 0, 1] == pytest.approx(shear, rel=1e-5)  # third derivatives: a contact changes by 1e-4 of its overlap
+    assert elastic_moduli(found.atoms, 'conventional').birch[0, 1, 0, 1] > 1.05 * shear
+
+
+def test_a_packing_goes_to_another_pressure_and_loses_contacts_on_the_way():
+    dense = drawn(3, 2, 2.0, 3e-2)
+    loose = dense.at(dense.pressure / 100)
+    assert loose.contacts < dense.contacts
+    assert loose.fraction < dense.fraction
+    back = loose.at(dense.pressure)
+    assert back.fraction == pytest.approx(dense.fraction, rel=2e-2)
+    assert f'{loose.rattlers} rattlers' in str(loose)
+
+
+def test_tools_that_know_no_radii_refuse_them_and_the_others_use_them():
+    found = drawn(0, 2, 2.0, 3e-2)
+    with pytest.raises(ValueError, match='does not support laws of the distance over the sum of both radii'):
+        frequency_sensitivities(found.atoms, [[0, 0, 0]], [StiffnessDerivative(law=force_change(Overlap(ENERGY)))])
+    assert analytic_bands(found.atoms, 'GX').omega.shape[1] == 2 * len(found.atoms)
+    assert verdict(found.atoms).stable
+    run = DrivenVerlet(found.atoms, 0.05)
+    run.atoms.positions[0, 0] += 1e-9
+    run.run(3)
+    assert run.displacements[1:].any()
+
+
+@pytest.mark.parametrize(('what', 'words'), [
+    ({'radii': [0.5, 0.7]}, 'at least 16'), ({'radii': [-1.0] * 20}, 'smallest of the radii'), ({'pressure': 0.0}, 'pressure'),
+    ({'dim': 4}, 'dim')])
+def test_what_no_packing_has_is_refused(what, words):
+    with pytest.raises(ValueError, match=words):
+        packing(**{'radii': [0.5, 0.7] * 10, 'pressure': 1e-2, 'law': Overlap(1.0)} | what)
+
+
+def test_a_pressure_too_low_to_be_reached_is_told(monkeypatch):
+    monkeypatch.setattr('magphonon.stiffness.packings.STEPS', 50)
+    with pytest.raises(Unstable, match=r'take a higher one, or approach it by steps, packing\(...\).at\(pressure\)'):
+        drawn(0, 2, 2.0, 1e-4)
+
+
+@pytest.mark.parametrize(('dim', 'power'), [(2, 2.0), (3, 2.5)])
+def test_contacts_that_open_and_close_keep_the_energy_and_a_fixed_list_does_not(dim, power):
+    """The drift of Verlet's steps falls with the square of the step; spheres that leave their contacts meet others."""
+    found = drawn(2, dim, power, 3e-2)
+    v = np.zeros((len(found.atoms), 3))
+    v[:, :dim] = 0.1 * np.random.default_rng(1).normal(size=(len(v), dim))
+    v -= v.mean(axis=0)
+
+    def moved(calc, dt):
+        atoms = found.atoms.copy()
+        atoms.calc = calc(found.atoms)
+        atoms.set_velocities(v)
+        energies, run = [], VelocityVerlet(atoms, dt)
+        run.attach(lambda: energies.append(atoms.get_total_energy()), interval=5)
+        run.run(round(20 / dt))
+        return atoms, np.ptp(energies)
+
+    (atoms, coarse), (_, fine) = moved(Following, 0.1), moved(Following, 0.05)
+    assert coarse / fine == pytest.approx(4, rel=0.5)
+    x, cell, radii = atoms.positions[:, :dim], atoms.cell.array[:dim, :dim], found.radii[found.held]
+    F, *_ = own(x, cell, radii, power)
+    assert_allclose(atoms.get_forces()[:, :dim], F, atol=1e-12 * abs(F).max())
+    now = {pair[:2] for pair in own_contacts(x, cell, radii)}
+    assert now != {pair[:2] for pair in own_contacts(*at_rest(found), radii)}
+    fixed = found.atoms.copy()
+    fixed.calc = found.atoms.calc
+    fixed.positions[:] = atoms.positions
+    assert abs(fixed.get_forces()[:, :dim] - F).max() > 0.1 * abs(F).max()  # the control
+
+
+def at_rest(found):
+    dim = found.atoms.calc.dim
+    return found.atoms.positions[:, :dim], found.atoms.cell.array[:dim, :dim]
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_prestress_at_which_a_structure_collapses_is_that_of_dense_matrices(seed):
+    """Packings, and lattices with holes on a foundation: D0 + f D* is definite just below the factor and not just above."""
+    if seed:
+        atoms = drawn(seed, 2 + seed % 2, 2.0, 3e-2).atoms
+    else:
+        atoms = lattices.triangular(1.0, 1.0).repeat((4, 4, 1))
+        del atoms[5]
+        atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=9.0)
+        atoms = relaxed(atoms).atoms
+    found = prestress_reserve(atoms)
+    H0, H = (atoms.calc.rest_hessian(model).toarray() for model in ('conventional', 'complete'))
+    held = atoms.calc.dim if seed else 0  # a packing as a whole may be anywhere
+    lowest = [np.linalg.eigvalsh((H0 + f * (H - H0))[held:, held:])[0] for f in (0.999 * found.factor, 1.001 * found.factor)]
+    assert lowest[0] > 0 > lowest[1]
+    assert found.factor > 1
+    assert found.mode.shape == (len(atoms), atoms.calc.dim)
+    at_the_end = (H0 + found.factor * (H - H0)) @ found.mode.ravel()
+    assert abs(at_the_end[held:]).max() < 1e-8 * abs(H0).max()
+
+
+def test_what_only_its_tension_holds_has_no_such_prestress():
+    cell = lattices.square(1.0, 1.0).repeat((3, 3, 1))
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    with pytest.raises(ValueError, match=r'springs alone, D0, do not hold this structure'):
+        prestress_reserve(cell)
