@@ -199,7 +199,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
     refuse(atoms, all_but('a verdict of motion in the plane', 'oblique'))
-    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms))}
+    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms), atoms.calc)}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
         LinearSystem.of(atoms)

@@ -37,7 +37,7 @@ def test_the_tables_of_the_prototype_are_two_measurements_of_one_lattice(tmp_pat
         assert main(['fit', name, *words]) == 0
         printed = capsys.readouterr().out
         found[name] = [float(x) for x in re.search(r'force .*?([\d.]+) N \(([\d.]+) to ([\d.]+)\)', printed).groups()]
-        assert 'scatter' not in printed
+        assert 'scatter by more' not in printed
     assert all(found[name][1] < 0.2369 < found[name][2] for name in ('prototype_force', 'prototype_ridges'))
     assert not found['synthetic_force'][1] < 0.2369 < found['synthetic_force'][2]
     (tmp_path / 'prototype_force').write_text('r_m,f_N\n1,2\n')  # a file of the user comes first
