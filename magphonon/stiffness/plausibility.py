@@ -76,6 +76,7 @@ def warn_of_units(calc: Repulsion) -> None:
         warnings.warn(f'the foundation of {spring:.6g} N/mm is {spring / bond:.3g} times as stiff as a bond; if {spring:.6g} N/m '
                       f'was meant, give {spring:.6g} * units.N / units.m, which is {spring / 1e3:.6g} N/mm', stacklevel=3)
     _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring)
+    _warn_of_turning_and_layers(calc)
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
     if f and not least <= f <= most:
         warnings.warn(f'{calc.laws!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
@@ -95,6 +96,9 @@ def _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring):
     if shortest >= BENCH[0] and lightest < BENCH[1]:
         _warn(f'a mass of {lightest:.6g} g is little for particles {shortest:.6g} mm apart; if {lightest:.6g} kg was meant, give '
               f'{lightest:.6g} * units.kg')
+
+
+def _warn_of_turning_and_layers(calc):
     if calc.turning > FAST[0] * (scale := _scale(calc)) > 0 and calc.turning / units.s < scale:
         _warn(f'a gyration of {calc.turning:.6g} rad/ms is far above the frequencies of the structure; if '
               f'{calc.turning:.6g} rad/s was meant, give {calc.turning:.6g} / units.s')
