@@ -38,7 +38,7 @@ in contact have about 1, since B^2/(2 mu_0) is 1 N/mm^2 at 1.6 T."""
 LOSSY = 5.0
 """A damping above this multiple of the frequency of the stiffest bond and spring, which lets no wave oscillate, was probably
 typed in 1/s, if it is below that frequency once converted."""
-SHORT = 0.1, 2e-4  # radians of the stiffest bond and spring in a whole run, and in a time step, below which times were typed in s
+SHORT = 0.04, 2e-4  # radians of the stiffest bond and spring in a whole run, and in a time step, below which s was meant
 HASTY = 3.0  # such radians in the time in which a particle would move by a bond, whose inverse shows velocities typed in mm/s
 UNEQUAL = 1e9  # ratio of masses from which frequencies lose digits (4e-8 at 1e9, 4e-5 at 1e12): D holds K/sqrt(m m')
 FAST = 30.0, 5.0
