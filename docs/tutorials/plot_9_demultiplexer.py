@@ -9,10 +9,10 @@ it still works when it is built.
 # %%
 # What is wanted
 # --------------
-# The patch is a hexagon of the prototype's magnets on aluminium rods.  All magnets within 45 mm of each other repel each other, and
-# part of each rod moves with its magnet: a design with nearest neighbours alone, or with rods that weigh nothing, would not work.
-# A force pushes a magnet on the left.  At 60 Hz port A, at the upper right, is to have much more energy than port B, at the lower
-# right; at 80 Hz it is the other way round.
+# The patch is a hexagon of the prototype's magnets on aluminium rods.  All magnets within 45 mm of each other repel each other,
+# and part of each rod moves with its magnet: a design with nearest neighbours alone, or with rods that weigh nothing, would not
+# work. A force pushes a magnet on the left.  At 60 Hz port A, at the upper right, is to have much more energy than port B, at
+# the lower right; at 80 Hz it is the other way round.
 
 import numpy as np
 
@@ -58,16 +58,18 @@ print(f'in four of five copies: {copies.reached(80):.1f} dB')
 # %%
 # A design to be built
 # --------------------
-# With ``errors`` the design is made for copies, eight new ones at each step, and ``parts`` are what the shop has: five grades of
-# magnets and four rods.  The moving mass follows the rod.  A hundred steps take seconds; the device below took 2200, some minutes.
+# With ``errors`` the design is made for copies, eight new ones at each step, and ``parts`` are what the shop has: five grades
+# of magnets and four rods.  The moving mass follows the rod.  A hundred steps take seconds; the device below took 2200, some
+# minutes.
 
 design = optimise(patch, targets, over, parts={'strength': [0.87, 0.93, 1.0, 1.07, 1.15], 'rod': RODS}, errors=errors,
                   rod_mass=rod, steps=60)
 print(f'in four of five copies: {verify(design.atoms, targets, errors, copies=20).reached(80):.1f} dB')
 
 # %%
-# The ready scene ``demultiplexer`` is the finished device.  ``write_build_list`` has written its list, which every command reads as
-# ``[lattice] kind = "file"``.  The table says what each error costs: what four of five copies reach with it alone, and without it.
+# The ready scene ``demultiplexer`` is the finished device.  ``write_build_list`` has written its list, which every command reads
+# as ``[lattice] kind = "file"``.  The table says what each error costs: what four of five copies reach with it alone, and without
+# it.
 
 from magphonon import read_scene, relaxed
 
