@@ -131,7 +131,7 @@ OPTIONS = [
 ]
 """Options that do not fit the synthetic set, and what is said about them."""
 FILES = [
-    (['BINARY'], 'is not a text file'), (['none.csv'], 'none.csv is not there'), ([''], 'is not there'),
+    (['BINARY'], 'is not a text file'), (['none.csv'], 'none.csv is not there'), ([''], "'' is not there"),
     (['prototype.toml'], 'is a scene; name after it what was measured'),
     (['prototype.toml', 'ideal.toml'], 'ideal.toml is a scene and holds no measurements'),
 ]
