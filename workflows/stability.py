@@ -184,7 +184,7 @@ def _draw_oscillator(out):
 
     figure, (axes,) = panels(1, 2, height=2.6)
     letter_panels(axes, ['$D^0+D^*$', '$D^0$ alone'])
-    exponents, degrees = np.linspace(1, 8, 36), np.rad2deg(ANGLES)
+    exponents, finer, degrees = np.linspace(1, 8, 36), np.linspace(1, 8, 561), np.rad2deg(ANGLES)
     for ax, model in zip(axes, MODELS, strict=True):
         D = np.array([_stiffnesses(t, exponents, model) for t in ANGLES])
         shades = ax.contourf(exponents, degrees, D[..., 0], levels=np.arange(-3, 16.6, 1.5), cmap='PuOr',
@@ -194,8 +194,8 @@ def _draw_oscillator(out):
                 region = ax.contourf(exponents, degrees, D[..., axis], [-9, 0], colors='none', hatches=[hatch])
                 region.set(edgecolor='0.25', linewidth=0)
         line = '-' if model == 'complete' else ':'
-        ax.plot(exponents, np.rad2deg(critical(exponents)), line, color='black', linewidth=1.6)
-        below = exponents[exponents <= 2]
+        ax.plot(finer, np.rad2deg(critical(finer)), line, color='black', linewidth=1.6)
+        below = finer[finer <= 2]
         ax.plot(below, np.rad2deg(critical_upwards(below)), line, color=COLOURS[0], linewidth=1.6)
         ax.set(xlabel='exponent $a$', ylabel=r'angle $\theta_0$ (deg)', xlim=(1, 8), ylim=(0, 90))
         ax.label_outer()

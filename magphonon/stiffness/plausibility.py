@@ -38,7 +38,7 @@ in contact have about 1, since B^2/(2 mu_0) is 1 N/mm^2 at 1.6 T."""
 LOSSY = 5.0
 """A damping above this multiple of the frequency of the stiffest bond and spring, which lets no wave oscillate, was probably
 typed in 1/s, if it is below that frequency once converted."""
-SHORT = 0.1, 2e-4  # radians of the stiffest bond and spring in a whole run, and in a time step, below which times were typed in s
+SHORT = 0.04, 2e-4  # radians of the stiffest bond and spring in a whole run, and in a time step, below which s was meant
 HASTY = 3.0  # such radians in the time in which a particle would move by a bond, whose inverse shows velocities typed in mm/s
 UNEQUAL = 1e9  # ratio of masses from which frequencies lose digits (4e-8 at 1e9, 4e-5 at 1e12): D holds K/sqrt(m m')
 FAST = 30.0, 5.0
@@ -76,6 +76,7 @@ def warn_of_units(calc: Repulsion) -> None:
         warnings.warn(f'the foundation of {spring:.6g} N/mm is {spring / bond:.3g} times as stiff as a bond; if {spring:.6g} N/m '
                       f'was meant, give {spring:.6g} * units.N / units.m, which is {spring / 1e3:.6g} N/mm', stacklevel=3)
     _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring)
+    _warn_of_turning_and_layers(calc)
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
     if f and not least <= f <= most:
         warnings.warn(f'{calc.laws!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
@@ -95,6 +96,9 @@ def _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring):
     if shortest >= BENCH[0] and lightest < BENCH[1]:
         _warn(f'a mass of {lightest:.6g} g is little for particles {shortest:.6g} mm apart; if {lightest:.6g} kg was meant, give '
               f'{lightest:.6g} * units.kg')
+
+
+def _warn_of_turning_and_layers(calc):
     if calc.turning > FAST[0] * (scale := _scale(calc)) > 0 and calc.turning / units.s < scale:
         _warn(f'a gyration of {calc.turning:.6g} rad/ms is far above the frequencies of the structure; if '
               f'{calc.turning:.6g} rad/s was meant, give {calc.turning:.6g} / units.s')
