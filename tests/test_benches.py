@@ -27,21 +27,18 @@ def founded(text, k):
     return re.sub(r'(?s)\[foundation.*?(?=\n\[|$)', f'[foundation]\nstiffness_N_per_m = {k:.6g}\n', text)
 
 
-def pasted(text, entry):
-    """The scene with the tables that `fit` prints in place of its [law]."""
-    return re.sub(r'(?s)\[law\].*?(?=\n\[)', lambda _: entry, text, count=1)
-
-
 def walk(seed, folder, capsys, commands):
     """Take one stranger through the commands; returns the refusals, all mended by their own words."""
     bench, scene, refusals = drawn(seed), folder / 'mine.toml', []
     (folder / 'Kräfte.csv').write_bytes(bench.table)
     assert main(['scene', bench.ready]) == 0
-    scene.write_text(bench.scene(capsys.readouterr().out), encoding='utf-8')
-    assert main(['fit', str(scene), str(folder / 'Kräfte.csv')]) == 0
-    entry = capsys.readouterr().out.partition('\n[law]')[2]
-    scene.write_text(pasted(scene.read_text(encoding='utf-8'), f'[law]{entry}'), encoding='utf-8')
-    law = tomllib.loads(f'[law]{entry}')['law']
+    given = bench.scene(capsys.readouterr().out)
+    scene.write_text(given, encoding='utf-8')
+    assert main(['fit', str(scene), str(folder / 'Kräfte.csv'), '-o', str(scene), '--force']) == 0
+    fitted_scene = tomllib.loads(scene.read_text(encoding='utf-8'))
+    law = fitted_scene['law']
+    assert {key: table for key, table in fitted_scene.items() if key not in ('law', 'uncertainty')} == {
+        key: table for key, table in tomllib.loads(given).items() if key != 'law'}
     fitted = np.exp(np.interp(np.log(bench.spacing), *(np.log(law[key]) for key in ('distances_m', 'forces_N'))))
     assert fitted == pytest.approx(bench.force, rel=0.3), 'a unit was misread'
     for command in commands:
@@ -68,9 +65,9 @@ def without_pictures(monkeypatch):
     monkeypatch.setattr(burst, '_draw', lambda *_: None)
 
 
-@pytest.mark.parametrize('seed', [2, 11, 30])
+@pytest.mark.parametrize('seed', [2, 11, 12])
 def test_a_stranger_reaches_bands(seed, tmp_path, capsys, monkeypatch):
-    """Of a triangular, a square and a kagome lattice, the last with a hole."""
+    """Of a triangular and a square lattice, and of a triangular one with a hole."""
     without_pictures(monkeypatch)
     walk(seed, tmp_path, capsys, ['check', 'bands'])
 
@@ -78,16 +75,18 @@ def test_a_stranger_reaches_bands(seed, tmp_path, capsys, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize('piece', range(10))
 def test_one_hundred_strangers(piece, tmp_path, capsys, monkeypatch):
-    """All reach the bands; every fifth also sends a burst and opens the sliders.  Fifteen have pillars that are too weak."""
+    """All check their scene, every second one draws bands, every tenth sends a burst and opens the sliders.  Fifteen have pillars
+    that are too weak.
+    """
     without_pictures(monkeypatch)
     for seed in range(10 * piece, 10 * piece + 10):
         (own := tmp_path / str(seed)).mkdir()
-        walk(seed, own, capsys, ['check', 'bands', *(['burst', 'explore'] if seed % 5 == 0 else [])])
+        walk(seed, own, capsys, ['check', *['bands'] * (seed % 2), *['burst', 'explore'] * (seed % 10 == 0)])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('seed', range(100, 400))
 def test_more_strangers(seed, tmp_path, capsys, monkeypatch):
-    """Through all commands, a quarter of an hour."""
+    """Through all commands, about an hour."""
     without_pictures(monkeypatch)
     walk(seed, tmp_path, capsys, ['check', 'bands', 'burst', 'explore'])

@@ -263,7 +263,7 @@ def test_strengths_and_radii_are_laws_of_kinds(tool, base, given, alike):
     assert found.shape != control.shape or not np.allclose(found, control, rtol=1e-4, atol=0)
 
 
-HELPERS = {'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
+HELPERS = {'Shells', 'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
            'series_response', 'thermal_bands',
            'Variables', 'chern_numbers', 'edge_flow'}
 """Declared, and asked in the tests of their rooms: they take more than a structure."""

@@ -14,7 +14,7 @@ os.environ.setdefault('OMP_NUM_THREADS', '1')  # before numpy is loaded: threads
 from tqdm import tqdm
 
 from .accuracy import machine
-from .chapters import NAMES, SHORTENED, run
+from .chapters import NAMES, SHORTENED, cores, run
 from .mutations import MUTATED, as_markdown, table
 from .report import counted, text_table, write_html, write_summary
 
@@ -58,8 +58,7 @@ def outcomes_of(names, out, quick):
     """Outcomes by the name of the workflow, in the order of `names`; several workflows run side by side on all cores."""
     if len(names) == 1:
         return {names[0]: run(names[0], out, quick)}
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
-    with ProcessPoolExecutor(min(cores, len(names)), get_context('spawn')) as pool:
+    with ProcessPoolExecutor(min(cores(), len(names)), get_context('spawn')) as pool:
         longest_first = sorted(names, key=lambda name: LONGEST.index(name) if name in LONGEST else len(LONGEST))
         futures = {name: pool.submit(run, name, out, quick) for name in longest_first}
         for done in tqdm(as_completed(futures.values()), total=len(names), desc='workflows', disable=None):

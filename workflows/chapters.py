@@ -1,6 +1,7 @@
 """The chapters of the report and the claims of the paper: what each workflow reproduces, and where its references are from."""
 
 import gc
+import os
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -100,7 +101,7 @@ CHAPTERS = (
     Chapter('claims', 'paper', "the paper's formulas, and springs without static force in closed form", 'the text'),
     Chapter('neighbours', 'beyond', 'zeta functions and published lattice sums (Golden and Kalman; reference.toml)'),
     Chapter('stability', 'beyond', 'borders in closed form, and time steps on both sides of each'),
-    Chapter('matter', 'beyond', 'printed numbers (Bonsall and Maradudin; Zahn et al.; Hamaguchi et al.) and phonopy'),
+    Chapter('matter', 'beyond', 'printed numbers (Bonsall and Maradudin; Hamaguchi et al.), closed forms and phonopy'),
     Chapter('other_fields', 'beyond', 'closed forms of other fields, results saved by TsgFEM, tests of IonSim.jl, ASE'),
     Chapter('nonlinearity', 'beyond', 'perturbation theory in closed form'),
     Chapter('sites', 'beyond', 'closed forms of chains, the theory written out for small supercells, transfer matrices'),
@@ -151,6 +152,11 @@ CLAIMS = (
     Claim('Such rings repel as the printed law says (force at 10 mm / printed force)', 'magnets',
           'force at 10 mm, computed / fitted: not explained', 'Fig. S3, Supplement'),
 )
+
+
+def cores():
+    """Number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
 
 
 def run(name, out, quick):

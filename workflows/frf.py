@@ -6,6 +6,7 @@ from ase.constraints import FixedLine
 from magphonon import DrivenVerlet, units
 from magphonon.dynamics import Harmonic, Recorder
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panels
+from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import impulse_response, replicas, steady_amplitudes
 from magphonon.scenes.scene import reference
 
@@ -33,6 +34,7 @@ def main(out):
     guided, free, impulse = respond(angles, OMEGA)
     complete, checks = [closed_form(t, OMEGA) for t in angles], []
     conventional, _, _ = respond(angles, OMEGA[::FEW], 'conventional')
+    stiff = from_the_stiffness(angles)
     for k, (theta0, omega_0) in enumerate(zip(angles, paper['omega_y'], strict=True)):
         at = at_angle(theta0)
         step, phase = OMEGA[1] - OMEGA[0], np.angle(guided[:, k] / complete[k])
@@ -42,6 +44,8 @@ def main(out):
             Check(f'frf phase, error against the closed form (rad), {at}', abs(phase).max(), 0, 2 * TOLERANCE),  # twice as steep
             Check(f'frf from one impulse, error against the closed form, {at}',
                   departure(impulse.response[:, k], complete[k]), 0, TOLERANCE),
+            Check(f'frf from the stiffness matrix, error against the closed form, {at}',
+                  departure(stiff[:, k], complete[k]), 0, 1e-9),
         ]
         off = departure(conventional[:, k], complete[k][::FEW])
         if theta0 < np.pi / 2:
@@ -62,6 +66,15 @@ def departure(response, theory):
 def closed_form(theta0, omega):
     """Vertical displacement per force in mm/N, shape (frequencies,), guided along a line, without which pi/2 is unstable."""
     return closed_forms.receptance(theta0, omega * units.s, DAMPING * units.s) * units.m / units.N
+
+
+def from_the_stiffness(angles):
+    """The same responses without time steps, shape (frequencies, angles)."""
+    atoms, magnets = batch(angles, range(len(angles)), 'complete')
+    atoms.set_constraint([*atoms.constraints, FixedLine(magnets, (0, 1, 0))])
+    push = np.zeros((len(atoms), 3))
+    push[magnets, 1] = 1.0
+    return harmonic_response(atoms, push, OMEGA, DAMPING).response[:, magnets, 1]
 
 
 def respond(angles, omega, model='complete', dt=DT, steady=STEADY):

@@ -5,7 +5,6 @@ weak law    all forces and their derivatives are 10 % too small
 no D0       the model of D0 alone is the complete model: every control that puts D0 to the test must fail
 """
 
-import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -13,7 +12,7 @@ from multiprocessing import get_context
 import numpy as np
 from tqdm import tqdm
 
-from .chapters import CHAPTERS, run
+from .chapters import CHAPTERS, cores, run
 
 WEAK_DSTAR, WEAK_LAW = 0.98, 0.9
 MUTATED = tuple(chapter.name for chapter in CHAPTERS if chapter.name not in ('bench', 'speed_accuracy', 'magnets'))
@@ -114,7 +113,7 @@ def noticed(mutation, name, out):
 def table(names, out):
     """What each chapter notices of each mutation: {name: {mutation: Noticed}}."""
     jobs = [(mutation, name) for name in names for mutation in MUTATIONS]
-    with ProcessPoolExecutor(min(os.cpu_count(), len(jobs)), get_context('spawn'), max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(min(cores(), len(jobs)), get_context('spawn'), max_tasks_per_child=1) as pool:
         futures = {job: pool.submit(noticed, *job, out) for job in jobs}
         found = {job: futures[job].result() for job in tqdm(jobs, desc='mutations', disable=None)}
     return {name: {mutation: found[mutation, name] for mutation in MUTATIONS} for name in names}

@@ -45,7 +45,10 @@ def main(out):
     for name, values in (('D_xx', complete[:, 0, 0]), ('D_yy', complete[:, 1, 1]),
                          ('D0_xx', conventional[:, 0, 0]), ('D0_yy', conventional[:, 1, 1])):
         rows = pairs(f'oscillator {name} / largest stiffness', values / scale, np.array(paper[name]) / scale, 1e-9, at)
-        checks += [*rows[:-1], replace(rows[-1], by='printed: arXiv:1911.10410, Sec. III, D0 and D* at 90 degrees')]
+        printed = replace(rows[-1], by='printed: arXiv:1911.10410, Sec. III, D0 and D* at 90 degrees')
+        checks += [*rows[:-1], printed]
+        if name == 'D_xx':  # of the four that are printed D* alters this one
+            checks.append(printed.against(conventional[-1, 0, 0] / scale))
     checks += pairs('oscillator omega_y (rad/s)', signed_root(complete[:, 1, 1]), paper['omega_y'], 1e-9, at)
     checks += pairs('oscillator omega_y, D0 alone (rad/s)', signed_root(conventional[:, 1, 1]), paper['omega_y_D0'], 1e-9, at)
     shifts = signed_root(complete[:, 1, 1]) - signed_root(conventional[:, 1, 1])

@@ -1,7 +1,8 @@
 """Other fields: ions, electrons, gyroscopes, tensegrity, strings, foams and argon; closed forms and numbers of public codes.
 
 Most references are closed forms of the theory of a field, written out here from knowledge of it, not read in its publications.
-Those of others say so: frequencies that TsgFEM saved, numbers in the tests of IonSim.jl, vibrations by ASE.
+Those of others say so: frequencies that TsgFEM saved, numbers in the tests of IonSim.jl, the Hessian of matscipy, vibrations by
+ASE.
 
 Not found in full text, and therefore not among the rows: the tables of Wang et al. 2018 (one-way gap), Chong et al. 2021, Lee et
 al. 2025 (magnets on cantilevers) and Watkins et al. 2020 (demultiplexer), the Chern numbers of the spindle lattice of Mitchell et
@@ -25,10 +26,9 @@ from scipy.special import zeta
 from magphonon import InversePower, analytic_bands, critical_foundation, lattices, modes, relaxed
 from magphonon.bands import chern_numbers, sound_speeds
 from magphonon.interactions import Spring
-from magphonon.lattices import find_bonds
 from magphonon.plotting.axes import COLOURS, legend_of_set, new_axes
 from magphonon.scenes.scene import reference
-from magphonon.stiffness import AllNeighbours, PairCalculator, elastic_moduli, net, self_stress
+from magphonon.stiffness import AllNeighbours, PairCalculator, net, self_stress
 from magphonon.stiffness.matrices import lossless_modes
 
 from .rows import Check, Outcome, save_picture
@@ -38,7 +38,10 @@ CHARGES = InversePower(1.0, 2.0)
 IONS, ZIGZAG, ELECTRONS, PENNING = 'ions in a trap', 'zigzag of ions', 'electrons on helium', 'ions in a Penning trap'
 GYROSCOPES, TENSIONS, STRINGS = 'gyroscopes', 'chain of tensions', 'strings and membranes'
 PRISMS, TENSEGRITIES, NETS, FOAM, ARGON = 'tensegrity prisms', 'tensegrities', 'taut honeycomb', 'dry foam', 'argon'
+MIXED, MIXTURE, STRESSED = 'ions of two masses', 'mixture of two sizes', 'stressed lattice'
 IONSIM = 'open code or data: tests of IonSim.jl (05ff3a84)'
+PRINTED_IONS = 'printed: Phys. Rev. A 103, 012610, as quoted in the tests of IonSim.jl (da4bd97c)'
+MATSCIPY = 'open code or data: Hessian of matscipy 1.3.1'
 TSGFEM = 'open code or data: results saved by TsgFEM (f26da6a)'
 VIBRATIONS = f'open code or data: Vibrations of ASE {ase_version}, run here'
 MASS = 1.0
@@ -60,24 +63,21 @@ class Row:
     @property
     def checks(self):
         """The row and, as its control, the number of D0 alone."""
-        name = f'{self.field}: {self.what}'
-        row = Check(name, float(self.here), float(self.reference), self.tolerance, by=self.by)
-        if self.alone is None:
-            return [row]
-        return [row, Check(f'control: D0 alone, {name}', float(self.alone), float(self.reference), self.tolerance, control='D0')]
+        row = Check(f'{self.field}: {self.what}', float(self.here), float(self.reference), self.tolerance, by=self.by)
+        return [row] if self.alone is None else [row, row.against(self.alone)]
 
 
 def main(out):
     """Numbers of each field, and a picture of the numbers that D0 alone gives."""
-    fields = (_ion_chains, _zigzag, _electrons, _penning, _gyroscopes, _tensions, _strings, _prisms, _tensegrities, _honeycombs,
-              _argon, _argon_cluster)
+    fields = (_ion_chains, _ions_of_two_masses, _zigzag, _electrons, _penning, _gyroscopes, _tensions, _strings, _prisms,
+              _tensegrities, _honeycombs, _stressed_lattice, _argon_cluster, _mixture)
     rows = [row for field in fields for row in field()]
     return Outcome([check for row in rows for check in row.checks], [_draw(out, rows)])
 
 
-def ions(places, springs, gyration=0.0):
-    """Charges at rest in a trap, which is one anchor for all of them."""
-    atoms = Atoms(f'H{len(places)}', places, masses=np.ones(len(places)))
+def ions(places, springs, gyration=0.0, masses=None):
+    """Charges at rest in a trap, which is one anchor for all of them; their masses are one by default."""
+    atoms = Atoms(f'H{len(places)}', places, masses=np.ones(len(places)) if masses is None else masses)
     atoms.calc = PairCalculator(atoms, CHARGES, bonds=list(combinations(range(len(places)), 2)), foundation=[springs],
                                 anchors=np.zeros((len(places), 3)), gyration=gyration, dim=3)
     return relaxed(atoms).atoms
@@ -118,6 +118,24 @@ def _ion_chains():
     for axial, n in ((1, 8), (3, 6), (29 / 5, 4)):
         exact, blind = k + (1 - axial) / 2, alone[n] if axial > 1 else None
         yield Row(IONS, f'three ions, across the axis, k + (1 - {axial:g})/2', w2[3][n], exact, blind, 1e-6)
+
+
+def _ions_of_two_masses():
+    """Two ions in one static trap, by hand: `K = [[2, -1], [-1, 2]]` along it, k - 1/2 and 1/2 across; a printed chain."""
+    k = 20.0
+    for mu in (0.25, 3.0):
+        pair = ions(np.array([[0, 0, -1.0], [0, 0, 1.0]]), [k, k, 1.0], masses=[1.0, mu])
+        w2, blind, sum_ = modes(pair).omega ** 2, modes(conventional(pair)).omega ** 2, 1 + 1 / mu
+        for n, sign in enumerate((-1, 1)):
+            name = f'masses 1 and {mu:g}, {("lower", "upper")[n]} mode'
+            yield Row(MIXED, f'{name} along the axis, omega^2', w2[n], sum_ + sign * np.sqrt(sum_**2 - 3 / mu), None)
+            across = ((k - 0.5) * sum_ + sign * np.sqrt((k - 0.5) ** 2 * sum_**2 - 4 * k * (k - 1) / mu)) / 2
+            yield Row(MIXED, f'{name} across it, omega^2', w2[2 + 2 * n], across, blind[2 + 2 * n])
+    ytterbium, barium = 170.936 * 1.66054e-27, 2.28997e-25  # kg; four and one of them
+    five = ions(np.linspace(-2.5, 2.5, 5)[:, None] * [0, 0, 1.0], [30.0, 30.0, 1.0], masses=[1, 1, 1, 1, barium / ytterbium])
+    omega = modes(five).omega[:5]
+    for n, megahertz in enumerate((0.280, 0.388, 0.480, 0.570), 2):  # of 0.158 for the lowest; last digits are rounded
+        yield Row(MIXED, f'five ions, axial mode {n} (MHz)', 0.158 * omega[n - 1] / omega[0], megahertz, None, 5e-3, PRINTED_IONS)
 
 
 def _zigzag():
@@ -200,7 +218,7 @@ def _gyroscopes():
 
 @dataclass(frozen=True)
 class Tensions:
-    """Constant forces in N between first, second, ... neighbours, at the distances 1, 2, ... mm; they have no stiffness D0."""
+    """Constant forces in N, as of films, between neighbours at the distances 1, 2, ... mm; they have no stiffness D0."""
 
     T: tuple
 
@@ -283,22 +301,6 @@ def _prisms():
         yield Row(PRISMS, f'{n} struts: modes without stiffness once prestressed, the six rigid motions', zeros, 6, blind, 0)
 
 
-@dataclass(frozen=True)
-class Film:
-    """The law of a film, whose tension does not depend on its length."""
-
-    tension: float
-
-    def phi(self, r):
-        return self.tension * r
-
-    def dphi(self, r):
-        return self.tension + 0 * r
-
-    def d2phi(self, r):
-        return 0 * r
-
-
 def _honeycombs():
     """Speeds of sound of a honeycomb with bond stiffness k along and t across, when the forces on both sublattices balance."""
     cell, k = lattices.honeycomb(1.0, MASS), 1.0
@@ -310,37 +312,40 @@ def _honeycombs():
         slow, fast = (np.sqrt((1.5 * t + 3 / 8 * c * (k - t) - inner) / 2) for c in (1, 3))
         yield Row(NETS, f'stretched by {stretch:g}: shear wave', found[0], slow, blind[0])
         yield Row(NETS, f'stretched by {stretch:g}: longitudinal wave', found[1], fast, blind[1])
-    cell.calc = PairCalculator(cell, Film(2.0))
+    cell.calc = PairCalculator(cell, Tensions((2.0,)))
     density = 2 * MASS / (1.5 * np.sqrt(3))
     found, blind = (density * sound_speeds(cell, model=model)[1] ** 2 for model in ('complete', 'conventional'))
     yield Row(FOAM, 'dry foam, shear modulus sigma/(sqrt(3) a)', found, 1 / np.sqrt(3), blind)
 
 
+def _stressed_lattice():
+    """Biot: shear along x and along y is equally fast without stress, otherwise `density (c_xy^2 - c_yx^2) = s_xx - s_yy`."""
+    cell, law = lattices.triangular(1.0, MASS), InversePower(1.0, 4.0)
+    cell.set_cell(cell.cell.array * [1.1, 0.8, 1.0], scale_atoms=True)
+    cell.calc = PairCalculator(cell, law, cutoff=1.2)
+    R = np.array([[1, 0], [0, 1], [1, -1]]) @ cell.cell.array[:2, :2]  # a bond of each kind
+    r, area = np.linalg.norm(R, axis=1), np.linalg.det(cell.cell.array[:2, :2])
+    stress = np.einsum('b,bi,bj->ij', law.dphi(r) / r, R, R) / area
+    found, blind = (np.subtract(*(sound_speeds(cell, along, model)[0] ** 2 for along in ((1, 0), (0, 1)))) * MASS / area
+                    for model in ('complete', 'conventional'))
+    yield Row(STRESSED, 'density (c_xy^2 - c_yx^2), s_xx - s_yy', found, stress[0, 0] - stress[1, 1], blind)
+
+
 @dataclass(frozen=True)
 class LennardJones:
-    """The Lennard-Jones law 4 (r^-12 - r^-6)."""
+    """The Lennard-Jones law 4 epsilon [(sigma/r)^12 - (sigma/r)^6]."""
+
+    sigma: float = 1.0
+    epsilon: float = 1.0
 
     def phi(self, r):
-        return 4 * (r**-12 - r**-6)
+        return 4 * self.epsilon * ((self.sigma / r) ** 12 - (self.sigma / r) ** 6)
 
     def dphi(self, r):
-        return -24 * (2 * r**-13 - r**-7)
+        return -24 * self.epsilon / r * (2 * (self.sigma / r) ** 12 - (self.sigma / r) ** 6)
 
     def d2phi(self, r):
-        return 24 * (26 * r**-14 - 7 * r**-8)
-
-
-def _argon():
-    """Law cut off at nine spacings, which changes the energy by 0.1 %; the printed numbers have two or three digits."""
-    law, cell = LennardJones(), bulk('Ar', 'fcc', a=np.sqrt(2))
-    cell.set_masses([MASS])
-    r = find_bonds(cell, cutoff=9.1).lengths
-    rest = brentq(lambda spacing: (law.dphi(spacing * r) * r).sum(), 1.0, 1.2)
-    yield Row(ARGON, 'distance of neighbours, 1.09 sigma', rest, 1.09, None, 0.005, 'memory')
-    yield Row(ARGON, 'energy per atom, -8.6 epsilon', law.phi(rest * r).sum(), -8.6, None, 0.006, 'memory')
-    cell.set_cell(cell.cell * rest, scale_atoms=True)
-    cell.calc = PairCalculator(cell, law, cutoff=9.1 * rest)
-    yield Row(ARGON, 'bulk modulus, 75 epsilon/sigma^3', elastic_moduli(cell).bulk, 75, None, 0.007, 'memory')
+        return 24 * self.epsilon / r**2 * (26 * (self.sigma / r) ** 12 - 7 * (self.sigma / r) ** 6)
 
 
 def _argon_cluster():
@@ -360,6 +365,28 @@ def _argon_cluster():
         known = np.linalg.eigvalsh(vibrations.get_vibrations().get_hessian_2d())
     for name, n in (('lowest', 6), ('tenth', 15), ('highest', -1)):
         yield Row(ARGON, f'thirteen atoms, omega^2 of the {name} vibration', own[n], known[n], blind[n], 1e-5, VIBRATIONS)
+
+
+SIZES = {(0, 0): LennardJones(1.0, 1.0), (0, 1): LennardJones(0.9, 1.5), (1, 1): LennardJones(0.85, 0.5)}
+REACH = 1.28
+BY_MATSCIPY = {3: 10.24499199936, 20: 75.74207804418, 50: 209.8484379121, 80: 452.7987174436, 95: 872.1032172919}
+"""Eigenvalues of the mixture's Hessian by matscipy, counted from 0; the test `tests/workflows/test_mixture.py` computes them."""
+
+
+def mixture():
+    """Thirty-two atoms of two sizes at rest in a periodic box, each with the neighbours of a crystal that their sizes distort."""
+    atoms = bulk('Ar', 'fcc', a=1.5, cubic=True).repeat(2)
+    atoms.set_tags(np.random.default_rng(46).permutation(32) % 2)
+    atoms.set_masses(np.ones(32))
+    atoms.calc = PairCalculator(atoms, SIZES, cutoff=REACH)
+    return relaxed(atoms).atoms
+
+
+def _mixture():
+    calc = mixture().calc
+    found, blind = (np.linalg.eigvalsh(calc.rest_hessian(model).toarray()) for model in ('complete', 'conventional'))
+    for n, known in BY_MATSCIPY.items():
+        yield Row(MIXTURE, f'eigenvalue {n + 1} of the Hessian', found[n], known, blind[n], 1e-9, MATSCIPY)
 
 
 def _tensegrities():

@@ -1,7 +1,7 @@
 """A number with its reference, a picture, and the result of a workflow."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,11 +12,10 @@ DPI = 220
 BRANCHES = 'shear', 'longitudinal'
 """Names of the two branches of a planar lattice, by ascending frequency."""
 SOURCES = {
-    'printed': 'printed in a publication, with its page, figure or equation',
+    'printed': 'printed in a publication, which is named',
     'open code or data': 'from a code or data of others, which is named with its version',
     'closed form': 'derived for the workflow by other means than those of the package',
     'two methods': 'from another method of the package: two methods agree, which reproduces nothing',
-    'memory': 'quoted from memory',
 }
 """By whom a reference may be."""
 ROUNDING = 1e-9
@@ -114,6 +113,11 @@ class Check:
         """Whether the number agrees with its reference; for a control, whether it clearly differs."""
         apart, bound = self.difference, self.tolerance  # a NaN passes neither comparison
         return bool(apart > bound if self.control else apart <= bound)
+
+    def against(self, wrong, control='D0'):
+        """The control of this row: the number that a wrong model gives for it, which must differ from the reference."""
+        model = 'D0 alone' if control == 'D0' else control
+        return replace(self, quantity=f'control: {model}, {self.quantity}', here=float(wrong), control=control)
 
     @property
     def cells(self):

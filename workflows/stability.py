@@ -142,8 +142,13 @@ def _draw_maps(out, needed, fates):
 
 def stiffness(theta0, a, model='complete'):
     """Horizontal and vertical stiffness of the oscillator in f/L0."""
+    return _stiffnesses(theta0, [a], model)[0]
+
+
+def _stiffnesses(theta0, exponents, model):
     positions = lattices.oscillator(float(theta0), 1.0, 1.0).positions[:, :2]
-    return model_stiffness(positions[3] - positions[:3], InversePower(1.0, a), model).sum(axis=0).diagonal()
+    bonds = positions[3] - positions[:3]
+    return np.array([model_stiffness(bonds, InversePower(1.0, a), model).sum(axis=0).diagonal() for a in exponents])
 
 
 def critical(a):
@@ -179,9 +184,9 @@ def _draw_oscillator(out):
 
     figure, (axes,) = panels(1, 2, height=2.6)
     letter_panels(axes, ['$D^0+D^*$', '$D^0$ alone'])
-    exponents, degrees = np.linspace(1, 8, 141), np.rad2deg(ANGLES)
+    exponents, finer, degrees = np.linspace(1, 8, 36), np.linspace(1, 8, 561), np.rad2deg(ANGLES)
     for ax, model in zip(axes, MODELS, strict=True):
-        D = np.array([[stiffness(t, a, model) for a in exponents] for t in ANGLES])
+        D = np.array([_stiffnesses(t, exponents, model) for t in ANGLES])
         shades = ax.contourf(exponents, degrees, D[..., 0], levels=np.arange(-3, 16.6, 1.5), cmap='PuOr',
                              norm=TwoSlopeNorm(0, -3, 16.5))
         for axis, hatch in enumerate(HATCHES):
@@ -189,8 +194,8 @@ def _draw_oscillator(out):
                 region = ax.contourf(exponents, degrees, D[..., axis], [-9, 0], colors='none', hatches=[hatch])
                 region.set(edgecolor='0.25', linewidth=0)
         line = '-' if model == 'complete' else ':'
-        ax.plot(exponents, np.rad2deg(critical(exponents)), line, color='black', linewidth=1.6)
-        below = exponents[exponents <= 2]
+        ax.plot(finer, np.rad2deg(critical(finer)), line, color='black', linewidth=1.6)
+        below = finer[finer <= 2]
         ax.plot(below, np.rad2deg(critical_upwards(below)), line, color=COLOURS[0], linewidth=1.6)
         ax.set(xlabel='exponent $a$', ylabel=r'angle $\theta_0$ (deg)', xlim=(1, 8), ylim=(0, 90))
         ax.label_outer()

@@ -95,9 +95,11 @@ def page(room):
 
 
 def results_of(function):
-    """The classes of the results of a function that no room exports."""
+    """The classes of the results of a function that no room exports, and those that their docstrings name in brackets."""
     known, said = vars(sys.modules[function.__module__]), str(function.__annotations__.get('return'))
-    found = [known[word] for word in dict.fromkeys(re.findall(r'\w+', said)) if inspect.isclass(known.get(word))]
+    words = re.findall(r'\w+', said)
+    words += [inner for word in words for inner in re.findall(r'\((\w+)\)', getattr(known.get(word), '__doc__', None) or '')]
+    found = [known[word] for word in dict.fromkeys(words) if inspect.isclass(known.get(word))]
     exported = {name for room in rooms() for name in public(room)}
     return [one for one in found if one.__module__.startswith('magphonon.') and one.__name__ not in exported]
 

@@ -108,7 +108,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: Model | 
     """
     system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
-    gamma = site_damping(damping, len(system))
+    gamma = site_damping(damping, len(system), calc)
     if not (np.ptp(gamma) or system.turning):  # all modes have the same damping
         omega, modes = bloch_modes(system, q, model, vectors)
         squares, half = np.sign(omega) * omega**2, gamma[0] / 2

@@ -68,7 +68,7 @@ def ready_table(name: str) -> str:
     if name in ready:
         return str(ready[name])
     known = [*ready, *(file.name for file in Path(name).parent.glob('*') if file.is_file())]
-    raise FileNotFoundError(f'{name} is not there{did_you_mean(Path(name).name, known)}')
+    raise FileNotFoundError(f'{name or repr(name)} is not there{did_you_mean(Path(name).name, known)}')
 
 
 def add_output(parser: ArgumentParser) -> None:

@@ -21,14 +21,17 @@ from __future__ import annotations
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import suppress
+from dataclasses import replace
 from importlib import import_module
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import units as u
 from ..errors import not_negative, one_of, positive
+from ..files import whole_file
 from ..headers import LACKS
 from ..readers import content
 from ..tables import MOST_BYTES
@@ -39,6 +42,8 @@ HELP = 'the force between two particles, or the lattice, from measurements'
 KINDS = {'forces': ('interactions.force_tables', 'read_forces'), 'ridges': ('waves.ridge_tables', 'read_ridges'),
          'transfer functions': ('response.transfer_functions', 'read_transfer'), 'a scan': ('waves.scan_tables', 'read_scan')}
 """The kinds of records that a file may hold, and the function that reads each."""
+OWN = re.compile(r'(?ms)^\[(law|uncertainty)[].].*?(?=^(#[^\n]*\n)*\[(?!(law|uncertainty)[].])|\Z)')
+"""The tables [law] and [uncertainty] in the text of a scene, without comments on the next table."""
 SAME = 1e-9  # relative difference of numbers that were only written in other units
 ERRORS = {'distance': length, 'zero': force, 'hysteresis': force, 'backlash': length, 'gain': share, 'pair': share}
 """Errors that --sigma names, and the function that reads the value of each."""
@@ -77,11 +82,12 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'scene of magnets)')
     parser.add_argument('--dry-run', action='store_true', help='only say how each file is understood')
     parser.add_argument('-o', '--output', metavar='DIR',
-                        help='directory for the picture and the fitted tables of a scene (default: none; tables are printed)')
+                        help='directory for the picture and the fitted tables of a scene (default: none; tables are printed); '
+                             'for forces also FILE.toml: the scene that is named first, with the fitted law in place of its own')
     add_force(parser)
     add_verbose(parser)
     add_style(parser)
-    parser.set_defaults(magnet=None)
+    parser.set_defaults(magnet=None, first=None)
 
 
 def _sigma(text):
@@ -178,7 +184,7 @@ def _recognise(options):
     kind, options.files = _kind_of_all(scene, names, contact), names
     if kind == 'forces':
         options.spacing = options.spacing or known.lattice.spacing_m * u.m
-        options.magnet, options.contact = scene if magnets else None, contact
+        options.magnet, options.contact, options.first = scene if magnets else None, contact, source_of(scene)
     else:
         setattr(options, 'scene' if kind == 'ridges' else 'frf', scene)
 
@@ -226,17 +232,40 @@ def _fit_forces(options):
         fit = fit_forces(forces, spacing, shared, options.magnet and read_scene(options.magnet).law.potential())
     except ValueError as error:
         raise ValueError(f'{file}: {error}') from None
-    entry = scene_entry(fit)
+    entry, said = scene_entry(fit), force_report(file, options.magnet, forces, fit, shared, options.verbose)
+    if (options.output or '').endswith('.toml'):
+        _write_scene(options, entry)
+        print(said, f'{options.output} is the scene with this law', sep='\n')
+        return
     if options.output is not None:
         from ..plotting.fits import plot_fit
 
         with results(options, 'fit.*', 'law.toml') as out, drawing(options, out) as save:
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
-    print(force_report(file, options.magnet, forces, fit, shared, options.verbose))
+    print(said)
     print(f'\nfor a scene file, in place of its [law] and, if it has one, its [uncertainty]:\n\n{entry}', end='')
     if options.output is not None:
         print(f'\nthe picture and the entry are in {options.output}')
+
+
+def _write_scene(options, entry):
+    """Write the scene that was named first with an entry in place of its tables [law] and [uncertainty]."""
+    from ..scenes.scene import read_scene
+    from .results import refuse_existing
+
+    file, first = Path(options.output), options.first
+    if first is None:
+        raise ValueError(f'-o {file} is a scene with the fitted law; name first the scene that it is made of: magphonon fit '
+                         f'SCENE.toml {options.files[0]} -o {file}')
+    refuse_existing(options, [file])
+    if not (tables := OWN.search(first.text)):
+        raise ValueError(f'{first} has no line [law], below which its law stands; write its law as such a table')
+    text = f'{first.text[: tables.start()]}{entry}\n{OWN.sub("", first.text[tables.end() :])}'
+    read_scene(replace(first, content=text.encode(), folder=file.parent))  # with all its checks
+    with whole_file(file) as out:
+        out.write(text)
+    options.written = file
 
 
 def _fit_bands(options):

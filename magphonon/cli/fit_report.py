@@ -162,8 +162,8 @@ def _doubts_of_ridges(found):
         yield _both_answers(found)
     scatter = np.sqrt(fit.chi2 / max(fit.freedom, 1))
     if scatter < TOO_SMALL and fit.freedom >= FEW:
-        yield (f'Your uncertainties look {1 / scatter:.2g} times too large: the points scatter by less than they state, and the '
-               'intervals are too wide by about as much.')
+        yield (f'Your uncertainties look {1 / scatter:.2g} times too large: chi2 is {fit.chi2:.2g} with {fit.freedom} degrees of '
+               'freedom, and the intervals are too wide by about as much.')
     if found.of_any_law:
         yield ('The intervals hold for any smooth law; the inverse power in the scene was only a first guess. They become '
                'several times narrower if the scene names the shape of the magnets (kind = "magnets" or "table").')

@@ -47,8 +47,6 @@ class Patch(NamedTuple):
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
-    from ..stability.verdicts import verdict
-    from .neighbours import omission
 
     scene = read_scene(options.scene)
     if scene.single:
@@ -67,9 +65,16 @@ def run(options: Namespace) -> None:
             patch = _solved(scene, cell, atoms)
             _write(folder, save, patch, options.animate)
             answer, lines = _patch_report(scene, patch)
-        told += [answer, *(everything if options.verbose else []), *lines]
-        told += [] if scene.finite else omission(scene, options.verbose)
-        told += [verdict(atoms).finding('supports').words] if scene.members and atoms.calc.dim == 2 else []
+        told += [answer, *(everything if options.verbose else []), *lines, *_left_out(scene, atoms, options.verbose)]
+
+
+def _left_out(scene, atoms, verbose):
+    """What the modes leave out, in words: farther neighbours, and for a net the supports that keep it in its plane."""
+    from ..stability.verdicts import verdict
+    from .neighbours import omission
+
+    told = [] if scene.finite else omission(scene, verbose)
+    return told + ([verdict(atoms).finding('supports').words] if scene.members and atoms.calc.dim == 2 else [])
 
 
 def _lattice(scene, cell, folder, save):

@@ -2,14 +2,9 @@ from .dispersion_fits import Shells as Shells, fit_dispersion as fit_dispersion
 from .objectives import (
     BandEdge as BandEdge,
     BurstEnergy as BurstEnergy,
-    Crossing as Crossing,
-    GroupVelocity as GroupVelocity,
+    Contrast as Contrast,
     Level as Level,
-    LocalMode as LocalMode,
-    Margin as Margin,
     Objective as Objective,
-    Rest as Rest,
-    Worst as Worst,
     band_gap as band_gap,
 )
 from .scatter import mode_scatter as mode_scatter
@@ -21,11 +16,9 @@ from .sensitivities import (
     spacing_change as spacing_change,
 )
 from .site_designs import (
-    Robust as Robust,
-    Variables as Variables,
-    of_parts as of_parts,
+    Errors as Errors,
     optimise as optimise,
-    orbits as orbits,
+    verify as verify,
     write_build_list as write_build_list,
 )
 from .site_unknowns import with_site_unknowns as with_site_unknowns

@@ -13,11 +13,13 @@ with respect to positions k_i w_i for the foot of a pillar and (C^T t - Phi w)_i
 If the rest positions were measured, as in a photo, they are known: w = 0, and the derivative is (C^T t)_i for a position.
 
 Any number J, at any frequency, wavevector or time, depends on the lattice through masses and stiffness of bonds and springs
-(`Slope`). With G_b = dJ/dK_b in place of e^x (x) e^y, one solution w gives the derivatives of J by all of these quantities.
+(`Slope`). With G_b = dJ/dK_b in place of e^x (x) e^y, one solution w gives the derivatives of J by all of these quantities
+(`site_slopes`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -27,19 +29,21 @@ from ase import Atoms
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from ..lattices.bonds import Bonds
+from ..interactions.pair_laws import PairInteraction
+from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
 from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.defects import Scatter
 from ..stiffness.factors import inverse
+from ..stiffness.matrices import hessian
 from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
-from .sensitivities import exponent_change, force_change
 
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
-FULL = 0.1  # share of nonzero entries above which a matrix is treated as a full one
+FULL = 0.1  # share of nonzero entries above which LAPACK is faster than sparse factors
+STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -56,23 +60,11 @@ class Slope:
         Derivatives by the springs of each site.
     masses : ndarray, shape (particles,)
         Derivatives by the mass of each site.
-    strengths : float or ndarray, shape (bonds,)
-        Derivatives by the logarithm of the strength of each bond, apart from its effect on stiffness; for large motion only.
-    vectors : float or ndarray, shape (bonds, dim)
-        Derivatives by the vector of each bond at rest, apart from its effect on stiffness.
-    lengths : float
-        Derivative by the logarithm of all lengths, apart from stiffness, such as for a group velocity, a length per time.
-    statics : float or ndarray, shape (bonds, dim, dim)
-        Derivatives by the stiffness of each bond in the complete model, on which statics depend whatever the model of the waves.
     """
 
     bonds: Any = 0.0
     springs: Any = 0.0
     masses: Any = 0.0
-    strengths: Any = 0.0
-    vectors: Any = 0.0
-    lengths: float = 0.0
-    statics: Any = 0.0
 
     def __add__(self, other: Slope) -> Slope:
         return Slope(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -91,103 +83,226 @@ def form(bonds: Bonds, x: NDArray[Any], y: NDArray[Any], inertia: Any, q: NDArra
 
     For a Bloch wave at q, x is the complex conjugate of a mode.
     """
-    ex, ey = elongations(bonds, x, None if q is None else -q), elongations(bonds, y, q)
+    ex, ey = _elongations(bonds, x, None if q is None else -q), _elongations(bonds, y, q)
     xy = x * y
     return Slope(ex @ ey.swapaxes(1, 2), xy.sum(2), (inertia * xy.sum(1)).sum(1))
 
 
-def elongations(bonds: Bonds, x: NDArray[Any], q: NDArray[np.float64] | None = None) -> NDArray[Any]:
+def _elongations(bonds, x, q):
     """Relative displacements `C(q) x` in the bonds, shape (bonds, dim, waves), from x of shape (particles, dim, waves)."""
     ends = x[bonds.j]
     return (ends if q is None else np.exp(2j * np.pi * (bonds.shift @ q))[:, None, None] * ends) - x[bonds.i]
 
 
 @dataclass(frozen=True, eq=False)
-class SiteSlopes:
-    """Converts derivatives by bonds, springs and masses (`Slope`) into derivatives by each site and by the whole lattice."""
+class Frame:
+    """Which particles the bonds join, and in which directions P the particles can move; with C the incidence matrix.
 
-    system: LinearSystem
-    at_rest: bool = False
+    Attributes
+    ----------
+    bonds : Bonds
+    free : sparse matrix, shape (particles * dim, free)
+        P: orthonormal directions, one of one particle in each column.
+    dim : int
+    """
+
+    bonds: Bonds
+    free: sparse.csr_array
+    dim: int
 
     @cached_property
-    def _hessian(self):
-        return self.system.calc.rest_hessian('complete')  # of the complete model, as all statics
+    def _transposed(self):
+        return sparse.csr_array(self.bonds.incidence.T), sparse.csr_array(self.free.T)
+
+    def stretch(self, u: NDArray[Any]) -> NDArray[Any]:
+        """`C u`: changes of the bond vectors, shape (bonds, dim), from displacements, shape (particles, dim)."""
+        return self.bonds.incidence @ u
+
+    def gather(self, pulls: NDArray[Any]) -> NDArray[Any]:
+        """`C^T f`: forces on the particles from those in the bonds."""
+        return self._transposed[0] @ pulls
+
+    def along(self, forces: NDArray[Any]) -> NDArray[Any]:
+        """`P^T f`: forces along the free directions, shape (free,)."""
+        return self._transposed[1] @ forces.ravel()
+
+    def spread(self, y: NDArray[Any]) -> NDArray[Any]:
+        """`P y`: displacements, shape (particles, dim), from those along the free directions."""
+        return (self.free @ y).reshape(-1, self.dim)
 
     @cached_property
-    def _statics(self):
-        P = self.system.free
-        Phi = sparse.csr_array(P.T @ self._hessian @ P)
-        Phi = full_or_sparse(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1]))
-        if sparse.issparse(Phi):
-            return inverse(Phi)
-        factors = linalg.lu_factor(Phi)
-        return lambda b: linalg.lu_solve(factors, b)
+    def _chosen(self):
+        """The entries that the free directions are, where each is an axis."""
+        PT = self._transposed[1]
+        return PT.indices if len(PT.data) == PT.shape[0] and (PT.data == 1).all() else None
 
-    def _changes(self, models):
-        """Derivatives of the stiffness of each bond by its vector, shape (bonds, dim, dim, dim), in some models."""
-        calc, R = self.system.calc, self.system.calc.bond_vectors
-        for model in models:
-            turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.interaction, model) for axis in np.eye(calc.dim)]
-            yield np.stack(turns, axis=-1)
+    def within(self, H: NDArray[Any]) -> NDArray[Any]:
+        """`P^T H P` of a dense matrix."""
+        PT = self._transposed[1]
+        return PT @ (PT @ H).T if self._chosen is None else H[np.ix_(self._chosen, self._chosen)]
 
-    def of(self, slope: Slope, kept: float | None = None) -> dict[str, Any]:
-        """Derivatives by the logarithms of the `mass`, `strength` and `spring` of each site, and by its `foot` in mm.
-
-        Further derivatives are by the logarithms of the `spacing` and of the `height` of all pillars. If `kept`, a length in mm,
-        is given, there is also one by the `exponent` of an InversePower whose force at that length stays constant.  Derivatives
-        by springs and feet have the shape (particles, dim).
-        """
-        calc, P = self.system.calc, self.system.free
-        C, R, k = calc.bonds.incidence, calc.bond_vectors, np.broadcast_to(calc.foundation, (len(self.system), calc.dim))
-        slopes: list[tuple[Any, Model]] = [(slope.bonds, calc.model), (slope.statics, 'complete')]
-        kinds = [one for one in slopes if np.ndim(one[0])]
-        pull, complete = calc.interaction.forces(R)[1], calc.rest_stiffness('complete')
-        push, each = np.broadcast_to(slope.vectors, R.shape), np.broadcast_to(slope.strengths, len(R))
-        for (G, model), turns in zip(kinds, self._changes(model for _, model in kinds), strict=True):
-            push = push + np.einsum('bxy,bxyz->bz', G, turns)
-            each = each + (G * calc.rest_stiffness(model)).sum((1, 2))
-        on = C.T @ push
-        w, foot, along = np.zeros_like(on), on, P.T @ on.ravel()
-        if not self.at_rest and abs(along).max() > ROUND_OFF * abs(push).max():  # else nothing moves, by symmetry
-            w = (P @ self._statics(along)).reshape(on.shape)
-            left = on.ravel() - self._hessian @ w.ravel()
-            foot = k * w + (left - P @ (P.T @ left)).reshape(on.shape)
-        e = C @ w
-        springs = k * slope.springs + calc.spring_forces * w
-        stretched = (push * R).sum() - np.einsum('bx,bxy,by->', e, complete, R) + (calc.spring_forces * w).sum() + slope.lengths
-        each = each - (pull * e).sum(1)  # of a bond between a particle and its own image, whose row of C is zero, both ends count
-        strengths = np.zeros(len(on), each.dtype)  # of a response it is complex
-        for end in (calc.bonds.i, calc.bonds.j):
-            np.add.at(strengths, end, each)
-        found = {'mass': self.system.masses * slope.masses, 'strength': strengths, 'spring': springs, 'foot': foot,
-                 'spacing': stretched, 'height': -3 * springs.sum()}
-        return found if kept is None else found | {'exponent': self._by_exponent(kinds, slope, e, kept)}
-
-    def _by_exponent(self, kinds, slope, e, kept):
-        if np.ndim(slope.strengths):
-            raise ValueError('for large motion the derivative with respect to the exponent is not available; omit the exponent '
-                             'or the amplitude')
-        calc, R = self.system.calc, self.system.calc.bond_vectors
-        strength = calc.strengths[calc.bonds.i] * calc.strengths[calc.bonds.j]
-        change: Any = force_change(exponent_change(calc.laws, kept), strength)
-        r = np.linalg.norm(R, axis=1)
-        direct = [(G * model_stiffness(R, change, model)).sum() for G, model in kinds if np.ndim(G)]
-        return sum(direct) - ((change.dphi(r) / r)[:, None] * R * e).sum()
-
-    def __call__(self, x: NDArray[Any], y: NDArray[Any], inertia: Any) -> NDArray[np.complex128]:
-        """Derivatives of `x.(H + inertia M) y` by logarithms of mass, strength and spring, and by the position, of each site.
-
-        Their shape is (6, particles).  The displacements x and y respect the constraints; the inertia is
-        `-omega^2 + i omega gamma`, in rad^2/ms^2.
-        """
-        found, places = self.of(form(self.system.calc.bonds, x[..., None], y[..., None], inertia)), np.zeros((3, len(x)), complex)
-        places[: x.shape[1]] = found['foot'].T
-        return np.array([found['mass'], found['strength'], found['spring'].sum(axis=1), *places])
+    def hessian(self, K: NDArray[np.float64], springs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """`P^T (C^T K C + k) P`, as a dense matrix: where each of a hundred particles repels fifty others it is nearly full."""
+        n, dim, bonds = len(springs), self.dim, self.bonds
+        pairs, H, each = bonds.i * n + bonds.j, np.zeros((n, dim, n, dim)), np.arange(n)
+        for x in range(dim):
+            for y in range(x, dim):
+                off = np.bincount(pairs, K[:, x, y], n * n).reshape(n, n)
+                off += off.T
+                H[:, x, :, y] -= off
+                H[each, x, each, y] += off.sum(1)
+                H[:, y, :, x] = H[:, x, :, y]
+            H[each, x, each, x] += springs[:, x]
+        return self.within(H.reshape(n * dim, -1))
 
 
-def full_or_sparse(A: sparse.csr_array) -> Any:
-    """The matrix, converted to a dense one if it has few zeros, because LAPACK is then faster than sparse factors."""
-    return A.toarray() if A.nnz > FULL * A.shape[0] ** 2 else A
+@dataclass(eq=False)
+class Rest:
+    """A structure at rest as arrays. Solutions that several objectives need are computed only once.
+
+    Attributes
+    ----------
+    frame : Frame
+    R : ndarray, shape (bonds, dim)
+        Vectors of the bonds at rest in mm.
+    interaction : PairInteraction
+        Of all bonds.
+    springs, spring_forces : ndarray, shape (particles, dim)
+        Stiffness of the springs in N/mm, and their forces on the particles at rest in N.
+    masses : ndarray, shape (particles,)
+        In g.
+    model : {'complete', 'conventional'}
+        Model of the waves; statics always follow the complete model.
+    solve : callable, optional
+        Solution of the static equations of the free directions, if it is known.
+    bent : ndarray, shape (particles, dim), optional
+        Displacements of the particles from their feet in mm, less those of the structure that was given.
+    """
+
+    frame: Frame
+    R: NDArray[np.float64]
+    interaction: PairInteraction
+    springs: NDArray[np.float64]
+    spring_forces: NDArray[np.float64]
+    masses: NDArray[np.float64]
+    model: Model = 'complete'
+    solve: Callable[[NDArray[Any]], NDArray[Any]] | None = None
+    bent: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        self._known: dict[Any, Any] = {}
+
+    @classmethod
+    def of(cls, atoms: Atoms | LinearSystem) -> Rest:
+        """The arrays of a structure at rest."""
+        system = LinearSystem.of(atoms).moving()
+        calc = system.calc
+        springs = np.broadcast_to(calc.foundation, (len(system), calc.dim))
+        return cls(Frame(calc.bonds, system.free, calc.dim), calc.bond_vectors, calc.interaction, springs,
+                   np.broadcast_to(calc.spring_forces, springs.shape), system.masses, calc.model)
+
+    def once(self, key: Any, compute: Callable[[], Any]) -> Any:
+        """The stored result for `key`; `compute` runs only the first time."""
+        if key not in self._known:
+            self._known[key] = compute()
+        return self._known[key]
+
+    def K(self, model: Model) -> NDArray[np.float64]:
+        """Stiffness of each bond in N/mm, shape (bonds, dim, dim)."""
+        return self.once(model, lambda: model_stiffness(self.R, self.interaction, model))
+
+    @cached_property
+    def stiffness(self) -> NDArray[np.float64]:
+        """Hessian of the free directions in the model of the waves, N/mm."""
+        return self.frame.hessian(self.K(self.model), self.springs)
+
+    @cached_property
+    def pull(self) -> NDArray[np.float64]:
+        """Gradient `phi' n` of the energy of each bond in N, shape (bonds, dim)."""
+        law = self.interaction.central(self.R.shape[1])
+        if law is None:
+            return self.interaction.forces(self.R)[1]
+        r = lengths_of(self.R)
+        return (law.dphi(r) / r)[:, None] * self.R
+
+    @cached_property
+    def inertia(self) -> NDArray[np.float64]:
+        """Mass along each free direction in g."""
+        return self.frame.free.power(2).T @ np.repeat(self.masses, self.frame.dim)
+
+    @cached_property
+    def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Squared frequencies, and the modes x in columns, shape (free, modes), normalised to x.M x = 1."""
+        root = np.sqrt(self.inertia)
+        squares, v = np.linalg.eigh(self.stiffness / np.outer(root, root))
+        return squares, v / root[:, None]
+
+    def response(self, force: NDArray[Any], omega: float, damping: float) -> NDArray[np.complex128]:
+        """Displacements for a harmonic force on each particle, both of shape (particles, dim), in mm."""
+        def solver():
+            G = self.stiffness.astype(complex, order='F')
+            G[np.diag_indices(len(G))] += (1j * omega * damping - omega**2) * self.inertia
+            lu, pivots, _ = linalg.lapack.zgetrf(G, overwrite_a=True)
+            return lambda F: linalg.lapack.zgetrs(lu, pivots, F)[0]
+
+        return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))
+
+    def statics(self, forces: NDArray[Any]) -> NDArray[Any]:
+        """Static displacements of the free directions for forces along them, in the complete model."""
+        if self.solve is None:
+            P = self.frame.free
+            Phi = sparse.csr_array(P.T @ hessian(self.frame.bonds, self.K('complete'), self.springs) @ P)
+            Phi = sparse.csr_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(Phi.shape[0]))
+            if Phi.nnz > FULL * Phi.shape[0] ** 2:
+                factors = linalg.lu_factor(Phi.toarray())
+                self.solve = lambda b: linalg.lu_solve(factors, b)
+            else:
+                self.solve = inverse(Phi)
+        return self.solve(forces)
+
+
+def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, Any]:
+    """Derivatives by the `mass` in g, the logarithms of `strength` and `spring`, and the `foot` in mm, of each site.
+
+    Those by springs and feet have the shape (particles, dim).  If the positions were measured `at_rest`, they do not follow.
+    """
+    frame, push = rest.frame, _by_vectors(rest, slope.bonds)
+    each = (slope.bonds * rest.K(rest.model)).sum((1, 2))
+    on = frame.gather(push)
+    w, foot, along = np.zeros_like(on), on, frame.along(on)
+    if not at_rest and abs(along).max() > ROUND_OFF * abs(push).max():  # else nothing moves, by symmetry
+        w = frame.spread(rest.statics(along))
+        e = frame.stretch(w)
+        left = on - frame.gather((rest.K('complete') @ e[..., None])[..., 0]) - rest.springs * w
+        foot = rest.springs * w + left - frame.spread(frame.along(left))
+        each = each - (rest.pull * e).sum(1)
+    ends = frame.bonds.i, frame.bonds.j  # of a bond to a particle's own image both count
+    sums = [sum(np.bincount(end, part, len(on)) for end in ends) for part in (each.real, each.imag)]
+    strengths = sums[0] + 1j * sums[1] if np.iscomplexobj(each) else sums[0]
+    return {'mass': slope.masses, 'strength': strengths, 'spring': rest.springs * slope.springs + rest.spring_forces * w,
+            'foot': foot}
+
+
+def _by_vectors(rest, G):
+    """Derivative by the vector of each bond, `G:dK/dR` with G = dJ/dK, shape (bonds, dim).
+
+    With `K = A n(x)n + B (I - n(x)n)`, A = phi'' and B = phi'/r, this is, for symmetric G,
+
+        n (A' n.G n + B' (tr G - n.G n)) + 2 (A - B)/r (G n - n n.G n)
+    """
+    R, law, dim = rest.R, rest.interaction.central(rest.R.shape[1]), rest.R.shape[1]
+    if law is None:
+        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), rest.interaction, rest.model) for axis in np.eye(dim)]
+        return np.einsum('bxy,bxyz->bz', G, np.stack(turns, axis=-1))
+    r = lengths_of(R)
+    n = R / r[:, None]
+    A, dA = law.d2phi(r), np.imag(law.d2phi(r + 1j * STEP * r)) / (STEP * r)
+    B = law.dphi(r) / r if rest.model == 'complete' else 0 * r
+    dB = (A - B) / r if rest.model == 'complete' else B
+    Gn = np.einsum('bxy,by->bx', G + G.swapaxes(1, 2), n) / 2
+    nGn = (n * Gn).sum(1)
+    along = dA * nGn + dB * (np.einsum('bxx->b', G) - nGn) - 2 * (A - B) / r * nGn
+    return along[:, None] * n + (2 * (A - B) / r)[:, None] * Gn
 
 
 class ModeScatter(NamedTuple):
@@ -238,14 +353,20 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter, count: int | Mod
     """
     system = LinearSystem.of(atoms)
     found = count if isinstance(count, Modes) else modes(system, count)
-    squares, slopes = found.omega * abs(found.omega), SiteSlopes(system, at_rest)
-    std = np.array([scatter.mass, scatter.strength, scatter.stiffness, *3 * [scatter.position]])
+    squares, rest = found.omega * abs(found.omega), Rest.of(system)
     variance = np.empty(len(squares))
     ends = np.flatnonzero(np.diff(squares) > CROSSING * abs(squares).max()) + 1
     for alike in np.split(np.arange(len(squares)), ends):
         shapes = found.shapes[alike]
-        W = [slopes(x, y, -squares[alike].mean()).real for x in shapes for y in shapes]
-        variance[alike] = sum(std**2 @ (each**2).sum(axis=1) for each in W) / len(alike)
+        forms = (form(rest.frame.bonds, x[..., None], y[..., None], -squares[alike].mean()) for x in shapes for y in shapes)
+        variance[alike] = sum(_variance(rest, scatter, site_slopes(rest, each, at_rest)) for each in forms) / len(alike)
     with np.errstate(divide='ignore', invalid='ignore'):
         uncertain = np.sqrt(variance) / (2 * abs(found.omega))
     return ModeScatter(found.omega, np.where(abs(squares) <= CROSSING * abs(squares).max(), np.nan, uncertain))
+
+
+def _variance(rest, scatter, slopes):
+    """Of a number with these slopes, from the independent scatter of all sites."""
+    each = (scatter.mass * rest.masses * slopes['mass'], scatter.strength * slopes['strength'],
+            scatter.stiffness * slopes['spring'].sum(1), scatter.position * slopes['foot'])
+    return sum(float((one**2).sum()) for one in each)

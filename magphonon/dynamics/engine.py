@@ -330,16 +330,20 @@ class Blocks:
 
     def _arrange(self, dtype):
         """Make all arrays of the kernel in this precision."""
-        from .kernel import Bonds, Sites
+        sites = self._sites_of(dtype)
+        self._given, self._dtype = (self._bonds_of(dtype), sites), dtype
+        self._flow = self._flow_of(sites.decay is not None)
 
-        layout, law, kind, dim = self.layout, self._increments, self._kind, self.calc.dim
-        grid = layout.offset is not None
-        if grid:  # both ends of a bond read the same numbers
-            place, count = (layout.group, layout.i + self._pad), len(layout.offset)
+    def _bonds_of(self, dtype):
+        from .kernel import Bonds
+
+        layout, law, kind = self.layout, self._increments, self._kind
+        if layout.offset is not None:  # both ends of a bond read the same numbers
+            place, count, ends = (layout.group, layout.i + self._pad), len(layout.offset), 1
             near = tuple(np.array([int(o) % 2**64 for offset in layout.offset for o in (offset, -offset)], np.uint64))
         else:
             *place, far = layout.columns()
-            count = int(place[0].max()) + 1
+            count, ends = int(place[0].max()) + 1, 2
             table = np.tile(np.arange(self._wide, dtype=np.uint32), (count, 1))  # a missing bond leads to its own slot
             table[tuple(place)] = far
             near = tuple(table)
@@ -347,34 +351,37 @@ class Blocks:
         def each(values, back=1):
             """Values of the bonds, shape (..., bonds), at their slots."""
             rows = aligned_zeros((*values.shape[:-1], count, self._wide), dtype)
-            rows[..., *place] = values if grid else np.concatenate([values, back * values], axis=-1)
+            rows[..., *place] = np.concatenate([values, back * values][:ends], axis=-1)
             return rows
 
-        self._at_bonds, strength = each, None
+        self._at_bonds = each
         if self._alike:
             R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
-            there, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
-            if not all(row[mine].all() and row[mine - offset].all() for row, offset in zip(there, layout.offset, strict=True)):
-                strength = there
+            strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
+            if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):
+                strength = None  # no bond is missing
         else:
             R, unit, g = each(layout.R.T, -1), each(1 / law.r0[kind] ** 2), each(law.g[kind])
             strength = None if self._factors is None else each(self._factors[kind])
-        bonds = Bonds(near, tuple(R), unit, g, strength, (None,) * (self.calc.model == 'complete'))
+        return Bonds(near, tuple(R), unit, g, strength, (None,) * (self.calc.model == 'complete'))
 
-        k, h = np.asarray(self.calc.foundation, dtype), self._load
+    def _sites_of(self, dtype):
+        from .kernel import Sites
+
+        def put(values):
+            """Values of the particles, shape (particles, dim), in their slots, as a tuple of components."""
+            return tuple(self._put(values.astype(dtype)))
+
+        k, d, decay, turns = np.asarray(self.calc.foundation, dtype), self._half, None, None
         mobility = self._mobile[:, 0] / self._masses
-        d, decay, turns = self._half, None, None
         push = mobility[None]
         if np.iscomplexobj(d) or np.ptp(d):
             decay, push = np.stack([d, d * d, d]), np.stack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
             turns = tuple(self._put(x.imag.T.astype(dtype)) for x in (decay, push)) if np.iscomplexobj(d) else None
             decay = self._put(decay.real.T.astype(dtype))
         self._push = push[:, self._driven]
-        sites = Sites(tuple(self._put(x) for x in k.T) if k.ndim else (k[()],) * dim,
-                      None if h is None else tuple(self._put(x.astype(dtype)) for x in h.T), decay,
-                      self._put(push.real.T.astype(dtype)), turns)
-        self._given, self._dtype = (bonds, sites), dtype
-        self._flow = self._flow_of(decay is not None)
+        return Sites(put(k) if k.ndim else (k[()],) * self.calc.dim, None if self._load is None else put(self._load), decay,
+                     self._put(push.real.T.astype(dtype)), turns)
 
     def _flow_of(self, own):
         """Factors (keep, kick, drift) of the first, of the others in turns, and of the last stage of a block."""
@@ -508,7 +515,8 @@ class Blocks:
 
     def follow(self) -> None:
         """Read the state from the atoms if they have been changed since `write`; refuse a motion that no block would follow."""
-        refuse_motion_out_of_the_plane(self.calc, self.atoms)
+        if self.calc.dim == 2:
+            refuse_motion_out_of_the_plane(self.calc, self.atoms)
         if not self.current:
             self._read()
 

@@ -198,37 +198,45 @@ def bond(n, axes, bonds, c):
     """The lines of text that add the force of the bond of column n to f, for these types of arguments."""
     near, R, _, _, strength, complete = bonds
     each, listed = R[0].ndim == 2, isinstance(near[0], types.Array)
-    back = not listed and n % 2  # the bond of the neighbour, seen from its other end
-    place = f'[{n}, i]' if listed else f'[{n // 2}, {"j" if back else "i"}]'
+    if listed:
+        j, place, back = f'near[{n}][i]', f'[{n}, i]', False
+    else:  # every second bond is that of the neighbour, seen from its other end
+        j, back = f'i + near[{n}]', n % 2 == 1
+        place = f'[{n // 2}, {"ij"[back]}]'
     at = place if each else f'[{n // 2}]'
-    s = f's{place} * ' if there(strength) else ''
-    law = [f'c{q}{at if isinstance(c[q], types.Array) else ""}' for q in range(len(c))]
+    s = f's{place} * ' * there(strength)
+    law = [f'c{q}' + at * isinstance(one, types.Array) for q, one in enumerate(c)]
     quotient = reduce(lambda higher, one: f'({higher} * e + {one})', law[::-1])
-    stretch = [f'd{x} = {"" if each else s}({f"x{x} - u{x}[j]" if back else f"u{x}[j] - x{x}"})' for x in axes]
+    apart = ('u{0}[j] - x{0}', 'x{0} - u{0}[j]')[back]
     squares = [f'(R{x}{at} + R{x}{at}{f" + d{x}" * len(complete)}) * d{x}' for x in axes]
-    return [f'j = {f"near[{n}][i]" if listed else f"i + near[{n}]"}', *stretch, f'e = unit{at} * ({" + ".join(squares)})',
-            f'H = {s if each else ""}e * {quotient}', *['far = max(far, abs(e))'] * (not back),
-            *(f'f{x} {"+-"[not back]}= H * R{x}{at}{f" + (g{at} + H) * d{x}" * len(complete)}' for x in axes)]
+    return [f'j = {j}', *(f'd{x} = {s * (not each)}({apart.format(x)})' for x in axes), f'e = unit{at} * ({" + ".join(squares)})',
+            f'H = {s * each}e * {quotient}', *['far = max(far, abs(e))'] * (not back),
+            *(f'f{x} {"-+"[back]}= H * R{x}{at}{f" + (g{at} + H) * d{x}" * len(complete)}' for x in axes)]
+
+
+def kicked(axes, sites):
+    """The lines of text that kick and drift, for these types of arguments."""
+    *_, decay, _, turns = sites
+    if there(turns):
+        lines = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0][row, i], kick * P[row, i], kick * T[1][row, i]',
+                 'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
+    else:
+        damping = 'keep * C[row, i]' if there(decay) else 'keep'
+        lines = [f'a{x} = {damping} * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
+    return [*lines, *(f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes)]
 
 
 @overload(piece, jit_options=FAST)
 def _piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
-    k, load, decay, _, turns = sites.types
-    axes = range(len(u))
-    springs = [f'k{x}[i]' if isinstance(k[0], types.Array) else f'k{x}' for x in axes]
-    loads = [f'h{x}[i] ' if there(load) else '' for x in axes]
-    if there(turns):
-        kicks = ['cr, ci, pr, pi = keep * C[row, i], keep * T[0][row, i], kick * P[row, i], kick * T[1][row, i]',
-                 'a0 = cr * v0[i] - ci * v1[i] + (pr * f0 - pi * f1)', 'a1 = cr * v1[i] + ci * v0[i] + (pr * f1 + pi * f0)']
-    else:
-        damping = 'keep * C[row, i]' if there(decay) else 'keep'
-        kicks = [f'a{x} = {damping} * v{x}[i] + kick * P[row, i] * f{x}' for x in axes]
-    unpacked = 'uwvRk' + 'h' * there(load)
+    axes, loaded = range(len(u)), there(sites.types[1])
+    unpacked = 'uwvRk' + 'h' * loaded
     head = ['near, R, unit, g, s, _ = bonds', 'k, h, C, P, T = sites', f'{"".join(f"c{q}, " for q in range(len(c)))} = c',
             *(f'{"".join(f"{a}{x}, " for x in axes)} = {a}' for a in unpacked), 'none = drift - drift', 'top = bits(none)']
-    body = [*(f'x{x} = u{x}[i]; f{x} = {loads[x]}-{springs[x]} * x{x}' for x in axes), 'far = none',
-            *(line for n in range(len(bonds.types[0])) for line in bond(n, axes, bonds.types, c)), *kicks,
-            *(f'v{x}[i] = a{x}; w{x}[i] = x{x} + drift * a{x}' for x in axes), 'top = max(top, bits(far))']
+    spring = 'k{}[i]' if isinstance(sites.types[0][0], types.Array) else 'k{}'
+    body = [*(f'x{x} = u{x}[i]; f{x} = {f"h{x}[i] " * loaded}-{spring.format(x)} * x{x}' for x in axes), 'far = none']
+    for n in range(len(bonds.types[0])):
+        body += bond(n, axes, bonds.types, c)
+    body += [*kicked(axes, sites.types), 'top = max(top, bits(far))']
     text = '\n    '.join(['def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()', *head,
                           'for i in range(lo, hi):', *(f'    {line}' for line in body), 'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)

@@ -131,15 +131,9 @@ def _grid(slot, bond, i, j, R):
 
 def _sites_found(X, i, j, R):
     """Places of the particles on a grid, such that bonds span whole numbers of rows; None if there is none."""
-    r, left, base = lengths_of(R), R.copy(), []
-    for _ in range(X.shape[1]):
-        size = lengths_of(left)
-        across = size > r.min() / 2
-        if not across.any():
-            return None
-        b = np.where(across, r, np.inf).argmin()
-        base.append(R[b])
-        left -= np.outer(left @ left[b] / size[b] ** 2, left[b])
+    r, base = lengths_of(R), _base_vectors(R)
+    if base is None:
+        return None
     for _ in range(3):
         steps = np.rint(R @ np.linalg.inv(np.array(base)))
         if np.linalg.matrix_rank(steps.T @ steps) < X.shape[1]:
@@ -147,17 +141,37 @@ def _sites_found(X, i, j, R):
         base = np.linalg.lstsq(steps, R, rcond=None)[0]
     if (lengths_of(R - steps @ base) > OFF_PLACE * r.min()).any():
         return None
+    places = _places(X, base)
+    if places is None or (places[j] - places[i] != steps).any():
+        return None
+    one = np.eye(X.shape[1])  # with other base vectors a patch may fill its parallelogram better
+    skews = [one, *(one + n * np.outer(a, b) for n in (1, -1) for a in one for b in one if a is not b and a @ b == 0)]
+    return min((_numbered(places @ skew, steps @ skew) for skew in skews), key=lambda sites: sites.max())
+
+
+def _base_vectors(R):
+    """The shortest of the rest vectors that span the plane or space; None if none do."""
+    r, left, base = lengths_of(R), R.copy(), []
+    for _ in range(R.shape[1]):
+        size = lengths_of(left)
+        across = size > r.min() / 2
+        if not across.any():
+            return None
+        b = np.where(across, r, np.inf).argmin()
+        base.append(R[b])
+        left -= np.outer(left @ left[b] / size[b] ** 2, left[b])
+    return base
+
+
+def _places(X, base):
+    """Numbers of base vectors from an origin to each particle, after the base is fitted to all; None if it becomes flat."""
     places = np.rint((X - X[0]) @ np.linalg.inv(base))
     for _ in range(2):
         fit = np.linalg.lstsq(np.column_stack([places, np.ones(len(X))]), X, rcond=None)[0]
         if np.linalg.matrix_rank(fit[:-1]) < X.shape[1]:
             return None
         places = np.rint((X - fit[-1]) @ np.linalg.inv(fit[:-1]))
-    if (places[j] - places[i] != steps).any():
-        return None
-    one = np.eye(X.shape[1])  # with other base vectors a patch may fill its parallelogram better
-    skews = [one, *(one + n * np.outer(a, b) for n in (1, -1) for a in one for b in one if a is not b and a @ b == 0)]
-    return min((_numbered(places @ skew, steps @ skew) for skew in skews), key=lambda sites: sites.max())
+    return places
 
 
 def _numbered(places, steps):

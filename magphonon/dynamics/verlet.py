@@ -34,6 +34,7 @@ from tqdm import tqdm
 
 from ..errors import one_of, positive, whole
 from ..stiffness.calculator import PairCalculator
+from ..stiffness.plausibility import warn_of_speed, warn_of_times
 from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import freedom
 from ..stiffness.sites import site_damping
@@ -132,7 +133,7 @@ class DrivenVerlet(VelocityVerlet):
             raise ValueError('a tolerance needs PairCalculator, whose highest frequency is known; leave the tolerance out')
         self._drives = tuple(drives)
         self._sum_of_drives, self._walls = forces_and_walls(self._drives, len(atoms))
-        self._damping = _damping_of(damping, len(atoms), self.splitting)
+        self._damping = _damping_of(damping, atoms, self.splitting)
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = PairCalculator(atoms, law, ...)')
         if isinstance(atoms.calc, PairCalculator):
@@ -145,6 +146,8 @@ class DrivenVerlet(VelocityVerlet):
         self.allow_unstable = allow_unstable
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
         self._omega = self._refuse_steps()
+        warn_of_times(atoms.calc, timestep, timestep=True)
+        warn_of_speed(atoms.calc, atoms.get_velocities())
         if logfile:
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
         self.recorders = []
@@ -159,7 +162,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @damping.setter
     def damping(self, damping: ArrayLike) -> None:
-        self._damping = _damping_of(damping, len(self.atoms), self.splitting)
+        self._damping = _damping_of(damping, self.atoms, self.splitting)
 
     @property
     def drives(self) -> tuple[Any, ...]:
@@ -470,9 +473,9 @@ def threads_for(particles: int) -> int:
     return max(1, min(int(allowed or 1), particles // ENOUGH))
 
 
-def _damping_of(damping, count, splitting):
-    """The damping of each of `count` particles, as a read-only copy."""
-    rates = site_damping(copy(damping), count)
+def _damping_of(damping, atoms, splitting):
+    """The damping of each particle, as a read-only copy."""
+    rates = site_damping(copy(damping), len(atoms), atoms.calc)
     if splitting.stages > 1 and np.ptp(rates):
         raise ValueError('steps of order 4 and 6 need one damping for all particles, not one for each; use order=2')
     return rates

@@ -2,6 +2,7 @@ from .fits import Fit as Fit, SharedErrors as SharedErrors, fit_forces as fit_fo
 from .force_tables import Forces as Forces, read_forces as read_forces
 from .magnet_pairs import (
     MagnetLaw as MagnetLaw,
+    SphereLaw as SphereLaw,
     calibrated as calibrated,
     magnet_law as magnet_law,
     pair_force as pair_force,

@@ -551,12 +551,17 @@ class Tabulated:
 
     def _force_integral(self, k, r, start=None):
         """Integral of the force over the interval k, from its first knot or from `start`, to `r`."""
-        start = self._knots[k] if start is None else start
-        span, (c3, c2, c1, c0) = r - start, self._slopes[:, k]
-        found = span * sum(w * self._force(k, start + node * span)[0] for node, w in zip(_NODES, _WEIGHTS, strict=True))
-        tail, first = (c3 == 0) & (c2 == 0) & (c1 < -1), self._knots[k]
-        ends = [np.exp(c0) * first * (x / first) ** (1 + c1) for x in (r, start)]
-        return np.where(tail, (ends[0] - ends[1]) / np.where(tail, 1 + c1, 1.0), found)
+        k, r, start = np.broadcast_arrays(k, r, self._knots[k] if start is None else start)
+        (c3, c2, c1, c0), first = self._slopes[:, k], self._knots[k]
+        tail = (c3 == 0) & (c2 == 0) & (c1 < -1)
+        with np.errstate(over='ignore'):  # of the others
+            ends = [np.exp(c0) * first * (x / first) ** (1 + c1) for x in (r, start)]
+        found = np.where(tail, (ends[0] - ends[1]) / np.where(tail, 1 + c1, 1.0), 0.0)
+        if (curved := ~tail).any():
+            k, start, span = k[curved], start[curved], (r - start)[curved]
+            found[curved] = span * sum(w * self._force(k, start + node * span)[0]
+                                       for node, w in zip(_NODES, _WEIGHTS, strict=True))
+        return found[()]
 
     @property
     def farthest(self) -> float:

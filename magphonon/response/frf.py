@@ -179,7 +179,7 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     system = LinearSystem.of(atoms, *LINEAR).moving()
     n = len(system)
     omega = finite('omega', np.atleast_1d(omega))
-    rate = site_damping(damping, n)
+    rate = site_damping(damping, n, system.calc)
     refuse_unstable(system, rate)
     root = sparse.diags_array(np.sqrt(system.free.power(2).T @ np.repeat(system.masses, system.dim)))
     M, C = root @ root, root @ system.B(rate) @ root
@@ -250,7 +250,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     (3, 1, 3)
     """
     system = LinearSystem.of(atoms).moving()
-    omega, rates = asked_frequencies(system.calc, omega), site_damping(damping, len(system))
+    omega, rates = asked_frequencies(system.calc, omega), site_damping(damping, len(system), system.calc)
     positive('tolerance', tolerance)
     particles = system.recorded(particles)
     if walls is not None:

@@ -29,6 +29,7 @@ from scipy import sparse
 from ..dynamics.drives import Constant, PrescribedMotion, ToneBurst, check_drives, constant_push, forces_and_walls
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive, refuse_memory
+from ..stiffness.plausibility import warn_of_amplitude, warn_of_speed, warn_of_times
 from ..stiffness.rest import LinearSystem, components, static_forces
 from ..stiffness.sites import site_damping
 from ..traits import LINEAR, takes
@@ -217,13 +218,15 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     (21, 61, 2)
     """
     times = _increasing(times)
-    rates, tolerance = site_damping(damping, len(atoms)), positive('tolerance', tolerance)
+    rates, tolerance = site_damping(damping, len(atoms), atoms.calc), positive('tolerance', tolerance)
     drives = list(drives)
     check_drives(drives, atoms)
     push = constant_push(drives, len(atoms))
     system = LinearSystem.nearest(atoms).moving()
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
+    warn_of_times(system.calc, times[-1])
+    warn_of_speed(system.calc, atoms.get_velocities())
     particles = system.recorded(particles)
     refuse_memory(f'the motion of {len(particles)} particles at {len(times)} times',
                   32 * len(times) * len(particles) * system.dim, 'ask for fewer')
@@ -245,7 +248,9 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
 
     try:
         if alike or system.stable:
-            return moved(stable_interval(K))
+            answer = moved(stable_interval(K))
+            warn_of_amplitude(system.calc, answer.displacements)
+            return answer
     except Outside:
         pass
     interval = whole_interval(system.K)

@@ -100,10 +100,10 @@ def remark(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
 class Verdict:
     """What the checks find about a structure; `str(verdict)` is the whole report in words and SI units.
 
-    `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` says it in words: 'residual' (N), 'buckling'
-    and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports' (Supports),
-    'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not computed.  A check runs when
-    it is first asked for.
+    `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` (Finding) says it in words: 'residual' (N),
+    'buckling' and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports'
+    (Supports), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not computed.  A check
+    runs when it is first asked for.
     """
 
     case: Case
@@ -199,7 +199,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), damping: ArrayLike = 0.0) 
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
     refuse(atoms, all_but('a verdict of motion in the plane', 'oblique'))
-    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms))}
+    run: dict[str, Any] = {'layer': layer, 'damping': site_damping(damping, len(atoms), atoms.calc)}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         refuse(atoms, all_but('a verdict with AllNeighbours', 'constraints'))
         LinearSystem.of(atoms)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,21 @@ masses and lengths has 1; kg and m read as g and mm give a million times what it
 STIFF = 100.0, 2e3
 """Between these multiples of the stiffest bond a foundation was probably typed in N/m: it then is 0.1 to 2 bonds, where waves
 are to be seen (the prototype's is
-0.18).  Supports of benches have 1 N/m or more; a lattice of unit masses or lengths has no units."""
+0.18).  A lattice of unit masses or lengths has no units."""
+TYPED = 5.0  # stiffness in N/mm of the stiffest supports of benches; those typed in N/m are mostly larger numbers
+WEAK = 1e-25, 1e-7
+"""Fractions of the foundation between which the stiffest bond was probably typed in N m^a instead of N mm^a, which is 1000^a
+times as large.  Magnets of 1 mN beside pillars of 5 N/mm have 6e-6."""
+BENCH = 2.0, 5e-3
+"""From this spacing in mm on, a particle of less than this mass in g was probably typed in kg."""
+PRESSURE = 100.0
+"""Force per square of the spacing in N/mm^2 above which a length was probably typed in cm or m, if it is 1 to 10 mm.  Magnets
+in contact have about 1, since B^2/(2 mu_0) is 1 N/mm^2 at 1.6 T."""
+LOSSY = 5.0
+"""A damping above this multiple of the frequency of the stiffest bond and spring, which lets no wave oscillate, was probably
+typed in 1/s, if it is below that frequency once converted."""
+SHORT = 0.04, 2e-4  # radians of the stiffest bond and spring in a whole run, and in a time step, below which s was meant
+HASTY = 3.0  # such radians in the time in which a particle would move by a bond, whose inverse shows velocities typed in mm/s
 UNEQUAL = 1e9  # ratio of masses from which frequencies lose digits (4e-8 at 1e9, 4e-5 at 1e12): D holds K/sqrt(m m')
 FAST = 30.0, 5.0
 """A frequency above the first multiple of that of the stiffest bond and spring was probably typed in Hz, if it is below the
@@ -58,14 +72,81 @@ def warn_of_units(calc: Repulsion) -> None:
                       f'{UNEQUAL * lightest:.3g} g',
                       stacklevel=3)
     bond, spring = _stiffest(calc)
-    if STIFF[0] * bond < spring < STIFF[1] * bond and spring >= 1 and shortest != 1 and heaviest != 1:
+    if STIFF[0] * bond < spring < STIFF[1] * bond and spring > TYPED and shortest != 1 and heaviest != 1:
         warnings.warn(f'the foundation of {spring:.6g} N/mm is {spring / bond:.3g} times as stiff as a bond; if {spring:.6g} N/m '
                       f'was meant, give {spring:.6g} * units.N / units.m, which is {spring / 1e3:.6g} N/mm', stacklevel=3)
+    _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring)
+    _warn_of_turning_and_layers(calc)
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
     if f and not least <= f <= most:
         warnings.warn(f'{calc.laws!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
                       f'range {least:g} to {most:g} Hz; numbers are in mm, g, ms and N: multiply SI values by their units, as '
                       'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)
+
+
+def _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring):
+    force = float(sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[0].max(initial=0.0))
+    if WEAK[0] * spring < bond < WEAK[1] * spring:
+        _warn(f'the stiffest bond has {bond:.3g} N/mm beside a foundation of {spring:.6g} N/mm; if b of the law was meant in '
+              'N m^a, give b * units.N * units.m**a')
+    steepness = min(bond * shortest / force, 100) if force else 0  # at ten times the distance the force is 0.1**steepness
+    if 0.99 < shortest < 9.9 and force * 0.1 ** (2 + steepness) < PRESSURE * shortest**2 < force:
+        _warn(f'a force of {force:.3g} N between particles {shortest:.6g} mm apart is more than magnets can have; if '
+              f'{shortest:.6g} cm was meant, give {10 * shortest:.6g} * units.mm')
+    if shortest >= BENCH[0] and lightest < BENCH[1]:
+        _warn(f'a mass of {lightest:.6g} g is little for particles {shortest:.6g} mm apart; if {lightest:.6g} kg was meant, give '
+              f'{lightest:.6g} * units.kg')
+
+
+def _warn_of_turning_and_layers(calc):
+    if calc.turning > FAST[0] * (scale := _scale(calc)) > 0 and calc.turning / units.s < scale:
+        _warn(f'a gyration of {calc.turning:.6g} rad/ms is far above the frequencies of the structure; if '
+              f'{calc.turning:.6g} rad/s was meant, give {calc.turning:.6g} / units.s')
+    if calc.dim == 3 and calc.reference.pbc.all():
+        for axis in np.flatnonzero(~calc.bonds.shift.any(axis=0)):
+            _warn(f'no particles interact across the period of {np.linalg.norm(calc.reference.cell[axis]):.6g} mm along the cell '
+                  f'vector {"abc"[axis]}, so that nothing holds a layer there; for motion in the plane set atoms.pbc = '
+                  f'{tuple(bool(x) for x in np.arange(3) != axis)} before the calculator is made')
+
+
+def _scale(calc):
+    """`frequency_scale` in rad/ms; zero for another calculator."""
+    return frequency_scale(calc) * 2 * np.pi * units.Hz if hasattr(calc, 'bonds') else 0.0
+
+
+def _warn(words):
+    warnings.warn(words, stacklevel=6)
+
+
+def warn_of_damping(calc: Any, damping: NDArray[np.float64]) -> None:
+    """Warn of damping that was probably typed in 1/s."""
+    least, scale = float(damping.min(initial=np.inf)), _scale(calc)
+    if LOSSY * scale < least < np.inf and damping.max() / units.s < scale:
+        _warn(f'a damping of {least:.6g} 1/ms lets nothing oscillate; if {least:.6g} 1/s was meant, give {least:.6g} / units.s')
+
+
+def warn_of_times(calc: Any, last: float, timestep: bool = False) -> None:
+    """Warn of a duration, or of a time step, in ms that was probably typed in s."""
+    radians = _scale(calc) * last
+    if 0 < radians < SHORT[timestep] < 10 * units.s * radians:
+        _warn(f'{"time steps of" * timestep or "times up to"} {last:.6g} ms are {radians:.2g} radians of the fastest motion; if '
+              f'{last:.6g} s was meant, give {last:.6g} * units.s')
+
+
+def warn_of_speed(calc: Any, velocities: NDArray[np.float64]) -> None:
+    """Warn of velocities in mm/ms that would move a particle beyond a bond, and were probably typed in mm/s."""
+    fastest, scale = float(np.sqrt((velocities**2).sum(axis=-1).max(initial=0.0))), _scale(calc)
+    if scale and fastest > HASTY * scale * calc.bonds.lengths.min():
+        _warn(f'a velocity of {fastest:.4g} mm/ms would move a particle by {fastest / scale:.3g} mm, beyond its neighbours; if '
+              f'{fastest:.4g} mm/s was meant, give {fastest:.4g} * units.mm / units.s')
+
+
+def warn_of_amplitude(calc: Any, displacements: NDArray[np.float64]) -> None:
+    """Warn of a linear answer that moves particles by more than the shortest bond."""
+    most = float(abs(displacements).max(initial=0.0))
+    if most > (shortest := calc.bonds.lengths.min()):
+        _warn(f'particles move by up to {most:.3g} mm, more than the {shortest:.6g} mm between them, where linear theory fails; '
+              f'take forces {most / (0.01 * shortest):.2g} times smaller for a hundredth of the spacing, or DrivenVerlet')
 
 
 def asked_frequencies(calc: Repulsion, omega: ArrayLike) -> NDArray[np.float64]:
@@ -81,6 +162,9 @@ def warn_of_hertz(calc: Repulsion, omega: NDArray[np.float64]) -> None:
     if omega.size and (w := float(np.median(abs(omega)))):
         hertz = 2 * np.pi * units.Hz
         scale = hertz * frequency_scale(calc) + calc.turning
+        if w > FAST[0] * scale > 0 and FAST[1] * scale <= abs(omega).max() * hertz < 2 * np.pi * FAST[1] * scale:
+            _warn(f'omega = {w:.4g} rad/ms is far above the frequencies of the structure, about {scale:.3g} rad/ms; if '
+                  f'{w:.4g} rad/s was meant, give {w:.4g} / units.s')
         if w > FAST[0] * scale > 0 and abs(omega).max() * hertz < FAST[1] * scale:
             warnings.warn(f'omega = {w:.4g} rad/ms is {w / hertz:.4g} Hz, far above the frequencies of the structure, about '
                           f'{scale / hertz:.3g} Hz; if {w:.4g} Hz was meant, give {w:.4g} * 2 * pi * units.Hz, which is '

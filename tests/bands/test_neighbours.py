@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ase import Atoms
+from structures import few_first
 
 from magphonon import InversePower, MagneticRepulsion, lattices, magnet_law, read_scene
 from magphonon.bands import converged_shells, neighbour_shifts
@@ -69,7 +70,7 @@ def plain_sum(cell, derivatives, k, q, reach=np.inf, g=0.0):
     return np.sign(squares) * np.sqrt(abs(squares))
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', few_first(range(3), 1))
 @pytest.mark.parametrize('kind', CELLS)
 def test_what_all_neighbours_shift(kind, seed):
     rng = np.random.default_rng([CELLS.index(kind), seed])
@@ -87,7 +88,7 @@ def test_what_all_neighbours_shift(kind, seed):
     assert found.known
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', few_first(range(3), 1))
 @pytest.mark.parametrize('kind', ['chain', 'square', 'triangular', 'honeycomb', 'rectangular'])
 def test_enough_on_each_side_of_the_tolerance(kind, seed):
     """So many shells are within the tolerance of the plain sum, and one less is not, unless with fewer it is so by accident."""

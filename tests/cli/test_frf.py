@@ -3,6 +3,7 @@
 import csv
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from numpy.testing import assert_allclose
 from scene_files import ready_scene
 
 from magphonon import units
+from magphonon.cli import frf
 from magphonon.cli.main import main
 from magphonon.response.frf import FrequencyResponse
 from magphonon.scenes.scene import read_scene
@@ -183,3 +185,12 @@ def test_response_of_an_unstable_patch_is_refused(a, b, status, patch, scene_fil
     assert main(['frf', '--verbose', str(file), '-o', str(tmp_path / 'out')]) == status
     assert ('fastest growing mode has the rate' in capsys.readouterr().err) is (status == 2)
     assert (tmp_path / 'out').exists() is (status == 0)
+
+
+def test_the_difference_from_a_measurement_is_its_root_mean_square():
+    """A quarter of the values is off by 0.3 of the peak, in any direction: 0.15."""
+    rng = np.random.default_rng(0)
+    measured = np.exp(1j * rng.uniform(0, 6, 40)) * np.append(2.0, rng.uniform(0.1, 1.9, 39))
+    off = 0.6 * np.exp(1j * rng.uniform(0, 6, 40)) * (np.arange(40) % 4 == 0)
+    _, words, _ = frf._compared([SimpleNamespace(response=measured, coherence=None, name='own')], {'complete': [measured + off]})
+    assert words == '  complete 0.15  (own)'

@@ -106,12 +106,3 @@ def test_every_command_says_it(command, name, words, tmp_path, capsys, monkeypat
     assert 'Nearest neighbours only (shells = 1): farther ones would shift ' in text
     assert words in text
     assert text.count('farther ones would shift') == text.count('Omit law.shells') == 1
-
-
-def test_a_fit_of_ridges_says_it_for_the_ridges(capsys, tmp_path):
-    (tmp_path / 'own.toml').write_text(ready_scene('bench').read_text())
-    words = re.compile(r'farther ones would shift branch 1 at the ridges by up to \+\d+ %')
-    for arguments, warned in ((['prototype', '--verbose'], True), ([str(tmp_path / 'own.toml')], True),
-                              (['prototype'], False)):  # a ready scene says itself that it omits others
-        assert main(['fit', 'prototype_ridges', '--bands', *arguments]) == 0
-        assert bool(words.search(capsys.readouterr().out)) == warned

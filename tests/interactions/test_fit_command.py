@@ -37,7 +37,7 @@ def test_the_tables_of_the_prototype_are_two_measurements_of_one_lattice(tmp_pat
         assert main(['fit', name, *words]) == 0
         printed = capsys.readouterr().out
         found[name] = [float(x) for x in re.search(r'force .*?([\d.]+) N \(([\d.]+) to ([\d.]+)\)', printed).groups()]
-        assert 'scatter' not in printed
+        assert 'scatter by more' not in printed
     assert all(found[name][1] < 0.2369 < found[name][2] for name in ('prototype_force', 'prototype_ridges'))
     assert not found['synthetic_force'][1] < 0.2369 < found['synthetic_force'][2]
     (tmp_path / 'prototype_force').write_text('r_m,f_N\n1,2\n')  # a file of the user comes first
@@ -131,7 +131,7 @@ OPTIONS = [
 ]
 """Options that do not fit the synthetic set, and what is said about them."""
 FILES = [
-    (['BINARY'], 'is not a text file'), (['none.csv'], 'none.csv cannot be opened'), ([''], "'' names no file"),
+    (['BINARY'], 'is not a text file'), (['none.csv'], 'none.csv is not there'), ([''], "'' is not there"),
     (['prototype.toml'], 'is a scene; name after it what was measured'),
     (['prototype.toml', 'ideal.toml'], 'ideal.toml is a scene and holds no measurements'),
 ]
@@ -173,3 +173,15 @@ def test_gaps_between_faces_are_refused_where_the_magnet_is_named(tmp_path, caps
         (tmp_path / 'gaps.csv').write_text('\n'.join(['r_mm,f_N', *rows]))
         assert main(['fit', str(ready_scene('rings')), str(tmp_path / 'gaps.csv'), '--spacing', '10mm']) == code
         assert ('give distances of the centres, not gaps' in capsys.readouterr().err) == (code == 2)
+
+
+def test_the_scene_that_takes_the_law_is_named_and_has_a_table_for_it(tmp_path, capsys):
+    """And a file that is there is replaced only on demand."""
+    mine = tmp_path / 'mine.toml'
+    assert main(['fit', str(SYNTHETIC), '-o', str(mine)]) == 2
+    assert 'name first the scene' in capsys.readouterr().err
+    mine.write_text('title = "x"\nlaw = {kind = "inverse_power", force_N = 0.2, a = 4.0}\n'
+                    'lattice = {kind = "square", spacing_m = 0.01, mass_kg = 7e-4}\n')
+    for options, words in (([], 'exists; name another place'), (['--force'], 'write its law as such a table')):
+        assert main(['fit', str(mine), str(SYNTHETIC), '-o', str(mine), *options]) == 2
+        assert words in capsys.readouterr().err

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import Legendre, leggauss
 
-from magphonon import units as u
+from magphonon import InversePower, units as u
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_energy, pair_force
 from magphonon.interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence, moment
@@ -301,3 +301,13 @@ def test_grades():
     assert sorted(GRADES_T.values()) == list(GRADES_T.values())
     with pytest.raises(ValueError, match=r"must be one of 'N30'.*not 'N99'"):
         grade_remanence('N99')
+
+
+def test_slopes_of_the_stiffness_out_of_the_plane_are_those_of_differences():
+    rng, h = np.random.default_rng(3), 1e-3
+    for law in (magnet_law(RING), InversePower(6200.0, rng.uniform(3, 6))):
+        r = rng.uniform(8, 14, 5)
+        below, here, above = (UprightMagnets(law).vertical(r + step) for step in (-h, 0, h))
+        slope, curvature = UprightMagnets(law)._vertical_slopes(r)
+        np.testing.assert_allclose(slope, (above - below) / (2 * h), rtol=1e-5)  # 3 (h/r)^2 of it
+        np.testing.assert_allclose(curvature, (above - 2 * here + below) / h**2, rtol=1e-4)  # round-off over h^2

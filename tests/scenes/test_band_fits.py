@@ -130,7 +130,7 @@ def test_ridges_whose_motion_does_not_tell_find_their_branches(tmp_path, seed, f
     cell, f, k = lattice(name), rng.uniform(0.15, 0.4), rng.uniform(0.2, 0.3)
     xi = np.linspace(0.4, 2.9, 12)
     q = np.outer(xi / (2 * np.pi), [0, 1, 0])
-    pairs = Pairs(cell, InversePower(f * L**a, a), 1.8 * L, MODELS[not with_dstar])  # two shells
+    pairs = Pairs(cell, InversePower(f * L**a, a), 7.9 * L, MODELS[not with_dstar])
     omega = np.sqrt(np.linalg.eigvalsh(pairs.bloch(cell.positions, q) / 0.7 + k / 0.7 * np.eye(2 * len(cell))))
     branches = rng.choice(2 * len(cell), 3, replace=False)
     of_all = np.concatenate(omega.T[branches])
@@ -218,9 +218,9 @@ def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path)
     assert re.search(r'D\*: the complete model fits better, by \d+.* in chi2, which is evidence of [\d.]+ sigma for D\*', shown)
     assert {'band_fit.png', 'band_fit.txt'} == {file.name for file in (tmp_path / 'out').iterdir()}
     entries = tomllib.loads(shown[shown.index('\n[law]\n') + 1:shown.index('\n\n', shown.index('\n[foundation]\n'))])
-    f, a = (found[name][0] for name in ('force', 'a'))
-    assert entries['law']['b_N_m_a'] == pytest.approx(f * (1e-3 * drawn.L) ** a, rel=0.01)  # f and a are printed to four digits
-    assert entries['foundation']['stiffness_N_per_m'] == pytest.approx(found['foundation'][0], rel=1e-3)
+    of_entry = entries['law']['b_N_m_a'] / (1e-3 * drawn.L) ** entries['law']['a']  # of the fit with the larger weight
+    assert found['force'][1] < of_entry < found['force'][2]
+    assert entries['foundation']['stiffness_N_per_m'] == pytest.approx(found['foundation'][0], rel=0.02)
     assert re.search(r'Correlations: a and force -?[01]\.\d\d, foundation and force', shown)
     # the control: a mass that is wrong by 30 % is one of the scene's, and moves the force by as much
     wrong = drawn.scene(tmp_path, mass=1.3)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from ase.io import read, write
 
-from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon import MagneticRepulsion, lattices
 from magphonon.bands import finite_displacements
+from magphonon.interactions import Overlap
 from magphonon.response import replicas
 from magphonon.stiffness import Scatter, restored, scattered, substituted, with_interstitial, with_vacancies
 from magphonon.stiffness.sites import Sites
@@ -19,6 +20,7 @@ EACH = {
     'load': lambda rng, n: 0.01 * np.pad(rng.normal(size=(n, 2)), ((0, 0), (0, 1))),
     'foundation': lambda rng, n: rng.uniform(1.0, 2.0, (n, 2)),
     'gyration': lambda rng, n: rng.uniform(0.1, 0.2, n),
+    'radii': lambda rng, n: rng.uniform(6.0, 7.0, n),  # spheres of 12 mm and more, 10 mm apart
 }
 """Values of each property, no two alike: what is lost or comes from another site is seen."""
 
@@ -30,7 +32,7 @@ def drawn(seed):
     atoms = honeycomb.repeat((2, 3, 1)) if seed % 2 else lattices.parallelogram(square, 3, 4)
     values = {name: draw(rng, len(atoms)) for name, draw in EACH.items()}
     given = values | {'anchors': atoms.positions - values['anchors']}
-    atoms.calc = MagneticRepulsion(atoms, InversePower(6200.0, 4.5824), cutoff=12.0, model='conventional', **given)
+    atoms.calc = MagneticRepulsion(atoms, Overlap(100.0), cutoff=12.0, model='conventional', **given)
     return atoms, values, rng
 
 
@@ -86,7 +88,7 @@ def copied(atoms, rng):
 
 def changed(atoms, rng):
     other = atoms.copy()
-    other.calc = atoms.calc.changed(laws=InversePower(1e4, 5.0))
+    other.calc = atoms.calc.changed(laws=Overlap(200.0))
     return other, np.arange(len(atoms)), 0.0
 
 

@@ -5,10 +5,23 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
+from ase.units import kB
 from structures import few_first
 
-from magphonon import DrivenVerlet, InversePower, ToneBurst, analytic_bands, frequency_response, lattices, propagate, units as u
+from magphonon import (
+    DrivenVerlet,
+    InversePower,
+    ToneBurst,
+    analytic_bands,
+    critical_foundation,
+    frequency_response,
+    lattices,
+    propagate,
+    units as u,
+    verdict,
+)
 from magphonon.bands import complex_bands, edge_flow, lattice_density
+from magphonon.bands.bloch import damped_modes
 from magphonon.dynamics import Harmonic, PrescribedMotion
 from magphonon.response import density_of_states, harmonic_response
 from magphonon.stiffness import AllNeighbours, PairCalculator
@@ -28,8 +41,8 @@ def drawn(seed):
 @pytest.mark.parametrize('seed', range(10))
 def test_a_foundation_typed_in_newton_per_metre(seed):
     cell, law, bond, _, rng = drawn(seed)
-    k = max(bond, 10.0) * 10 ** rng.uniform(-0.7, 0.0)  # N/m
-    law = law if bond > 10 else InversePower(law.b * 10 / bond, law.a)
+    k = max(bond, 30.0) * 10 ** rng.uniform(-0.7, 0.0)  # N/m
+    law = law if bond > 30 else InversePower(law.b * 30 / bond, law.a)
     PairCalculator(cell, law, foundation=k * u.N / u.m)
     with pytest.warns(UserWarning, match='N/m was meant') as told:
         PairCalculator(cell, law, foundation=k)
@@ -50,9 +63,9 @@ def test_frequencies_typed_in_hertz(seed):
     held.set_constraint(FixAtoms([0]))
     tools = [lambda w: frequency_response(patch, push, w, 0.1), lambda w: harmonic_response(patch, push, [w], 0.1),
              lambda w: frequency_response(patch, push, np.linspace(0.8, 1.2, 5) * w, 0.1),
-             lambda w: propagate(patch, [0.0, 1.0], [ToneBurst(0, (1, 0), 1e-6, omega=w)]),
-             lambda w: propagate(held, [0.0, 1.0], [PrescribedMotion(Harmonic(0, (1, 0), 1e-6, omega=w))]),
-             lambda w: DrivenVerlet(patch, 1e-3 / f, [Harmonic([0, 1], (1, 0), 1e-6, omega=w)]),
+             lambda w: propagate(patch, [0.0, 100 / f], [ToneBurst(0, (1, 0), 1e-6, omega=w)]),
+             lambda w: propagate(held, [0.0, 100 / f], [PrescribedMotion(Harmonic(0, (1, 0), 1e-6, omega=w))]),
+             lambda w: DrivenVerlet(patch, 10 / f, [Harmonic([0, 1], (1, 0), 1e-6, omega=w)]),
              lambda w: density_of_states(patch, [0.9 * w, w], 8, 2),
              lambda w: lattice_density(cell, [0.9 * w, w], 6)]
     for tool in tools:
@@ -106,6 +119,102 @@ def test_masses_so_unequal_that_digits_are_lost(ratio, told):
     assert len(n) == 3
     assert apart < 1e-15 * ratio
     assert apart > 1e-6 or ratio < 1e12  # the control: digits are lost
+
+
+def paper(spacing=10.0, mass=0.707, b=1.6209e-10 * u.N * u.m**4.5824, k=0.0196757, **sites):
+    cell = lattices.triangular(spacing, mass)
+    cell.calc = PairCalculator(cell, InversePower(b, 4.5824), foundation=k, **sites)
+    return cell
+
+
+def bent(cell, omega=0.25, force=1e-4, damping=0.004, last=50.0):
+    patch = cell.repeat([3 if along else 1 for along in cell.pbc])
+    patch.calc = cell.calc.on(patch)
+    return propagate(patch, np.linspace(0, last, 26), [ToneBurst(0, (0, 1), force, omega=omega)], damping=damping)
+
+
+def answered(cell, omega=0.25, damping=0.004):
+    return frequency_response(cell, [[1.0, 0, 0]], [omega], damping)
+
+
+def stepped(dt=0.1, damping=0.004, velocity=0.0, omega=0.25):
+    patch = paper().repeat((3, 3, 1))
+    patch.calc = paper().calc.on(patch)
+    patch.set_velocities(np.full((9, 3), [velocity, 0, 0]))
+    return DrivenVerlet(patch, dt, [ToneBurst(4, (0, 1), 1e-4, omega=omega)], damping=damping)
+
+
+def hot():
+    patch = paper().repeat((3, 3, 1))
+    patch.calc = paper().calc.on(patch)
+    patch.set_momenta(np.random.default_rng(0).normal(size=(9, 3)) * np.sqrt(0.707 * 300 * kB))  # as MaxwellBoltzmannDistribution
+    return DrivenVerlet(patch, 0.1).run(1)
+
+
+# name: the slip, and what is said of it, most of it with the number that was meant; None where nobody can know
+SLIPS = {
+    'spacing in m': (lambda: paper(spacing=0.01), 'multiply SI values by their units'),
+    'spacing in cm': (lambda: paper(spacing=1.0), 'if 1 cm was meant, give 10 \\* units.mm'),
+    'mass in kg': (lambda: paper(mass=7.07e-4), 'if 0.000707 kg was meant, give 0.000707 \\* units.kg'),
+    'all in SI': (lambda: paper(0.01, 7.07e-4, 1.6209e-10, 19.6757), 'multiply SI values by their units'),
+    'b in N m^a': (lambda: paper(b=1.6209e-10), r'if b of the law was meant in N m\^a'),
+    'foundation in N/m': (lambda: paper(k=19.6757), '19.6757 N/m was meant, give'),
+    'gyration in rad/s': (lambda: paper(gyration=100.0), 'if 100 rad/s was meant'),
+    'a period along z': (lambda: PairCalculator(Atoms('H', cell=[10, 10, 20], pbc=True), InversePower(1e4, 4), foundation=1.0,
+                                                shells=1), r'set atoms.pbc = \(True, True, False\)'),
+    'propagate, omega in Hz': (lambda: bent(paper(), omega=40.0), 'if 40 Hz was meant'),
+    'propagate, omega in rad/s': (lambda: bent(paper(), omega=800.0), 'if 800 rad/s was meant'),
+    'propagate, omega in kHz': (lambda: bent(paper(), omega=0.04), None),
+    'propagate, damping in 1/s': (lambda: bent(paper(), damping=4.0), 'if 4 1/s was meant'),
+    'propagate, times in s': (lambda: bent(paper(), last=0.05), 'if 0.05 s was meant'),
+    'propagate, force of 1 N': (lambda: bent(paper(), force=1.0), 'where linear theory fails; take forces'),
+    'response, omega in rad/s': (lambda: answered(paper(), omega=800.0), 'if 800 rad/s was meant'),
+    'response, damping in 1/s': (lambda: answered(paper(), damping=4.0), 'if 4 1/s was meant'),
+    'bands, damping in 1/s': (lambda: damped_modes(paper(), [[0.5, 0, 0]], damping=4.0), 'if 4 1/s was meant'),
+    'verdict, damping in 1/s': (lambda: verdict(paper(), damping=4.0), 'if 4 1/s was meant'),
+    'steps, dt in s': (lambda: stepped(dt=1e-4), 'if 0.0001 s was meant'),
+    'steps, dt of a period': (lambda: stepped(dt=7.0), ValueError),
+    'steps, damping in 1/s': (lambda: stepped(damping=4.0), 'if 4 1/s was meant'),
+    'steps, omega in Hz': (lambda: stepped(omega=40.0), 'if 40 Hz was meant'),
+    'steps, velocity in mm/s': (lambda: stepped(velocity=50.0), 'if 50 mm/s was meant'),
+    'steps, 300 K': (hot, ValueError),
+}
+
+
+@pytest.mark.parametrize('name', SLIPS)
+def test_slips_are_told_or_impossible(name):
+    slip, said = SLIPS[name]
+    if said is ValueError:
+        with pytest.raises(ValueError, match=r'step|plane'):
+            slip()
+    elif said:
+        with pytest.warns(UserWarning, match=said):
+            slip()
+    else:
+        slip()
+
+
+def test_all_slips_but_one_are_told():
+    assert sum(said is None for _, said in SLIPS.values()) == 1 < len(SLIPS) / 20
+
+
+@pytest.mark.parametrize('seed', few_first(range(500), 20))
+def test_nothing_is_said_of_a_bench_in_the_right_units(seed):
+    """Spacings of 2 to 100 mm, 0.01 to 100 g, forces of 1 mN to 30 N, pillars of 1 to 5000 N/m; warnings are errors."""
+    rng = np.random.default_rng(seed)
+    L, mass, f, k = (10 ** rng.uniform(*np.log10(ends)) for ends in ((2, 100), (0.01, 100), (1e-3, 30), (1e-3, 5)))
+    a, cell = rng.uniform(2, 6), LATTICES[seed % len(LATTICES)](L * u.mm, mass * u.g)
+    cell.calc = PairCalculator(cell, InversePower(f * L**a, a), foundation=k * u.N / u.mm)
+    needed = critical_foundation(cell).k
+    cell.calc.set(foundation=max(k, 1.1 * needed))
+    omega = np.sqrt((a * f / L + k) / mass)
+    damping = omega * 10 ** rng.uniform(-4, -0.5)
+    bent(cell, omega, 1e-3 * f, damping, 20 / omega)
+    damped_modes(cell, [[0.5, 0, 0]], damping=damping)
+    verdict(cell, damping=damping)
+    patch = cell.repeat([3 if along else 1 for along in cell.pbc])
+    patch.calc = cell.calc.on(patch)
+    DrivenVerlet(patch, 0.05 / omega, [ToneBurst(0, (1, 0), 1e-3 * f, omega=omega)], damping)
 
 
 def test_other_scales_are_meant():
