@@ -14,9 +14,9 @@ from tqdm import tqdm
 from ..errors import finite, whole
 from ..stiffness.bond import Model
 from ..stiffness.matrices import companion, eigenvalues_of_two, hermitian_eigenvalues, hessian, lossless_modes, signed_root
+from ..stiffness.plausibility import site_damping
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import site_damping
 from ..traits import LINEAR, takes
 
 BATCH_BYTES = 2**22

@@ -30,9 +30,9 @@ from scipy import linalg
 from ..errors import finite
 from ..results import InHertz
 from ..stiffness.bond import Model
-from ..stiffness.plausibility import asked_frequencies
+from ..stiffness.plausibility import asked_frequencies, site_damping
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import each_spring, site_damping
+from ..stiffness.sites import each_spring
 from ..traits import LINEAR, takes
 
 LINK = 1e-11

@@ -34,10 +34,9 @@ from tqdm import tqdm
 
 from ..errors import one_of, positive, whole
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.plausibility import warn_of_speed, warn_of_times
+from ..stiffness.plausibility import site_damping, warn_of_speed, warn_of_times
 from ..stiffness.repulsion import masses_of
 from ..stiffness.rest import freedom
-from ..stiffness.sites import site_damping
 from ..traits import LINEAR, takes
 from .cages import Cages, Diverged
 from .compiled import can_compile

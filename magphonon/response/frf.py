@@ -21,9 +21,8 @@ from tqdm import tqdm
 from ..errors import finite, one_of, positive, refuse_memory
 from ..results import InHertz, Saved
 from ..stiffness.factors import inverse
-from ..stiffness.plausibility import asked_frequencies
+from ..stiffness.plausibility import asked_frequencies, site_damping
 from ..stiffness.rest import LinearSystem, components, refuse_held
-from ..stiffness.sites import site_damping
 from ..traits import LIKE, LINEAR, takes
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable

@@ -29,9 +29,8 @@ from scipy import sparse
 from ..dynamics.drives import Constant, PrescribedMotion, ToneBurst, check_drives, constant_push, forces_and_walls
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive, refuse_memory
-from ..stiffness.plausibility import warn_of_amplitude, warn_of_speed, warn_of_times
+from ..stiffness.plausibility import site_damping, warn_of_amplitude, warn_of_speed, warn_of_times
 from ..stiffness.rest import LinearSystem, components, static_forces
-from ..stiffness.sites import site_damping
 from ..traits import LINEAR, takes
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, products_of, sizes, stable_interval, whole_interval
 from .first_order import NODES, POINTS, WEIGHTS, FirstOrder

@@ -1,4 +1,3 @@
 from .amplitude_shifts import frequency_shifts as frequency_shifts
-from .buckling import critical_foundation as critical_foundation
-from .prestress import prestress_reserve as prestress_reserve
+from .buckling import critical_foundation as critical_foundation, prestress_reserve as prestress_reserve
 from .verdicts import verdict as verdict

@@ -27,9 +27,9 @@ from ..interactions.law_cards import card_of
 from ..interactions.members import Spring
 from ..interactions.pair_laws import Hertz, Overlap
 from ..stiffness.lowest import DENSE
+from ..stiffness.plausibility import site_damping
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
-from ..stiffness.sites import site_damping
 from ..traits import LINEAR, all_but, refuse, takes
 from .amplitude_shifts import frequency_shifts
 from .buckling import (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
-from ..errors import finite, shown
+from ..errors import finite, not_negative, shown
 from .bond import sizes
 
 if TYPE_CHECKING:
@@ -116,6 +116,19 @@ def _scale(calc):
 
 def _warn(words):
     warnings.warn(words, stacklevel=6)
+
+
+def site_damping(damping: ArrayLike, particles: int, calc: Any = None) -> NDArray[np.float64]:
+    """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError.
+
+    Warns of rates that look like 1/s for a `calc`.
+    """
+    given = finite('damping', damping)
+    if given.shape not in ((), (particles,)):
+        raise ValueError(f'damping must be one number or one for each of the {particles} particles, not the shape {given.shape}')
+    not_negative('damping', float(given.min(initial=0.0)), '1/ms')
+    warn_of_damping(calc, given)
+    return np.broadcast_to(given, particles)
 
 
 def warn_of_damping(calc: Any, damping: NDArray[np.float64]) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, not_negative, one_of, positive
-from .plausibility import warn_of_damping
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -200,19 +199,6 @@ def gyration_blocks(gyration: Any, dim: int) -> NDArray[np.float64]:
     g = np.asarray(gyration)
     g = g if g.ndim == 2 else np.outer(g, [0.0, 0.0, 1.0])
     return -np.cross(np.eye(3), g[:, None]).swapaxes(1, 2)[:, :dim, :dim]
-
-
-def site_damping(damping: ArrayLike, particles: int, calc: Any = None) -> NDArray[np.float64]:
-    """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError.
-
-    Warns of rates that look like 1/s for a `calc`.
-    """
-    given = finite('damping', damping)
-    if given.shape not in ((), (particles,)):
-        raise ValueError(f'damping must be one number or one for each of the {particles} particles, not the shape {given.shape}')
-    not_negative('damping', float(given.min(initial=0.0)), '1/ms')
-    warn_of_damping(calc, given)
-    return np.broadcast_to(given, particles)
 
 
 def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
