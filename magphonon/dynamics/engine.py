@@ -515,7 +515,8 @@ class Blocks:
 
     def follow(self) -> None:
         """Read the state from the atoms if they have been changed since `write`; refuse a motion that no block would follow."""
-        refuse_motion_out_of_the_plane(self.calc, self.atoms)
+        if self.calc.dim == 2:
+            refuse_motion_out_of_the_plane(self.calc, self.atoms)
         if not self.current:
             self._read()
 
