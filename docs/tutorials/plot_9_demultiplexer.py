@@ -59,7 +59,7 @@ print(f'in four of five copies: {copies.reached(80):.1f} dB')
 # A design to be built
 # --------------------
 # With ``errors`` the design is made for copies, eight new ones at each step, and ``parts`` are what the shop has: five grades
-# of magnets and four rods.  The moving mass follows the rod.  A hundred steps take seconds; the device below took 2200, some
+# of magnets and four rods.  The moving mass follows the rod.  A hundred steps take seconds; the device below took 3600, some
 # minutes.
 
 design = optimise(patch, targets, over, parts={'strength': [0.87, 0.93, 1.0, 1.07, 1.15], 'rod': RODS}, errors=errors,
