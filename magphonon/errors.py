@@ -107,7 +107,7 @@ class Diverged(PhysicsError):
     >>> from magphonon.dynamics import Diverged
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-    >>> patch.set_momenta([[50.0, 0.0, 0.0] if k == len(patch) // 2 else [0.0, 0.0, 0.0] for k in range(len(patch))])
+    >>> patch.set_momenta([[6.0, 0.0, 0.0] if k == len(patch) // 2 else [0.0, 0.0, 0.0] for k in range(len(patch))])
     >>> try:
     ...     DrivenVerlet(patch, 0.01).run(100)
     ... except Diverged as error:

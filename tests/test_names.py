@@ -31,6 +31,7 @@ def test_every_result_with_angular_frequencies_has_them_in_hertz(result):
     np.testing.assert_allclose(result(**values).frequencies_Hz, [[0.0, 1000.0], [-500.0, 500 / np.pi]], rtol=1e-15)
 
 
+@pytest.mark.filterwarnings('ignore:times up to')
 def test_every_record_of_motion_has_the_same_names():
     atoms = patch()
     dyn = DrivenVerlet(atoms, 0.01)

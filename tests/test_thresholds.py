@@ -148,6 +148,7 @@ def test_verlet_with_exact_damping_is_stable_up_to_omega_dt_of_2(model, k, zeta)
     assert (over[5] - over[3]) / 100 == pytest.approx(expected, rel=1e-3)  # where the smaller root has faded
 
 
+@pytest.mark.filterwarnings('ignore:a damping of')
 @pytest.mark.parametrize(('gamma_dt', 'stable'), [(3.99, True), (4.01, False)])
 def test_explicit_damping_fails_where_the_exact_one_does_not(gamma_dt, stable):
     # -c v in the force multiplies the velocity by (1 - gamma dt/2)^2 in each step, whatever omega is; its half is the factor

@@ -243,7 +243,7 @@ def of_unequal(base, way, strengths=UNEQUAL):
 
 
 NO_RADII = {'frequency_sensitivities', 'frequency_spread', 'mode_scatter', 'for_ase_tools', 'sound_speeds',
-            'Variables'}
+            'Structure'}
 APART = {'write_lammps_input', 'neighbour_shifts', 'converged_shells', 'for_ase_tools'}
 """Tools that are not compared: of files, of one law, of sums that end elsewhere."""
 
@@ -263,9 +263,9 @@ def test_strengths_and_radii_are_laws_of_kinds(tool, base, given, alike):
     assert found.shape != control.shape or not np.allclose(found, control, rtol=1e-4, atol=0)
 
 
-HELPERS = {'Shells', 'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
+HELPERS = {'prestress_reserve', 'band_gaps', 'edge_weights', 'extracted_dstar', 'hessian_changes', 'response_slopes',
            'series_response', 'thermal_bands',
-           'Variables', 'chern_numbers', 'edge_flow'}
+           'Shells', 'Structure', 'chern_numbers', 'edge_flow'}
 """Declared, and asked in the tests of their rooms: they take more than a structure."""
 
 

@@ -242,8 +242,8 @@ class Rest:
         def solver():
             G = self.stiffness.astype(complex, order='F')
             G[np.diag_indices(len(G))] += (1j * omega * damping - omega**2) * self.inertia
-            lu, pivots, _ = linalg.lapack.zgetrf(G, overwrite_a=True)
-            return lambda F: linalg.lapack.zgetrs(lu, pivots, F)[0]
+            lu, pivots, _ = linalg.lapack.zgetrf(G, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
+            return lambda F: linalg.lapack.zgetrs(lu, pivots, F)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
         return self.frame.spread(self.once((omega, damping), solver)(self.frame.along(force) + 0j))
 

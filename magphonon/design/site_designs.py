@@ -36,7 +36,7 @@ from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import takes
 from .objectives import Objective, soft_minimum
-from .scatter import REGULAR, Frame, Rest, site_slopes
+from .scatter import REGULAR, Frame, Rest, Slope, site_slopes
 from .sensitivities import force_change
 
 KINDS = 'strength', 'magnet', 'spring', 'rod', 'mass', 'foot'
@@ -234,7 +234,7 @@ class Structure:
         atoms, anchors = calc.reference.copy(), np.array(calc.anchors)
         anchors[:, :dim] += foot
         atoms.positions[:, :dim] += foot + rest.bent
-        atoms.set_masses(rest.masses)
+        atoms.set_masses(rest.masses)  # pyright: ignore[reportArgumentType]  ASE declares its default
         atoms.set_constraint(self.atoms.constraints)
         bonds = replace(calc.bonds, vectors=calc.bonds.vectors.copy(), cutoff=None)
         bonds.vectors[:, :dim] = rest.R
@@ -247,8 +247,8 @@ def _cholesky(H):
     """Solution with a positive definite matrix, or None if it has another eigenvalue."""
     H = np.array(H, order='F')
     H[np.diag_indices(len(H))] += REGULAR * (abs(H).max() or 1.0)
-    factor, bad = lapack.dpotrf(H, overwrite_a=True)
-    return None if bad else lambda b: lapack.dpotrs(factor, b)[0]
+    factor, bad = lapack.dpotrf(H, overwrite_a=True)  # pyright: ignore[reportAttributeAccessIssue]  not in stubs
+    return None if bad else lambda b: lapack.dpotrs(factor, b)[0]  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class Variables:
@@ -510,7 +510,7 @@ class _Task:
         rest = v.structure.rest(v.parts(x) * draw, near, self.model)
         found = [target.tuned(draw.frequency).value_and_slope(rest) for target in self.targets]
         value, share = soft_minimum(np.array([value for value, _ in found]), self.tau)
-        slope = sum((c * slope for c, (_, slope) in zip(share[1:], found[1:], strict=True)), share[0] * found[0][1])
+        slope = sum((c * slope for c, (_, slope) in zip(share, found, strict=True)), Slope())
         return value, v.gradient(x, site_slopes(rest, slope), rest.masses)
 
     def copies(self, x, errors, rng, draws, scale):

@@ -314,7 +314,7 @@ class Blocks:
         layout, calc = self.layout, self.calc
         r0, label = lengths_of(layout.R), labels(calc.law, len(calc.bonds))[layout.bond]
         self._alike = layout.offset is not None
-        if self._alike:
+        if layout.offset is not None:
             first = np.array([(layout.group == g).argmax() for g in range(len(layout.offset))])
             kind = layout.group
             off = abs(layout.R - layout.R[first][kind]).max() > SAME_VECTOR * r0.min()
@@ -355,7 +355,7 @@ class Blocks:
             return rows
 
         self._at_bonds = each
-        if self._alike:
+        if self._alike and layout.offset is not None:
             R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
             strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
             if all(row[mine].all() and row[mine - offset].all() for row, offset in zip(strength, layout.offset, strict=True)):
@@ -377,8 +377,8 @@ class Blocks:
         push = mobility[None]
         if np.iscomplexobj(d) or np.ptp(d):
             decay, push = np.stack([d, d * d, d]), np.stack([1 + 0 * d, (1 + d * d) / 2, d]) * mobility
-            turns = tuple(self._put(x.imag.T.astype(dtype)) for x in (decay, push)) if np.iscomplexobj(d) else None
-            decay = self._put(decay.real.T.astype(dtype))
+            turns = tuple(self._put(np.imag(x).T.astype(dtype)) for x in (decay, push)) if np.iscomplexobj(d) else None
+            decay = self._put(np.real(decay).T.astype(dtype))
         self._push = push[:, self._driven]
         return Sites(put(k) if k.ndim else (k[()],) * self.calc.dim, None if self._load is None else put(self._load), decay,
                      self._put(push.real.T.astype(dtype)), turns)
@@ -476,8 +476,8 @@ class Blocks:
         u, v, w = map(tuple, self._spare)
 
         def work(me, some):
-            return stages(u, w, v, self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]),
-                          self._pieces, self._parts, *special, me, some)
+            given = self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]), self._pieces, self._parts
+            return stages(u, w, v, *given, special[0], special[1], special[2], me, some)
 
         if self._threads == 1:
             beyond = work(0, (0, len(times)))

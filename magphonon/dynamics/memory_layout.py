@@ -131,7 +131,7 @@ def _grid(slot, bond, i, j, R):
 
 def _sites_found(X, i, j, R):
     """Places of the particles on a grid, such that bonds span whole numbers of rows; None if there is none."""
-    r, base = lengths_of(R), _base_vectors(R)
+    r, base, steps = lengths_of(R), _base_vectors(R), np.zeros_like(R)
     if base is None:
         return None
     for _ in range(3):

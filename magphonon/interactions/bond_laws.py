@@ -115,7 +115,9 @@ def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[n
 
 def taken(law: PairLaw, bonds: Any) -> PairLaw:
     """The law of some of the bonds, chosen by their indices or by a mask; the law of a single bond if `bonds` is one number."""
-    return laid(law.laws, *(each[bonds] for each in (law.which, law.strength, law.scale))) if isinstance(law, BondLaws) else law
+    if not isinstance(law, BondLaws):
+        return law
+    return laid(law.laws, law.which[bonds], law.strength[bonds], law.scale[bonds])
 
 
 def labels(law: PairLaw, bonds: int) -> NDArray[np.intp]:

@@ -425,7 +425,7 @@ class Overlap:
     --------
     >>> from magphonon.interactions import Overlap
     >>> spring = Overlap(1.0)
-    >>> float(-spring.dphi(0.9)), float(spring.d2phi(0.9))  # of r/d
+    >>> round(float(-spring.dphi(0.9)), 9), float(spring.d2phi(0.9))  # of r/d
     (0.1, 1.0)
     """
 

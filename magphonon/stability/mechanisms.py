@@ -106,7 +106,7 @@ def free_motions(system: LinearSystem, free: sparse.csr_array, softest: NDArray[
     if found[most] <= 0:
         return FreeMotions(rigid=rigid)
     q = waves[most : most + 1]
-    slack = ~K.any(axis=(1, 2))
+    slack = np.asarray(~K.any(axis=(1, 2)))
     n = calc.bond_vectors[:, : calc.dim] / calc.bonds.lengths[:, None]
     taut = K + largest * (slack[:, None, None] * n[:, :, None] * n[:, None])
     here = counted(K, q)

@@ -309,7 +309,7 @@ class Case:
         if self.layer is None:
             return None
         # gyration turns nothing out of the plane
-        structure = LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else self.layer
+        structure: Any = LinearSystem.nearest(self.layer, None, 'gyration') if self.listed else self.layer
         spring, soft = common_support(structure), softest_out_of_plane(structure)
         moving = softest_out_of_plane(structure, spring, weighted=True)
         falls = soft.needed > spring and not on_the_verge(spring, soft.needed)

@@ -341,19 +341,22 @@ class Following(Calculator):
         if calc.sites.radii is None or calc.tied or calc.load.any():
             raise ValueError('contacts are followed between spheres with radii, without a foundation and a load: give the '
                              'calculator radii=, or keep it as it is')
-        self._law, self._radii, self._skin, self._listed = calc.laws, calc.sites.radii, positive('skin', skin), None
+        self._law, self._radii, self._skin = calc.laws, calc.sites.radii, positive('skin', skin)
+        self._listed: Any = 0, None  # positions, cell and pairs of the last list
 
     def calculate(self, atoms: Atoms | None = None, properties: Sequence[str] = ('energy',),
                   system_changes: Sequence[str] = tuple(all_changes)) -> None:
         super().calculate(atoms, properties, system_changes)
-        x, cell = self.atoms.positions, self.atoms.cell.array
-        known = self._listed is not None and np.array_equal(cell, self._listed[1])
-        if not known or 2 * np.linalg.norm(x - self._listed[0], axis=1).max() > self._skin * self._radii.min():
-            i, j, shift, r = pairs_within(self.atoms, 2 * self._radii.max() * (1 + self._skin))
+        here: Any = self.atoms
+        x, (at, cell, *pairs) = here.positions, self._listed
+        if not np.array_equal(here.cell.array, cell) or (
+                2 * np.linalg.norm(x - at, axis=1).max() > self._skin * self._radii.min()):
+            i, j, shift, r = pairs_within(here, 2 * self._radii.max() * (1 + self._skin))
             near = r < (1 + self._skin) * (self._radii[i] + self._radii[j])
-            self._listed = x.copy(), cell.copy(), i[near], j[near], shift[near]
-        _, _, i, j, shift = self._listed
-        R, D = vectors_between(self.atoms, i, j, shift), self._radii[i] + self._radii[j]
+            pairs = i[near], j[near], shift[near]
+            self._listed = x.copy(), here.cell.array.copy(), *pairs
+        i, j, shift = pairs
+        R, D = vectors_between(here, i, j, shift), self._radii[i] + self._radii[j]
         r = np.linalg.norm(R, axis=1)
         pull = (self._law.dphi(r / D) / D / r)[:, None] * R
         forces = np.zeros_like(x)

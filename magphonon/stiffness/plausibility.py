@@ -24,8 +24,7 @@ DENSITY = 50.0
 masses and lengths has 1; kg and m read as g and mm give a million times what it should be."""
 STIFF = 100.0, 2e3
 """Between these multiples of the stiffest bond a foundation was probably typed in N/m: it then is 0.1 to 2 bonds, where waves
-are to be seen (the prototype's is
-0.18).  A lattice of unit masses or lengths has no units."""
+are to be seen (the prototype's is 0.18).  A lattice of unit masses or lengths has no units."""
 TYPED = 5.0  # stiffness in N/mm of the stiffest supports of benches; those typed in N/m are mostly larger numbers
 WEAK = 1e-25, 1e-7
 """Fractions of the foundation between which the stiffest bond was probably typed in N m^a instead of N mm^a, which is 1000^a
@@ -90,12 +89,18 @@ def _warn_of_lengths_and_masses(calc, lightest, shortest, bond, spring):
         _warn(f'the stiffest bond has {bond:.3g} N/mm beside a foundation of {spring:.6g} N/mm; if b of the law was meant in '
               'N m^a, give b * units.N * units.m**a')
     steepness = min(bond * shortest / force, 100) if force else 0  # at ten times the distance the force is 0.1**steepness
-    if 0.99 < shortest < 9.9 and force * 0.1 ** (2 + steepness) < PRESSURE * shortest**2 < force:
+    if 0.99 < shortest < 9.9 and force * 0.1 ** (2 + steepness) < PRESSURE * shortest**2 < force and _repel(calc):
         _warn(f'a force of {force:.3g} N between particles {shortest:.6g} mm apart is more than magnets can have; if '
               f'{shortest:.6g} cm was meant, give {10 * shortest:.6g} * units.mm')
     if shortest >= BENCH[0] and lightest < BENCH[1]:
         _warn(f'a mass of {lightest:.6g} g is little for particles {shortest:.6g} mm apart; if {lightest:.6g} kg was meant, give '
               f'{lightest:.6g} * units.kg')
+
+
+def _repel(calc):
+    """Whether all particles repel each other: members in tension are no magnets."""
+    R = calc.bonds.vectors[:, : calc.dim]
+    return bool((np.einsum('bx,bx->b', calc.interaction.forces(R)[1], R) <= 0).all())
 
 
 def _warn_of_turning_and_layers(calc):

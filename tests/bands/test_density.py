@@ -162,6 +162,7 @@ def test_a_narrow_gap_beside_the_mesh_is_found_with_its_width():
     assert_allclose(found[0], np.sqrt((3.0 + 8.0) / np.array([1.001, 1.0])), rtol=1e-7)
 
 
+@pytest.mark.filterwarnings('ignore:the stiffest bond')
 def test_no_bin_lies_below_zero_where_no_mode_does():
     atoms = lattices.chain(1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=[[0.0, 1e16]])

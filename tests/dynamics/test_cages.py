@@ -67,6 +67,7 @@ def test_a_magnet_that_turns_back_does_not(degrees):
     assert nearest_without_bond(shot(3.5, degrees, 'compiled')) > L0
 
 
+@pytest.mark.filterwarnings('ignore:time steps of', 'ignore:a velocity of')
 @pytest.mark.parametrize('engine', WIDE)
 def test_a_shot_at_the_second_neighbour_is_stopped(engine):
     # the weak square lattice: nothing is in the way along the diagonal, and 0.0019 spacings were reached without a word
@@ -81,6 +82,7 @@ def pair(speed, law):
     return atoms
 
 
+@pytest.mark.filterwarnings('ignore:time steps of', 'ignore:a velocity of')
 @pytest.mark.parametrize(('speed', 'reached'), [(-0.5, 1 / 3), (0.5, 3.0)])
 @pytest.mark.parametrize('engine', WIDE)
 def test_bonds_end_at_a_third_and_at_three_times_their_length(engine, speed, reached):

@@ -161,6 +161,7 @@ def compare(question, count):
     assert noticed[1] or question in (frequencies, bands, velocities)  # which know no losses
 
 
+@pytest.mark.filterwarnings('ignore:particles move by up to')
 @pytest.mark.parametrize('count', few_first([2, 5], 1))
 @pytest.mark.parametrize('question', QUESTIONS)
 def test_the_equations_of_motion_answer(question, count):

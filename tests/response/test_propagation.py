@@ -103,6 +103,7 @@ def test_a_drive_that_is_no_function_of_the_time_is_refused():
         propagate(atoms, [20.0], [lambda t: np.array([[0.0] * 3] * 3 + [[0, rng.normal(), 0]])])
 
 
+@pytest.mark.filterwarnings('ignore:a damping of')
 @settings(deadline=None, max_examples=30)
 @given(tolerance=st.floats(1e-12, 1e-1), duration=st.floats(0.1, 1000), gamma=st.sampled_from([0.0, 0.01, 3.0]),
        frames=st.integers(1, 20), driven=st.booleans())
@@ -187,6 +188,7 @@ def test_chosen_particles_move_as_in_the_whole():
     np.testing.assert_array_equal(some.particles, [21, 0, 8])
 
 
+@pytest.mark.filterwarnings('ignore:the stiffest bond')
 def test_replicas_at_frequencies_of_their_own():
     omega = np.array([0.05, 0.1, 0.3])
     atoms = Atoms('Nd4', positions=[[0, 0, 0], [10, 0, 0], [20, 0, 0], [30, 0, 0]], masses=[2.0] * 4)

@@ -115,6 +115,7 @@ def test_rest_lengths_move_nodes_to_where_they_balance(tmp_path):
     assert_allclose(100 * (x - 0.08), 300 * (0.12 - x), rtol=1e-9)
 
 
+@pytest.mark.filterwarnings('ignore:a mass of')
 @pytest.mark.parametrize(('make', 'old', 'new', 'said'), [
     (prism, 'kind = "members"', 'kind = "dipoles"\nmoment_A_m2 = 1.0', 'give both or neither'),
     (prism, 'tension_N = 50', 'tension_N = 5e4', 'stretches a member of stiffness_N_per_m = 10000.0 by more than its length'),

@@ -136,6 +136,7 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
                                 ('foundation.pillar.height_m', 'foundation.pillar.height', 'height_m')))]
 
 
+@pytest.mark.filterwarnings('ignore:the stiffest bond')
 @pytest.mark.parametrize(('changes', 'words'), FAULTS, ids=str)
 def test_refused_with_its_name_and_value_and_the_mend(changes, words, scene_file):
     assert words in refusal(scene_file(changes))
