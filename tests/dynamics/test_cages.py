@@ -19,6 +19,8 @@ from magphonon.dynamics import Diverged
 from magphonon.dynamics.cages import Cages, pairs_without_bond
 from magphonon.lattices.bonds import explicit_bonds
 
+pytestmark = pytest.mark.filterwarnings('ignore:time steps of', 'ignore:a velocity of')  # of shots that are meant
+
 ENGINES = ['ase', 'compiled']
 WIDE = ['ase', pytest.param('compiled', marks=pytest.mark.slow)]  # strains for which several kernels are compiled
 
@@ -67,7 +69,6 @@ def test_a_magnet_that_turns_back_does_not(degrees):
     assert nearest_without_bond(shot(3.5, degrees, 'compiled')) > L0
 
 
-@pytest.mark.filterwarnings('ignore:time steps of', 'ignore:a velocity of')
 @pytest.mark.parametrize('engine', WIDE)
 def test_a_shot_at_the_second_neighbour_is_stopped(engine):
     # the weak square lattice: nothing is in the way along the diagonal, and 0.0019 spacings were reached without a word
@@ -82,7 +83,6 @@ def pair(speed, law):
     return atoms
 
 
-@pytest.mark.filterwarnings('ignore:time steps of', 'ignore:a velocity of')
 @pytest.mark.parametrize(('speed', 'reached'), [(-0.5, 1 / 3), (0.5, 3.0)])
 @pytest.mark.parametrize('engine', WIDE)
 def test_bonds_end_at_a_third_and_at_three_times_their_length(engine, speed, reached):
