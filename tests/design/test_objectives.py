@@ -18,7 +18,7 @@ LAW = InversePower(b=6200.0, a=4.5824)
 OVER = {'strength': (0.85, 1.15), 'magnet': (0.85, 1.15), 'spring': (0.8, 1.25), 'rod': (0.9, 1.1), 'mass': (0.5, 2.0),
         'foot': (-1.0, 1.0)}
 ROD = 0.1  # moving mass of a rod in g
-SHORT = 1e-4  # step of logarithms; of feet in mm it is ten times as long, of rods, whose fourth power counts, a third as long
+SHORT = 2.5e-5  # step of logarithms; of feet in mm it is ten times as long, of rods, whose fourth power counts, a third as long
 DIGITS = 1e-6  # of the largest slope of a kind: differences of fourth order are ten times better, or more
 
 

@@ -113,6 +113,7 @@ class Patch:
                          for w in omega])
 
 
+@pytest.mark.filterwarnings('ignore:a damping of')
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(6))
 def test_unstable_structures_are_refused_however_weakly(seed):
