@@ -18,6 +18,8 @@ from magphonon.bands.force_constants import finite_displacements, phonopy_bands
 from magphonon.errors import Diverged
 from magphonon.interactions import Yukawa
 
+pytestmark = pytest.mark.filterwarnings('ignore:a damping of')  # on both sides of every threshold
+
 GOLDEN = (1 + np.sqrt(5)) / 2
 
 # Foundation needed in f/L0, and the cells in which the softest wave fits.  Chain and square: rows slide, every bond across

@@ -23,6 +23,8 @@ from magphonon.stability.soft_waves import softest_wave
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.rest import LinearSystem
 
+pytestmark = pytest.mark.filterwarnings('ignore:no particles interact across')  # of drawn lattices
+
 NEAR = 1e-3
 """Of the critical parameter: how far off the verdict is asked."""
 
