@@ -239,7 +239,9 @@ def elastic_moduli(atoms: Atoms, model: Model = 'complete') -> Moduli:
         slopes, Phi = _by_finite_strain(calc), sparse.csr_array(calc.bloch_series(along)[0].real)
     stress, clamped, Lambda = slopes
     V, dim = measure(atoms), calc.dim
-    following = _following(Phi, Lambda.reshape(Phi.shape[0], -1)).reshape((dim,) * 4)
+    push = Lambda.reshape(len(atoms), -1)
+    push = (push - push.mean(axis=0)).reshape(Phi.shape[0], -1)  # nothing pushes the lattice as a whole
+    following = _following(Phi, push).reshape((dim,) * 4)
     density = float(masses_of(atoms).sum() / V)
     return Moduli(_along_periods(atoms, dim), density, stress / V, clamped / V, (clamped - following) / V)
 
