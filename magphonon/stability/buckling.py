@@ -30,7 +30,6 @@ from ..traits import LIKE, all_but, refuse, takes
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
-SINGULAR = 1e-12  # fraction of the largest stiffness below which springs alone do not hold a structure
 VERGE = 1e-9  # distance from the foundation that is needed, as a fraction of it, within which round-off would decide
 FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat
 SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among which a stable one is searched for
@@ -381,10 +380,10 @@ def prestress_reserve(atoms: Atoms) -> PrestressReserve:
     springs = free.T @ calc.rest_hessian('conventional') @ free
     turning = springs - free.T @ calc.rest_hessian('complete') @ free  # -D*
     lowest, highest, _ = lowest_mode(springs)
-    if lowest < SINGULAR * highest:
+    if lowest < ROUND_OFF * highest:
         raise ValueError('springs alone, D0, do not hold this structure, so no factor on D* makes it collapse: hold its rim, '
                          'give it a foundation, or look at its modes')
     solve = LinearOperator(springs.shape, inverse(springs))
     share, y = eigsh(turning, 1, springs, Minv=solve, which='LA', v0=np.cos(np.arange(springs.shape[0])))
     mode = (free @ y[:, 0]).reshape(len(system), calc.dim)
-    return PrestressReserve(float(1 / share[0]) if share[0] > SINGULAR else np.inf, mode / np.linalg.norm(mode, axis=1).max())
+    return PrestressReserve(float(1 / share[0]) if share[0] > ROUND_OFF else np.inf, mode / np.linalg.norm(mode, axis=1).max())

@@ -3,9 +3,8 @@
 The enthalpy `U + p V` of overlapping spheres (`magphonon.interactions.Overlap`) is minimised over their positions and over the
 shape of the periodic cell, so that the stress is -p times the unit matrix.  The minimiser is FIRE (Bitzek et al., Phys. Rev.
 Lett. 97, 170201, 2006), on a ladder of pressures from dense to loose; the Newton steps of `relaxed` follow.  Spheres that nothing
-holds, the rattlers, leave the packing: once forces balance to a hundredth of the pressure, those go that have at most as many
-contacts as dimensions and feel next to no force, again and again.  Frozen earlier they would be wedges that still push; kept,
-they would roam without end.
+holds, the rattlers, leave the packing: once all forces balance, those go that have at most as many contacts as dimensions and
+feel next to no force, again and again.  Frozen earlier they would be wedges that still push; kept, they would roam.
 
 In a packing D* is a ten-thousandth of D0 in each contact, and takes half of the shear modulus: A. J. Liu and S. R. Nagel, Annu.
 Rev. Condens. Matter Phys. 1, 347 (2010), for the physics.
