@@ -191,7 +191,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
 
 @in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
-    """Draw a burst in several simulations on one colour scale, when it has reached the middle of the row in the first to get there.
+    """Draw a burst in several simulations on one colour scale, at the time at which it has reached the middle of the row in the
+    first of them.
 
     Parameters
     ----------
