@@ -160,7 +160,7 @@ def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='magphonon',
                                      description='Vibrations of lattices whose particles repel each other, such as magnets: '
                                                  'bands, waves, responses and stability, with the static forces and without.',
-                                     epilog='The first six are enough for magnets of your own. Try "magphonon bands prototype": it draws '
+                                     epilog='The first six are enough for magnets of your own. Try "magphonon bands prototype", '
                                             'the bands of a published lattice in three seconds.')
     parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
