@@ -13,7 +13,7 @@ from magphonon import (
     units as u,
 )
 from magphonon.bands import band_path, bloch_modes, sound_speeds
-from magphonon.interactions import Hertz, Yukawa
+from magphonon.interactions import Overlap, Yukawa
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.bands import plot_bands
 from magphonon.scenes.scene import reference
@@ -63,7 +63,7 @@ def crystal(name):
         atoms.calc = MagneticRepulsion(atoms, InversePower(12.0, 13.0), shells=2)
     else:  # balls of 20 mm pressed together by 3 um, 55 N in each contact
         atoms = lattices.triangular(19.997 * u.mm, 32.68 * u.g)
-        atoms.calc = MagneticRepulsion(atoms, Hertz.spheres(20 * u.mm, 206e3 * u.N / u.mm**2, 0.3))
+        atoms.calc = MagneticRepulsion(atoms, Overlap.spheres(206e3 * u.N / u.mm**2, 0.3, 20 * u.mm))
     return atoms
 
 

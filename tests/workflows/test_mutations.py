@@ -17,7 +17,8 @@ WORKFLOWS = sorted((ROOT / 'workflows').glob('*.py'))
 PAGE = (ROOT / 'docs/mutations.md').read_text(encoding='utf-8')
 ROWS = dict(re.findall(r'^\| `(\w+)` \| (.*) \|$', PAGE, re.M))
 FIGURES = 'frf', 'bursts', 'vibrometer'  # 2, 6 and 8
-LONGER = {'frf', 'bursts', 'vibrometer', 'claims', 'stability', 'gyration', 'oscillator', 'matter', 'other_fields'}
+LONGER = {'frf', 'bursts', 'vibrometer', 'claims', 'stability', 'gyration', 'oscillator', 'matter', 'other_fields',
+          'nonlinearity', 'ideal_bands'}
 
 
 CHEAP = (other_fields._ions_of_two_masses, other_fields._tensegrities, other_fields._strings, other_fields._honeycombs,
