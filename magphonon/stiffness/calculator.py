@@ -46,6 +46,16 @@ HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 class PairCalculator(Repulsion):
     """Pair repulsion between particles about their rest positions, with foundation springs.
 
+    Three arguments are enough: the structure at rest, the law of its bonds, and the stiffness of the supports.
+
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=5.0)
+    >>> float(abs(cell.get_forces()).max())  # in balance by symmetry
+    0.0
+    >>> cell.calc.get_hessian(cell).shape
+    (3, 3)
+
     With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
     the displacement u of each particle from rest, the energy is
 
@@ -111,16 +121,6 @@ class PairCalculator(Repulsion):
     UserWarning
         If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz: most likely SI numbers were
         given without their units.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> cell = lattices.square(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=5.0)
-    >>> float(abs(cell.get_forces()).max())  # in balance by symmetry
-    0.0
-    >>> cell.calc.get_hessian(cell).shape
-    (3, 3)
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
@@ -137,6 +137,7 @@ class PairCalculator(Repulsion):
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
                  load: ArrayLike | None = None, gyration: ArrayLike = 0.0, radii: ArrayLike | None = None,
                  dim: int | None = None) -> None:
+        """Build the calculator for a structure at rest; the class says what the arguments are."""
         self._laws = checked_laws(laws)
         masses_of(reference)
         self.reference = reference.copy()

@@ -397,7 +397,7 @@ def scene_of_table(folder, force, a, uncertainty):
     return read_scene(folder / 'table.toml')
 
 
-@pytest.mark.parametrize('n', [1, pytest.param(24, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('n', [1, pytest.param(12, marks=pytest.mark.slow)])
 def test_intervals_allow_for_the_exponent_of_a_table(n, tmp_path):
     """Tables whose exponents are drawn about that of the lattice; the control: taken as exact, they miss the force."""
     rng, held = np.random.default_rng(3), np.zeros((2, 2))
