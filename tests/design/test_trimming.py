@@ -8,7 +8,7 @@ import pytest
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.design import Contrast, Errors, trim
 from magphonon.design.site_designs import Structure
-from magphonon.design.trim import _Copy
+from magphonon.design.trimming import _Copy
 from magphonon.response import Dof, harmonic_response
 from magphonon.response.transfer_functions import TransferFunction
 
