@@ -7,6 +7,7 @@ measured row is a direction of symmetry, the waves seen there run along it.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from os import PathLike
 
@@ -23,8 +24,10 @@ from ..dynamics.recorder import Recorder
 from ..dynamics.splittings import SPLITTINGS, StepsTooLong, step_within
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
+from ..response.frf import frequency_response
+from ..response.propagation import propagate
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import freedom
+from ..stiffness.rest import LinearSystem, freedom
 from .ridge_tables import DRIVEN
 
 NEAR = 0.1
@@ -36,6 +39,11 @@ SAMPLES = 12
 """Number of recorded frames per period of the carrier.  The spectrum of a five-cycle burst ends at 1.4 times its carrier, and
 these resolve harmonics up to the fifth; in a film with fewer frames, crests seem to run backwards."""
 SNAPSHOTS = 24  # number of times at which the whole patch is recorded
+TOLERANCE = 1e-3  # of engine='least', as a fraction of the largest displacement
+CAUTION, WIDTH, STILL, LARGE = 3.0, 0.3, 1e-3, 0.1
+"""By how much true changes by nonlinear forces may exceed their estimate; half the width of the spectrum of a harmonic, as
+a fraction by cycle; the frequency that counts as zero, of that
+of the carrier; and the displacement, in shortest bonds, from which no motion counts as linear."""
 ROUND_OFF = 1e-9  # displacement, as a fraction of the shortest bond, below which a particle is at rest
 
 
@@ -183,6 +191,8 @@ class BurstRecord:
     row: Motion  # that of the measured row
     field: Motion  # that of all particles at a few moments
     largest: float  # displacement in mm that no particle exceeds where it is driven, along the row and at these moments
+    nonlinear: float = np.nan  # change of the motion by nonlinear forces, of `largest`, where it decided on the method
+    steps: bool = True  # whether time steps were taken; else this is the exact linear motion
 
 
 def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto',
@@ -202,7 +212,8 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     duration : float
         Length of the record in ms, from the start of the burst.
     engine : str
-        Engine as for DrivenVerlet, or 'lammps'.
+        Engine as for DrivenVerlet, or 'lammps'; or 'least', the exact linear motion where nonlinear forces change it by less than
+        the tolerance (1e-3 if not given), and time steps where they change it by more, or the patch is unstable.
     ranks : int
         Number of MPI ranks of LAMMPS.
     directory : path-like, optional
@@ -236,12 +247,19 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     highest = fastest(top**2, patch.calc.turning)
     _refuse_above(drive.omega, highest, patch.calc.parameters.model)
     frame, dt = 2 * np.pi / drive.omega / SAMPLES, STEP_FRACTION * 2 / top
+    if not positive('duration', duration, 'ms') > drive.end:
+        raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
+    seen, change = np.union1d(site.row, site.driven), np.nan
+    if engine == 'least':
+        engine, tolerance = 'auto', TOLERANCE if tolerance is None else tolerance
+        motions = _linear(patch, drive, damping, frame * np.arange(int(duration / frame) + 1), seen, film)
+        if motions:
+            change = nonlinear_change(patch, drive, damping, _largest(motions))
+            if change <= tolerance:
+                return _record(site, seen, motions, change, steps=False)
     if tolerance is not None:
         only = engine == 'lammps' or patch.calc.turning
         dt, _ = step_within(tolerance, highest, duration, frame, (2,) if only else tuple(SPLITTINGS))
-    if not positive('duration', duration, 'ms') > drive.end:
-        raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
-    seen = np.union1d(site.row, site.driven)
 
     def moved(dt):
         """Motion of the row and of the whole patch in time steps of `dt`."""
@@ -249,21 +267,70 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
         wanted = [(seen, interval), (None, interval if film else max(1, steps // SNAPSHOTS))]
         if engine == 'lammps':
             return run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks, directory=directory)
-        atoms = _at_rest(patch)
-        dyn = DrivenVerlet(atoms, dt, [drive], damping, engine, threads=threads, tolerance=tolerance)
+        dyn = DrivenVerlet(_at_rest(patch), dt, [drive], damping, engine, threads=threads, tolerance=tolerance)
         recorders = [Recorder(dyn, particles, every) for particles, every in wanted]
         dyn.run(steps)
         return [recorder.motion for recorder in recorders]
 
     while True:
         try:
-            near, field = moved(dt)
-            break
+            return _record(site, seen, moved(dt), change)
         except StepsTooLong as error:  # strains make waves faster than they are at rest
             dt = frame / np.ceil(frame / error.longest)
-    largest = max(np.linalg.norm(frame, axis=1).max() for record in (near, field) for frame in record.displacements)
+
+
+def _record(site, seen, motions, change, steps=True):
+    near, field = motions
     row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(seen, site.row)])
-    return BurstRecord(row, field, float(largest))
+    return BurstRecord(row, field, _largest(motions), change, steps)
+
+
+def _largest(motions):
+    return float(max(np.linalg.norm(frame, axis=1).max() for motion in motions for frame in motion.displacements))
+
+
+def _linear(patch, drive, damping, times, seen, film):
+    """Exact linear motion of some particles, and of all at times of a film or at a few moments; None if it grows."""
+    if not LinearSystem.of(patch, 'gyration').stable:
+        return None
+    few = times[:: 1 if film else max(1, len(times) // SNAPSHOTS)]
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', UserWarning)  # about large motion, which is asked about next
+        found = [propagate(patch, at, [drive], damping, particles, 1e-6) for at, particles in ((times, seen), (few, None))]
+    return [Motion(one.times, one.particles, one.displacements) for one in found]
+
+
+def nonlinear_change(patch: Atoms, drive: ToneBurst, damping: float, largest: float) -> float:
+    """Change of the motion of a burst by nonlinear forces, as a fraction of its largest displacement `largest` (mm).
+
+    A steady wave u1 of the carrier, with so much more damping that it fades as far from the source as the burst is long, has the
+    forces F(u1) + H u1 beyond linear ones.  To second order they move the mean positions and add a harmonic, whose frequency is
+    taken over the width of the burst; to third order they change the wave.  The sum of the three linear responses is CAUTION
+    times too small at most (200 drawn bursts, `tests/waves/test_least_engine.py`), and is returned multiplied by that.
+    """
+    if largest > LARGE * patch.calc.bonds.shortest:
+        return np.inf
+    system, calc, dim = LinearSystem.of(patch, 'gyration'), patch.calc, patch.calc.dim
+    rates, spread = damping + drive.omega / (2 * np.pi * drive.cycles), WIDTH / drive.cycles
+
+    def respond(force, *multiples):
+        pushed = np.zeros((len(patch), 3), complex)
+        pushed[system.mobile, :dim] = force[system.mobile]
+        return frequency_response(system, pushed, drive.omega * np.array(multiples), rates, tolerance=1e-3).response[..., :dim]
+
+    push, H = np.zeros((len(patch), dim)), calc.rest_hessian()
+    push[drive.particles] = np.outer(drive.amplitude, drive.direction[:dim])
+    wave = respond(push, 1.0)[0]
+    wave *= largest / _size(wave)
+    motion = [np.real(wave * turn) for turn in np.exp(1j * np.pi / 4 * np.arange(8))]
+    beyond = np.fft.fft([calc.forces_beyond_rest(u) + (H @ u.ravel()).reshape(u.shape) for u in motion], axis=0) / 8
+    mean, same = respond(beyond[0], STILL), respond(beyond[1], 1.0)
+    second = respond(beyond[2], 2 - 2 * spread, 2.0, 2 + 2 * spread)
+    return CAUTION * (_size(mean) + 2 * _size(same) + 2 * _size(second)) / largest
+
+
+def _size(u):
+    return np.sqrt((abs(u) ** 2).sum(axis=-1)).max()
 
 
 def _refuse_above(carrier, highest, model):
