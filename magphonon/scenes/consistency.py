@@ -14,6 +14,7 @@ import numpy as np
 from ase.dft.kpoints import parse_path_string
 
 from .. import units as u
+from ..quantities import GRAVITY
 from ..stiffness.plausibility import FREQUENCIES_Hz, frequency_scale
 from .fields import fault, raise_all
 from .lattices import Supercell
@@ -148,6 +149,9 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
         raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
                          f'{lattice.spacing_given}; radii are in metres')
     mass = lattice.cell().get_masses().min() / u.kg
+    if pillar and (carried := np.pi**2 / 12 * pillar.stiffness_N_per_m * pillar.height_m) < mass * GRAVITY / (u.m / u.s**2):
+        warnings.warn(f'[foundation.pillar] would buckle under {carried:.2g} N, less than the weight of lattice.mass_kg = '
+                      f'{mass:.6g}; check the units of its keys, unless it hangs', stacklevel=2)
     density = mass / lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {mass:.6g} and {lattice.spacing_given} make {density / 1e3:.2g} g/cm3, denser than any '
