@@ -17,6 +17,7 @@ from .rows import Check, Outcome, Reported, pairs, save_picture
 LIGHT = (0.3, 0.6)                     # masses of the light particle, over those of the others
 STRONG, WEAK = InversePower(b=1.0, a=6.0), InversePower(b=1.0, a=3.0)  # of equal force at L = 1, of stiffness 6 and 3
 CELLS = 10                             # of the honeycomb patch, along each vector
+AROUND = 0.045                         # m, seen to each side of the missing magnet
 CHAIN = 6000                           # particles of the disordered chain
 LOW = (0.3, 0.6, 1.2)                  # its frequencies, over sqrt(k/m), where waves are long
 
@@ -91,6 +92,8 @@ def missing_magnet(out, known):
     low, high = units.hertz(np.array(gap))
     ax = plot_shape(rest.atoms, held.shapes[2], ax=new_axes(height=2.6), defects=[hole],
                     title=f'{found[2]:.2f} Hz, in the gap of {low:.2f} to {high:.2f} Hz')
+    x, y = hole / units.m
+    ax.set(xlim=(x - AROUND, x + AROUND), ylim=(y - AROUND, y + AROUND))
     ax.figure.colorbar(ax.collections[0], ax=ax, label='share of the kinetic energy')
     picture = save_picture(ax.figure, out / 'missing_magnet.png', (
         'A local mode around a missing magnet (cross), towards which the other magnets have moved by up to '

@@ -127,7 +127,7 @@ def _draw_maps(out, needed, fates):
             ax.label_outer()
     for ax in axes[1]:
         ax.set_xlabel('exponent $a$')
-    for ax, short in zip(axes[:, 0], ('$D^0+D^*$', '$D^0$ alone'), strict=True):
+    for ax, short in zip(axes[:, 0], ('$D^0+D^{*}$', '$D^0$ alone'), strict=True):
         ax.set_ylabel(f'{short}\nfoundation ($f/L_0$)')
     bar = figure.colorbar(shades, ax=axes, label=r'growth rate ($\sqrt{f/(L_0M)}$)', ticks=squares, pad=0.02)
     bar.ax.set_yticklabels([f'{rate:g}' for rate in RATES[1:]])
@@ -183,7 +183,7 @@ def _draw_oscillator(out):
     from matplotlib.patches import Patch
 
     figure, (axes,) = panels(1, 2, height=2.6)
-    letter_panels(axes, ['$D^0+D^*$', '$D^0$ alone'])
+    letter_panels(axes, ['$D^0+D^{*}$', '$D^0$ alone'])
     exponents, finer, degrees = np.linspace(1, 8, 36), np.linspace(1, 8, 561), np.rad2deg(ANGLES)
     for ax, model in zip(axes, MODELS, strict=True):
         D = np.array([_stiffnesses(t, exponents, model) for t in ANGLES])

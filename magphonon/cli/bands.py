@@ -110,7 +110,7 @@ def _draw(save, scene, bands, spread):
     from ..plotting.zone import plot_zone
     from ..scenes.laws import ALL
 
-    complete = 'complete, $D^0+D^*$'
+    complete = 'complete, $D^0+D^{*}$'
     ax = plot_bands(bands['complete'], label=complete) if spread is None else plot_band_ribbons(bands['complete'], spread,
                                                                                                 label=complete)
     if 'conventional' in bands:

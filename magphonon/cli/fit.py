@@ -18,6 +18,7 @@ docs/coverage.md says how often the 95 % intervals contain the true value.
 
 from __future__ import annotations
 
+import os
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import suppress
@@ -104,7 +105,8 @@ def run(options: Namespace) -> None:
             print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
         return
     _refuse_copies(options.files)
-    if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
+    first = options.files[0]
+    if options.frf is None and options.scene is None and (first.endswith('.toml') or first in _ready(first)):
         _recognise(options)
     options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
@@ -113,6 +115,13 @@ def run(options: Namespace) -> None:
         _fit_bands(options)
     else:
         _fit_forces(options)
+
+
+def _ready(name):
+    """The names of ready scenes, unless a file hides them."""
+    from ..scenes.sources import ready_scenes
+
+    return () if os.path.lexists(name) else ready_scenes()
 
 
 def _refuse_copies(names):

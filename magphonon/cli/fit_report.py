@@ -218,7 +218,7 @@ def _verdict(found):
     difference = abs(conventional.chi2 - complete.chi2)
     if not fit.follows:
         yield (f'No model follows these ridges: the points scatter about D0 + D* by {complete.scatter:.2g} times their '
-               f'uncertainties, and about D0 alone by {conventional.scatter:.2g}. The parameters above are meaningless, and '
+               f'uncertainties, and about D0 alone by {conventional.scatter:.2g}. The fitted parameters are meaningless, and '
                f'these data are no evidence for D* or against it. {_causes(found)}')
         return
     if abs(sigmas) < TELLS:

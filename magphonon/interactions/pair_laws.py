@@ -160,9 +160,9 @@ class GaussianMixture(PairLaw, Protocol):
     Examples
     --------
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import Hertz, Yukawa
+    >>> from magphonon.interactions import Overlap, Yukawa
     >>> from magphonon.interactions.pair_laws import GaussianMixture
-    >>> [isinstance(law, GaussianMixture) for law in (InversePower(1.0, 4.0), Yukawa(1.0, 1.0), Hertz(1.0, 1.0))]
+    >>> [isinstance(law, GaussianMixture) for law in (InversePower(1.0, 4.0), Yukawa(1.0, 1.0), Overlap(1.0))]
     [True, True, False]
     """
 
@@ -339,77 +339,11 @@ class Yukawa:
 
 
 @dataclass(frozen=True)
-class Hertz:
-    """Contact of elastic spheres: `f(r) = A (d - r)^(3/2)` if they overlap, and no force beyond the diameter d.
-
-    Parameters
-    ----------
-    stiffness : float
-        A in N mm^-3/2, positive.
-    diameter : float
-        Distance d at which two spheres touch in mm, positive.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is not positive; or when the law is evaluated for spheres that overlap by more than half their diameter.
-
-    Examples
-    --------
-    >>> from magphonon import units as u
-    >>> from magphonon.interactions import Hertz
-    >>> balls = Hertz.spheres(20 * u.mm, 206 * u.GPa, 0.3)
-    >>> round(float(-balls.dphi(19.997)))  # N, 3 um of overlap
-    55
-    >>> float(balls.dphi(20.001))  # no contact, no force
-    -0.0
-    """
-
-    stiffness: float
-    diameter: float
-
-    card: ClassVar[Card] = Card(kinds=(Kind(
-        'hertz', 'Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter.',
-        {'diameter': Parameter('diameter_m', units.m, 'the diameter of the spheres in m', quantity='length'),
-         'youngs_modulus': Parameter('youngs_modulus_Pa', units.Pa, "Young's modulus of the spheres in Pa", quantity='pressure'),
-         'poisson_ratio': Parameter('poisson_ratio', words="Poisson's ratio of the spheres", quantity='ratio')},
-        lambda diameter, youngs_modulus, poisson_ratio: Hertz.spheres(diameter, youngs_modulus, poisson_ratio)),))
-
-    def __post_init__(self) -> None:
-        positive('stiffness', self.stiffness, 'N mm^-3/2')
-        positive('diameter', self.diameter, 'mm')
-
-    @classmethod
-    def spheres(cls, diameter: float, youngs_modulus: float, poisson_ratio: float) -> Self:
-        """Equal spheres of one material: `A = E sqrt(d)/(3 (1 - nu^2))`; diameter in mm, modulus in N/mm^2."""
-        positive('diameter', diameter, 'mm')
-        positive('youngs_modulus', youngs_modulus, 'N/mm^2')
-        return cls(youngs_modulus * np.sqrt(diameter) / (3 * (1 - poisson_ratio**2)), diameter)
-
-    def _overlap(self, r):
-        nearest = np.min(np.real(r), initial=np.inf)
-        if nearest < (1 - DEEPEST) * self.diameter:
-            raise ValueError(f'spheres of diameter {self.diameter:g} mm are only {nearest:g} mm apart: the law of their contact '
-                             f'holds for an overlap of a few percent, and ends at {DEEPEST:.0%}; give them more room')
-        return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
-
-    def phi(self, r: Any) -> Any:
-        """Energy in mJ, zero out of contact."""
-        return 2 / 5 * self.stiffness * self._overlap(r) ** 2.5
-
-    def dphi(self, r: Any) -> Any:
-        return -self.stiffness * self._overlap(r) ** 1.5
-
-    def d2phi(self, r: Any) -> Any:
-        return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
-
-
-@dataclass(frozen=True)
 class Overlap:
-    """Contact of soft spheres that overlap, `phi = energy/power (1 - r/d)^power`, and nothing beyond the distance d.
+    """Contact of soft spheres, `phi = energy/power (1 - r/d)^power` where they overlap, and no force beyond the distance d.
 
-    The distance d is the sum of the radii that the calculator has for the two particles, `MagneticRepulsion(..., radii=R)`. Power
-    2 is a linear spring, 2.5 the contact of elastic spheres (Hertz).
+    Power 2 is a linear spring, 2.5 the contact of elastic spheres (Hertz).  For spheres of different sizes the calculator has the
+    radii, `MagneticRepulsion(..., radii=R)`: r is then the distance over the sum of both radii, and d stays 1.
 
     Parameters
     ----------
@@ -417,39 +351,80 @@ class Overlap:
         In mJ, positive.
     power : float
         Above 1, by default 2.
+    diameter : float
+        Distance d at which two spheres touch in mm, positive.
+    elastic : bool
+        Whether the energy depends on both radii as for elastic spheres of one material; `energy` is then that of two spheres with
+        a radius of 1 mm, see `between`.
 
     Raises
     ------
     ValueError
-        If the energy is not positive, or the power not above 1.
+        If a parameter is out of range; or when the law is evaluated for spheres that overlap by more than half their diameter,
+        unless they are linear springs.
 
     Examples
     --------
+    >>> from magphonon import units as u
     >>> from magphonon.interactions import Overlap
     >>> spring = Overlap(1.0)
     >>> round(float(-spring.dphi(0.9)), 9), float(spring.d2phi(0.9))  # of r/d
     (0.1, 1.0)
+    >>> balls = Overlap.spheres(206 * u.GPa, 0.3, diameter=20 * u.mm)
+    >>> round(float(-balls.dphi(19.997)))  # N, 3 um of overlap
+    55
+    >>> float(balls.dphi(20.001))  # no contact, no force
+    -0.0
     """
 
     energy: float
     power: float = 2.0
+    diameter: float = 1.0
+    elastic: bool = False
+
+    card: ClassVar[Card] = Card(kinds=(Kind(
+        'hertz', 'Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter.',
+        {'diameter': Parameter('diameter_m', units.m, 'the diameter of the spheres in m', quantity='length'),
+         'youngs_modulus': Parameter('youngs_modulus_Pa', units.Pa, "Young's modulus of the spheres in Pa", quantity='pressure'),
+         'poisson_ratio': Parameter('poisson_ratio', words="Poisson's ratio of the spheres", quantity='ratio')},
+        lambda diameter, youngs_modulus, poisson_ratio: Overlap.spheres(youngs_modulus, poisson_ratio, diameter)),))
 
     def __post_init__(self) -> None:
         positive('energy', self.energy, 'mJ')
         positive('power - 1', self.power - 1)
+        positive('diameter', self.diameter, 'mm')
+
+    @classmethod
+    def spheres(cls, youngs_modulus: float, poisson_ratio: float, diameter: float | None = None) -> Self:
+        """Elastic spheres of one material, `f = 4/3 E* sqrt(Ri Rj/(Ri + Rj)) (Ri + Rj - r)^(3/2)` with `E* = E/(2 (1 - nu^2))`:
+        equal ones of a diameter in mm, or of the radii that the calculator has; the modulus is in N/mm^2.
+        """
+        modulus = positive('youngs_modulus', youngs_modulus, 'N/mm^2') / (2 * (1 - poisson_ratio**2))
+        if diameter is None:
+            return cls(16 / 3 * modulus, 2.5, elastic=True)
+        return cls(2 / 3 * modulus * positive('diameter', diameter, 'mm') ** 3, 2.5, diameter)
+
+    def between(self, Ri: Any, Rj: Any) -> Any:
+        """Factor of the energy for two radii in mm: 1, or `sqrt(Ri Rj) (Ri + Rj)^2/4` for elastic spheres of one material."""
+        return np.sqrt(Ri * Rj) * (Ri + Rj) ** 2 / 4 if self.elastic else np.ones(np.shape(Ri))
 
     def _part(self, r, order):
-        touching = np.real(r) < 1
-        return np.where(touching, np.where(touching, 1 - r, 1.0) ** (self.power - order), 0.0)
+        nearest = np.min(np.real(r), initial=np.inf) / self.diameter
+        if nearest < 1 - DEEPEST and self.power != 2:
+            raise ValueError(f'spheres are only {nearest:.3g} of the distance apart at which they touch: the law of their '
+                             f'contact holds for an overlap of a few percent, and ends at {DEEPEST:.0%}; give them more room')
+        touching = np.real(r) < self.diameter
+        return np.where(touching, np.where(touching, (self.diameter - r) / self.diameter, 1.0) ** (self.power - order), 0.0)
 
     def phi(self, r: Any) -> Any:
+        """Energy in mJ, zero out of contact."""
         return self.energy / self.power * self._part(r, 0)
 
     def dphi(self, r: Any) -> Any:
-        return -self.energy * self._part(r, 1)
+        return -self.energy / self.diameter * self._part(r, 1)
 
     def d2phi(self, r: Any) -> Any:
-        return self.energy * (self.power - 1) * self._part(r, 2)
+        return self.energy * (self.power - 1) / self.diameter**2 * self._part(r, 2)
 
 
 @dataclass(frozen=True)

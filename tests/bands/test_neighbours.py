@@ -8,7 +8,7 @@ from structures import few_first
 from magphonon import InversePower, MagneticRepulsion, lattices, magnet_law, read_scene
 from magphonon.bands import converged_shells, neighbour_shifts
 from magphonon.bands.neighbours import whole_reach
-from magphonon.interactions import Hertz, Ring, Tabulated, UprightMagnets, Yukawa
+from magphonon.interactions import Overlap, Ring, Tabulated, UprightMagnets, Yukawa
 from magphonon.lattices.bonds import bonds_within
 
 FAR = {1: 4000, 2: 80, 3: 18}  # cells to every side of the plain sum, by the number of periods
@@ -162,7 +162,7 @@ def test_a_table_goes_on_from_its_end():
 
 def test_forces_of_short_range_need_no_more():
     cell = lattices.triangular(19.9, 30.0)
-    cell.calc = MagneticRepulsion(cell, Hertz(1e5, 20.0), foundation=1.0)
+    cell.calc = MagneticRepulsion(cell, Overlap(1e5 * 20**2.5, 2.5, 20.0), foundation=1.0)
     found = neighbour_shifts(cell, [[0.5, 0, 0]])
     np.testing.assert_allclose(found.every, found.omega, rtol=1e-12)
     assert converged_shells(cell, [[0.5, 0, 0]], 1e-9).shells == 1

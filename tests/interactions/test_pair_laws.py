@@ -13,7 +13,7 @@ from magphonon import InversePower, MagneticRepulsion, lattices, relaxed, units 
 from magphonon.bands.bloch import bloch_modes
 from magphonon.errors import PhysicsError
 from magphonon.interactions import Tabulated, Yukawa
-from magphonon.interactions.pair_laws import GaussianMixture, Hertz, PairLaw, repulsion
+from magphonon.interactions.pair_laws import GaussianMixture, Overlap, PairLaw, repulsion
 from magphonon.lattices.crystals import triangular
 from magphonon.stiffness import AllNeighbours
 
@@ -23,7 +23,7 @@ STEP = 1e-30  # of the complex step: its error is the square, its round-off none
 
 def known(law):
     """Distances where a law is known."""
-    return R[(R > 8.6) & (R < 16.9)] if isinstance(law, Hertz) else R
+    return R[(R > 8.6) & (R < 16.9)] if isinstance(law, Overlap) else R
 
 
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
@@ -197,7 +197,7 @@ def test_force_of_charges():
 
 def test_steel_spheres_in_contact():
     """Johnson, Contact Mechanics: f = 4/3 E* sqrt(R*) delta^3/2, E* = E/2(1 - nu^2), R* = d/4."""
-    law = Hertz.spheres(diameter=20 * u.mm, youngs_modulus=206 * u.GPa, poisson_ratio=0.3)
+    law = Overlap.spheres(youngs_modulus=206 * u.GPa, poisson_ratio=0.3, diameter=20 * u.mm)
     E, R, overlap = 206e9 / (2 * (1 - 0.3**2)), 0.005, 2e-6
     assert repulsion(law, 20 * u.mm - overlap * u.m) / u.N == pytest.approx(4 / 3 * E * R**0.5 * overlap**1.5, rel=1e-9)
     assert law.phi(20.1) == law.dphi(20.1) == law.d2phi(20.1) == 0
@@ -280,8 +280,8 @@ def test_a_gaussian_mixture_of_the_user_is_summed_over_all_neighbours():
 
 def test_spheres_that_lie_in_one_another_are_no_contact():
     """A spacing typed a hundred times too small gave bands of -829434 Hz."""
-    balls = Hertz.spheres(20 * u.mm, 206 * u.GPa, 0.3)
+    balls = Overlap.spheres(206 * u.GPa, 0.3, 20 * u.mm)
     assert repulsion(balls, 10.1) > 0
     cell = triangular(0.2, 3e-5)
-    with pytest.raises(ValueError, match=r'are only 0\.2 mm apart'):
+    with pytest.raises(ValueError, match=r'are only 0\.01 of the distance apart at which they touch'):
         MagneticRepulsion(cell, balls)
