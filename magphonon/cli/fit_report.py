@@ -68,8 +68,9 @@ def _assumptions(magnet, forces, fit, shared):
         yield ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is about 3.5 % off the '
                'mean of the lattice. Measure several, numbered in a column "pair", or give --sigma pair=0.035.')
     spacings = fit.law.r[-1] / fit.spacing
-    yield (f'The table reaches to {spacings:.3g} spacings, and the law goes on as it ends there. Measure farther to know the '
-           'forces of farther neighbours better, or name the scene of the magnets first.')
+    yield (f'The table reaches to {spacings:.3g} spacings, and the law goes on as it ends there, or as that of dipoles if it '
+           'ends less steeply. Measure farther to know the forces of farther neighbours better, or name the scene of the magnets '
+           'first.')
 
 
 def _doubts_of_forces(forces, fit):

@@ -534,7 +534,7 @@ def scene_entry(fit: Fit) -> str:
         '[law]', f'# a smooth curve through measured forces, for a spacing of {fit.spacing / u.m:g} m',
         'kind = "table"', *(f'{key} = [{", ".join(f"{value:.7g}" for value in column)}]'
                                   for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
-        f'shells = "auto"   # as many as the frequencies need; measured to {reach:.3g} spacings, then as the table ends', '',
+        f'shells = "auto"   # as many as the frequencies need; measured to {reach:.3g} spacings, then as its end or r^-4', '',
         '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
         f'force_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
         f'correlation_force_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
