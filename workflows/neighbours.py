@@ -53,7 +53,7 @@ def _closed_forms(known):
         Check('sum of r^-3 over the triangular lattice', lattice_sum(cell, 3), known['S_3_triangular'], 1e-14),
         Check('dipole crystal c_L^2', c_L**2, known['dipole_c_L_squared'], 1e-11),
         Check('dipole crystal c_T^2', c_T**2, known['dipole_c_T_squared'], 1e-11),
-        Check('dipole crystal c_L/c_T, sqrt(11) of Golden and Kalman', c_L / c_T, 11**0.5, 1e-11),
+        Check('dipole crystal c_L/c_T, sqrt(11)', c_L / c_T, 11**0.5, 1e-11),
         Check('dipole chain, c^2 / that of nearest neighbours, zeta(3)', sound_speeds(chain)[1] ** 2 / nearest[0],
               known['dipole_chain_c_squared'], 1e-12),
         Check('dipole chain, omega^2 at X / that of nearest neighbours, 31/32 zeta(5)',

@@ -57,7 +57,7 @@ def test_a_row_that_fails_is_marked_and_unfolds_its_table(tmp_path, outcomes):
     text = page(tmp_path / 'report.html', outcomes, ['today'])
     assert '<details open' not in text
     assert 'FAIL' not in text
-    outcomes['signs'].checks.append(Check('wrong', 1.0, 2.0, 1e-3))
+    outcomes['walls'].checks.append(Check('wrong', 1.0, 2.0, 1e-3))
     text = page(tmp_path / 'report.html', outcomes, ['today'])
     assert text.count('<details open') == 1
     assert text.count('class="bad">FAIL') == 1
