@@ -208,12 +208,12 @@ SIMILAR = {'kinds': ('triangular', 'honeycomb'), 'shells': 1, 'models': ('comple
 
 @pytest.mark.slow
 def test_the_compiled_grid_is_velocity_verlet_on_any_patch():
-    compare(range(100, 240), ['compiled grid'], most=1000, **SIMILAR)
+    compare(range(100, 170), ['compiled grid'], most=1000, **SIMILAR)
 
 
 @pytest.mark.slow
 def test_the_compiled_table_is_velocity_verlet_on_any_patch():
-    compare(range(300, 340), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
+    compare(range(300, 320), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
 @pytest.mark.slow
@@ -225,7 +225,7 @@ def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_
 @pytest.mark.slow
 def test_threads_change_nothing_of_that(monkeypatch):
     monkeypatch.setattr(engine, 'PIECE', 16)  # so that drives and holes lie in several pieces, strips in part of one
-    for seed in range(520, 540):
+    for seed in range(520, 530):
         case = drawn(seed, most=1000, **SIMILAR)
         u = case.run('compiled grid')
         assert misfit(u, case.expected()) < EXACT

@@ -3,10 +3,15 @@
 import ast
 import doctest
 import re
+import shlex
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+from magphonon.cli.main import parser_of
 
 ROOT = Path(__file__).parents[1]
 
@@ -73,6 +78,23 @@ def test_pages_name_files_that_exist():
     assert len(named) > 50
     roots = ROOT, ROOT / 'magphonon'
     assert {(page, name) for page, name in named if not any((root / name).is_file() for root in roots)} == set()
+
+
+def test_what_replaces_what_left_is_there():
+    """Moved names are in their modules, other names in a subpackage, and commands are understood."""
+    moving, changes = ((ROOT / name).read_text(encoding='utf-8') for name in ('docs/reference/moving.md', 'CHANGELOG.md'))
+    rows = re.findall(r'^\| `magphonon\.\w+` \| `(magphonon\.\w+\.\w+)`: (.*) \|$', moving, re.M)
+    moved = [(module, name) for module, names in rows for name in re.findall(r'`(\w+)`', names)]
+    told = [row.split('|')[-2] for row in re.findall(r'^\|.*\|$', moving + changes.split('### Added')[0], re.M)]
+    named = [name.rsplit('.', 1) for row in told for name in re.findall(r'`(magphonon(?:\.\w+)+)[`(]', row)]
+    assert len(moved) > 50
+    assert len(named) > 5
+    for module, name in [*moved, *named]:
+        assert hasattr(import_module(module), name) or find_spec(f'{module}.{name}'), f'{module}.{name}'
+    commands = [words for row in told for words in re.findall(r'`magphonon (\w+ [^`]*)`', row)]
+    assert len(commands) > 5
+    for words in commands:
+        parser_of().parse_args(shlex.split(words))  # fails at a word that it does not know
 
 
 def test_pages_show_lines_of_the_code_that_are_there():
