@@ -79,7 +79,7 @@ def _report(scene, cell, records, largest):
 
 def _methods(passages, tolerance):
     """A line that says which bursts are linear motion and which are time steps, and why; none if the user has chosen."""
-    from ..waves.wave_source import TOLERANCE
+    from ..scenes.plans import TOLERANCE
 
     changes, limit = {name: one.nonlinear for name, one in passages.items()}, tolerance or TOLERANCE
     if any(one.steps and np.isnan(one.nonlinear) for one in passages.values()):

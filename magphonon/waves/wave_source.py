@@ -7,9 +7,9 @@ measured row is a direction of symmetry, the waves seen there run along it.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -24,11 +24,12 @@ from ..dynamics.recorder import Recorder
 from ..dynamics.splittings import SPLITTINGS, StepsTooLong, step_within
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
-from ..response.frf import frequency_response
-from ..response.propagation import propagate
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import LinearSystem, freedom
+from ..stiffness.rest import freedom
 from .ridge_tables import DRIVEN
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 NEAR = 0.1
 """Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
@@ -39,11 +40,6 @@ SAMPLES = 12
 """Number of recorded frames per period of the carrier.  The spectrum of a five-cycle burst ends at 1.4 times its carrier, and
 these resolve harmonics up to the fifth; in a film with fewer frames, crests seem to run backwards."""
 SNAPSHOTS = 24  # number of times at which the whole patch is recorded
-TOLERANCE = 1e-3  # of engine='least', as a fraction of the largest displacement
-CAUTION, WIDTH, STILL, LARGE = 3.0, 0.3, 1e-3, 0.1
-"""By how much true changes by nonlinear forces may exceed their estimate; half the width of the spectrum of a harmonic, as
-a fraction by cycle; the frequency that counts as zero, of that
-of the carrier; and the displacement, in shortest bonds, from which no motion counts as linear."""
 ROUND_OFF = 1e-9  # displacement, as a fraction of the shortest bond, below which a particle is at rest
 
 
@@ -212,8 +208,7 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     duration : float
         Length of the record in ms, from the start of the burst.
     engine : str
-        Engine as for DrivenVerlet, or 'lammps'; or 'least', the exact linear motion where nonlinear forces change it by less than
-        the tolerance (1e-3 if not given), and time steps where they change it by more, or the patch is unstable.
+        Engine as for DrivenVerlet, or 'lammps'.
     ranks : int
         Number of MPI ranks of LAMMPS.
     directory : path-like, optional
@@ -243,23 +238,11 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     """
     not_negative('damping', damping, '1/ms')
     patch = _at_rest(patch)
-    top = highest_frequency(patch)
-    highest = fastest(top**2, patch.calc.turning)
-    _refuse_above(drive.omega, highest, patch.calc.parameters.model)
-    frame, dt = 2 * np.pi / drive.omega / SAMPLES, STEP_FRACTION * 2 / top
-    if not positive('duration', duration, 'ms') > drive.end:
-        raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
-    seen, change = np.union1d(site.row, site.driven), np.nan
-    if engine == 'least':
-        engine, tolerance = 'auto', TOLERANCE if tolerance is None else tolerance
-        motions = _linear(patch, drive, damping, frame * np.arange(int(duration / frame) + 1), seen, film)
-        if motions:
-            change = nonlinear_change(patch, drive, damping, _largest(motions))
-            if change <= tolerance:
-                return _record(site, seen, motions, change, steps=False)
+    frame, dt = frame_of(patch, drive, duration), STEP_FRACTION * 2 / highest_frequency(patch)
+    seen = np.union1d(site.row, site.driven)
     if tolerance is not None:
         only = engine == 'lammps' or patch.calc.turning
-        dt, _ = step_within(tolerance, highest, duration, frame, (2,) if only else tuple(SPLITTINGS))
+        dt, _ = step_within(tolerance, _highest(patch), duration, frame, (2,) if only else tuple(SPLITTINGS))
 
     def moved(dt):
         """Motion of the row and of the whole patch in time steps of `dt`."""
@@ -274,63 +257,29 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
 
     while True:
         try:
-            return _record(site, seen, moved(dt), change)
+            return recorded(site, moved(dt))
         except StepsTooLong as error:  # strains make waves faster than they are at rest
             dt = frame / np.ceil(frame / error.longest)
 
 
-def _record(site, seen, motions, change, steps=True):
+def recorded(site: BurstSetup, motions: Sequence[Motion]) -> BurstRecord:
+    """The record of a burst, from the motion of driven particles and of those of the row, in ascending order, and of all."""
     near, field = motions
-    row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(seen, site.row)])
-    return BurstRecord(row, field, _largest(motions), change, steps)
+    largest = max(np.linalg.norm(frame, axis=1).max() for motion in motions for frame in motion.displacements)
+    row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(near.particles, site.row)])
+    return BurstRecord(row, field, float(largest))
 
 
-def _largest(motions):
-    return float(max(np.linalg.norm(frame, axis=1).max() for motion in motions for frame in motion.displacements))
+def frame_of(patch: Atoms, drive: ToneBurst, duration: float) -> float:
+    """Time in ms between two frames of the record of a burst; ValueError if no wave has its carrier, or the record is short."""
+    _refuse_above(drive.omega, _highest(patch), patch.calc.parameters.model)
+    if not positive('duration', duration, 'ms') > drive.end:
+        raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
+    return 2 * np.pi / drive.omega / SAMPLES
 
 
-def _linear(patch, drive, damping, times, seen, film):
-    """Exact linear motion of some particles, and of all at times of a film or at a few moments; None if it grows."""
-    if not LinearSystem.of(patch, 'gyration').stable:
-        return None
-    few = times[:: 1 if film else max(1, len(times) // SNAPSHOTS)]
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', UserWarning)  # about large motion, which is asked about next
-        found = [propagate(patch, at, [drive], damping, particles, 1e-6) for at, particles in ((times, seen), (few, None))]
-    return [Motion(one.times, one.particles, one.displacements) for one in found]
-
-
-def nonlinear_change(patch: Atoms, drive: ToneBurst, damping: float, largest: float) -> float:
-    """Change of the motion of a burst by nonlinear forces, as a fraction of its largest displacement `largest` (mm).
-
-    A steady wave u1 of the carrier, with so much more damping that it fades as far from the source as the burst is long, has the
-    forces F(u1) + H u1 beyond linear ones.  To second order they move the mean positions and add a harmonic, whose frequency is
-    taken over the width of the burst; to third order they change the wave.  The sum of the three linear responses is CAUTION
-    times too small at most (200 drawn bursts, `tests/waves/test_least_engine.py`), and is returned multiplied by that.
-    """
-    if largest > LARGE * patch.calc.bonds.shortest:
-        return np.inf
-    system, calc, dim = LinearSystem.of(patch, 'gyration'), patch.calc, patch.calc.dim
-    rates, spread = damping + drive.omega / (2 * np.pi * drive.cycles), WIDTH / drive.cycles
-
-    def respond(force, *multiples):
-        pushed = np.zeros((len(patch), 3), complex)
-        pushed[system.mobile, :dim] = force[system.mobile]
-        return frequency_response(system, pushed, drive.omega * np.array(multiples), rates, tolerance=1e-3).response[..., :dim]
-
-    push, H = np.zeros((len(patch), dim)), calc.rest_hessian()
-    push[drive.particles] = np.outer(drive.amplitude, drive.direction[:dim])
-    wave = respond(push, 1.0)[0]
-    wave *= largest / _size(wave)
-    motion = [np.real(wave * turn) for turn in np.exp(1j * np.pi / 4 * np.arange(8))]
-    beyond = np.fft.fft([calc.forces_beyond_rest(u) + (H @ u.ravel()).reshape(u.shape) for u in motion], axis=0) / 8
-    mean, same = respond(beyond[0], STILL), respond(beyond[1], 1.0)
-    second = respond(beyond[2], 2 - 2 * spread, 2.0, 2 + 2 * spread)
-    return CAUTION * (_size(mean) + 2 * _size(same) + 2 * _size(second)) / largest
-
-
-def _size(u):
-    return np.sqrt((abs(u) ** 2).sum(axis=-1)).max()
+def _highest(patch):
+    return fastest(highest_frequency(patch) ** 2, patch.calc.turning)
 
 
 def _refuse_above(carrier, highest, model):

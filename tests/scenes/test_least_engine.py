@@ -6,8 +6,10 @@ from scipy.integrate import solve_ivp
 
 from magphonon import InversePower, lattices, propagate
 from magphonon.dynamics import highest_frequency
+from magphonon.scenes.plans import _linear
 from magphonon.stiffness import PairCalculator
 from magphonon.waves import burst_setup, run_burst
+from magphonon.waves.wave_source import Burst
 
 
 class Case:
@@ -23,10 +25,10 @@ class Case:
         self.patch, self.where = patch, burst_setup(cell, patch, 'row' if rng.random() < 0.5 else 'point')
         w = highest_frequency(patch) * rng.uniform(0.25, 0.9)
         cycles, self.damping, angle = rng.choice([3.0, 5.0]), 2 * w * rng.choice([0, 0.005, 0.02]), rng.uniform(0, 2 * np.pi)
-        self.duration, largest = 2 * cycles * 2 * np.pi / w, 10 ** rng.uniform(-5, 0)
+        self.duration, self.largest = 2 * cycles * 2 * np.pi / w, 10 ** rng.uniform(-5, 0)
         self.direction, self.w, self.cycles = (np.cos(angle), np.sin(angle)), w, cycles
         unit = propagate(patch, np.linspace(0, self.duration, 60)[1:], [self.burst(1.0)], self.damping).displacements
-        self.force, self.tolerance = largest / abs(unit).max(), 1e-3
+        self.force, self.tolerance = self.largest / abs(unit).max(), 1e-3
 
     def burst(self, force):
         return self.where.burst(self.direction, force, self.w, self.cycles)
@@ -51,12 +53,15 @@ class Case:
             force[drive.particles] += drive(t)[:, :2]
             return np.ravel([v, mobile * (force / m - self.damping * v)])
 
-        found = solve_ivp(slope, (0, times[-1]), np.zeros(4 * n), 'DOP853', rtol=1e-8, t_eval=times, atol=1e-9 * self.force)
+        found = solve_ivp(slope, (0, times[-1]), np.zeros(4 * n), 'DOP853', rtol=1e-7, t_eval=times, atol=1e-7 * self.largest)
         return found.y.T.reshape(len(times), 2, n, 2)[:, 0]
 
     def judged(self):
         """Error of the run as a fraction of the tolerance, whether it took time steps, and the error of the linear motion."""
-        run = run_burst(self.patch, self.where, self.burst(self.force), self.damping, self.duration, 'least', tolerance=1e-3)
+        drive = self.burst(self.force)
+        run, change = _linear(self.patch, self.where, Burst(drive, self.damping, self.duration), False)
+        if change > self.tolerance:
+            run = run_burst(self.patch, self.where, drive, self.damping, self.duration, tolerance=self.tolerance)
         times = np.union1d(run.row.times, run.field.times)
         exact = self.exact(times)
         linear = propagate(self.patch, times, [self.burst(self.force)], self.damping).displacements
