@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from magphonon import InversePower, lattices, propagate
 from magphonon.dynamics import highest_frequency
 from magphonon.scenes.plans import _linear
-from magphonon.stiffness import PairCalculator
+from magphonon.stiffness import LinearSystem, PairCalculator
 from magphonon.waves import burst_setup, run_burst
 from magphonon.waves.wave_source import Burst
 
@@ -20,8 +20,10 @@ class Case:
         cell = [lattices.triangular, lattices.square, lattices.honeycomb, lattices.kagome][rng.integers(4)](10.0, 0.7)
         patch = lattices.parallelogram(cell, *rng.integers(7, 11, 2))
         a = rng.uniform(2, 6)
-        patch.calc = PairCalculator(patch, InversePower(0.3 * 10**a, a), foundation=rng.uniform(0.03, 0.3) * a, cutoff=12.5)
-        patch.calc = patch.calc.balanced(np.arange(len(patch)))
+        k = rng.uniform(0.03, 0.3) * a
+        patch.calc = PairCalculator(patch, InversePower(0.3 * 10**a, a), foundation=k, cutoff=12.5).balanced(np.arange(len(patch)))
+        while not LinearSystem.of(patch).stable:  # else rounding grows as well
+            patch.calc.set(foundation=(k := 1.5 * k))
         self.patch, self.where = patch, burst_setup(cell, patch, 'row' if rng.random() < 0.5 else 'point')
         w = highest_frequency(patch) * rng.uniform(0.25, 0.9)
         cycles, self.damping, angle = rng.choice([3.0, 5.0]), 2 * w * rng.choice([0, 0.005, 0.02]), rng.uniform(0, 2 * np.pi)
