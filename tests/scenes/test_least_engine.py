@@ -21,7 +21,8 @@ class Case:
         patch = lattices.parallelogram(cell, *rng.integers(7, 11, 2))
         a = rng.uniform(2, 6)
         k = rng.uniform(0.03, 0.3) * a
-        patch.calc = PairCalculator(patch, InversePower(0.3 * 10**a, a), foundation=k, cutoff=12.5).balanced(np.arange(len(patch)))
+        patch.calc = PairCalculator(patch, InversePower(0.3 * 10**a, a), foundation=k, cutoff=12.5)
+        patch.calc = patch.calc.balanced(np.arange(len(patch)))
         while not LinearSystem.of(patch).stable:  # else rounding grows as well
             patch.calc.set(foundation=(k := 1.5 * k))
         self.patch, self.where = patch, burst_setup(cell, patch, 'row' if rng.random() < 0.5 else 'point')
