@@ -204,10 +204,10 @@ def bond(n, axes, bonds, c):
     at = place if each else f'[{n}]'
     s = f's{place} * ' * there(strength)
     law = [f'c{q}' + at * isinstance(one, types.Array) for q, one in enumerate(c)]
-    even, odd = (reduce(lambda higher, one: f'({higher} * q + {one})', some[::-1]) for some in (law[::2], law[1::2]))
+    quotient = reduce(lambda higher, one: f'({higher} * e + {one})', law[::-1])
     squares = [f'(R{x}{at} + R{x}{at}{f" + d{x}" * len(complete)}) * d{x}' for x in axes]
     return [f'j = near[{n}][i]' if listed else f'j = i + near[{n}]', *(f'd{x} = {s * (not each)}(u{x}[j] - x{x})' for x in axes),
-            f'e = unit{at} * ({" + ".join(squares)})', 'q = e * e', f'H = {s * each}e * ({even} + e * {odd})',
+            f'e = unit{at} * ({" + ".join(squares)})', f'H = {s * each}e * {quotient}',
             *(f'p{x} = H * R{x}{at}{f" + (g{at} + H) * d{x}" * len(complete)}' for x in axes)]
 
 
