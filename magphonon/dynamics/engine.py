@@ -26,7 +26,7 @@ from ..traits import LINEAR, all_but, refuse, takes
 from .bond_increments import RANGES, TOLERANCE, Increments
 from .cages import Cages
 from .drives import Constant, constant_push, forces_and_walls
-from .memory_layout import LINE, aligned_zeros, arrange
+from .memory_layout import LINE, aligned_zeros, arrange, runs_of
 from .splittings import SPLITTINGS, Splitting
 
 LAW_SHARE = 0.1
@@ -41,7 +41,6 @@ STEPS_TRIED = 24  # number of time steps at which motion held by gyration alone 
 MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
-PIECE = 512  # slots that are done at a time, whose forces stay in the cache
 SAME_VECTOR = 1e-11
 """Largest difference, in shortest bonds, of rest vectors that count as one: far above the round-off of positions."""
 SAME_KIND = 1e-12  # relative difference of lengths up to which bonds that are not alike share coefficients
@@ -277,10 +276,9 @@ class Blocks:
         self.layout = layout = arrange(calc.reference, calc.bonds, calc.dim)
         self._pad = 0 if layout.offset is None else int(layout.offset.max() + -layout.offset.max() % LINE)
         self._at, self._wide = layout.slot + self._pad, layout.length + self._pad + 3 * LINE
-        last = self._at.max(initial=self._pad - 1) + 1
-        self._borders = np.append(np.arange(self._pad, last, PIECE), last).astype(np.uint64)
-        self._threads = max(1, min(threads, len(self._borders) - 1))
-        self._parts = np.linspace(0, len(self._borders) - 1, self._threads + 1).astype(int)
+        self._runs = runs_of(self._at).astype(np.uint64)
+        self._threads = max(1, min(threads, len(self._runs)))
+        self._parts = np.linspace(0, len(self._runs), self._threads + 1).astype(int)
         size, directions = np.linalg.eigh(self._barred)
         away = size > 0.5  # a projector has the eigenvalues 0 and 1
         self._normals = directions.transpose(0, 2, 1)[away][None]
@@ -305,7 +303,7 @@ class Blocks:
         """The order of some particles by slot; their slots, and the first of each thread."""
         order = np.argsort(self._at[particles], kind='stable')
         slots = self._at[particles][order]
-        borders = [0, *self._borders[self._parts[1:-1]].tolist(), self._wide]
+        borders = [0, *self._runs[self._parts[1:-1], 0].tolist(), self._wide]
         return order, slots.astype(np.uint64), np.searchsorted(slots, borders)
 
     def _sort_bonds(self):
@@ -356,7 +354,8 @@ class Blocks:
             return rows
 
         self._at_bonds, columns = each, count * (layout.offset is not None)
-        room = self._pad + PIECE * -(-self._pad // PIECE)
+        longest = int(np.ptp(self._runs, axis=1).max())
+        room = self._pad + longest * -(-self._pad // longest)
         self._pulls = [aligned_zeros((columns, self.calc.dim, room), dtype) for _ in range(self._threads)]
         if self._alike and layout.offset is not None:
             R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
@@ -499,7 +498,7 @@ class Blocks:
             w = u  # no slot is read after it has moved
 
         def work(me, some):
-            given = self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]), self._borders, self._parts
+            given = self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]), self._runs, self._parts
             return stages(u, w, v, self._pulls[me], *given, np.uint64(self._pad), pushed, guided, led, me, some)
 
         if self._threads == 1:
