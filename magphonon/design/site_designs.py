@@ -189,7 +189,7 @@ class Structure:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
                              'have others: hold them in the plane')
         self.law: PairLaw = law
-        self.feet = calc.anchors[:, : calc.dim]
+        self.feet, self.strengths = calc.anchors[:, : calc.dim], np.broadcast_to(calc.strengths, len(atoms))
         self.spans = calc.bond_vectors - self.frame.stretch(calc.slack[:, : calc.dim])  # of the feet
         self.kept = float(calc.bonds.lengths.min())
 
@@ -211,9 +211,7 @@ class Structure:
         calc, frame, bonds = self.calc, self.frame, self.calc.bonds
         n, dim = self.shape
         strength = np.broadcast_to(parts.strength, n)
-        law: Any = force_change(self.law, parts.force * strength[bonds.i] * strength[bonds.j])
-        if parts.exponent:
-            law = steeper(law, parts.exponent, self.kept)
+        law: Any = steeper(force_change(self.law, parts.force * strength[bonds.i] * strength[bonds.j]), parts.exponent, self.kept)
         vectors = calc.bond_vectors + (parts.spacing - 1) * self.spans
         k = self.springs * np.broadcast_to(parts.spring, n)[:, None]
         foot = np.broadcast_to(parts.foot, self.shape)
@@ -275,6 +273,9 @@ class Structure:
 
 def steeper(law: Any, exponent: float, length: float) -> LawDerivative:
     """A law whose exponent -d ln f/d ln r is larger, with the same force at a distance `length`."""
+    if not exponent:
+        return law
+
     def less(r):
         return (r / length) ** -exponent
 
