@@ -99,7 +99,7 @@ CHAPTERS = (
     Chapter('magnets', 'paper', 'published forces (Robertson; Akoun and Yonnet) and the law printed in the Supplement',
             'Fig. S3'),
     Chapter('claims', 'paper', "the paper's formulas, and springs without static force in closed form", 'the text'),
-    Chapter('neighbours', 'beyond', 'zeta functions and published lattice sums (Golden and Kalman; reference.toml)'),
+    Chapter('neighbours', 'beyond', 'zeta functions and lattice sums in 50 digits (reference.toml)'),
     Chapter('stability', 'beyond', 'borders in closed form, and time steps on both sides of each'),
     Chapter('matter', 'beyond', 'printed numbers (Bonsall and Maradudin; Hamaguchi et al.), closed forms and phonopy'),
     Chapter('other_fields', 'beyond', 'closed forms of other fields, results saved by TsgFEM, tests of IonSim.jl, ASE'),

@@ -74,10 +74,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--sigma', metavar='NAME=VALUE', type=_sigma, action='append', default=[], dest='sigmas',
                         help='standard uncertainty of an error that all rows of a table share, such as --sigma distance=0.05mm: '
                              'distance, of the zero of the distances, which matters most (default: 0.2mm); zero, of the force (a '
-                             'tenth of the largest force); hysteresis, half the difference between return and approach (a '
-                             'hundredth of the largest force); backlash of the drive (0.1mm); gain of the load cell (1%%); pair, '
-                             'the standard deviation from one pair to the next (the scatter of several pairs in one table, else '
-                             '0); may be given several times')
+                             'tenth of the largest force, a thousandth on a balance); hysteresis, half the difference between '
+                             'return and approach (a hundredth of the largest force); backlash of the drive (0.1mm); gain of the '
+                             'load cell (1%%); pair, the standard deviation from one pair to the next (the scatter of several '
+                             'pairs in one table, else 0); may be given several times')
     parser.add_argument('--contact', metavar='R', type=length,
                         help='distance of the centres at contact; a table with a smaller one is refused (default: that of a '
                              'scene of magnets)')
