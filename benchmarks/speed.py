@@ -41,6 +41,7 @@ from magphonon import (
 )
 from magphonon.bands import bloch_modes
 from magphonon.dynamics.lammps import lammps_session, write_lammps_input
+from magphonon.dynamics.splittings import SPLITTINGS
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.factors import factorised as factors_of
 
@@ -197,7 +198,29 @@ def lammps_stepper(atoms, displacements, suffix, every, dt=DT):
                 taken = thread_time() - begin
                 return taken, np.array(lammps.gather_atoms('x', 1, 3)).reshape(-1, 3)[:, :2] - atoms.positions[:, :2]
 
-            run.moved = moved
+            def split(steps, order):
+                """The same by a splitting of the package around the forces of LAMMPS, which itself moves nothing."""
+                lammps.command('unfix motion')
+                method, h, count = SPLITTINGS[order], 100 * u.ms / steps, len(atoms)
+                which = np.array(lammps.numpy.extract_atom('id'))[:count] - 1
+                free = atoms.get_tags()[which] != lattices.RIM
+                accelerate = (free / atoms.get_masses()[which])[:, None]
+                places, v = lammps.numpy.extract_atom('x')[:count], np.zeros((count, 3))
+                places[:] = start.positions[which]
+                lammps.command('run 0 post no')
+                places, forces = lammps.numpy.extract_atom('x')[:count], lammps.numpy.extract_atom('f')[:count]
+                begin = thread_time()
+                for _ in range(steps):
+                    v += method.kicks[0] * h * accelerate * forces
+                    for kick, drift in zip(method.kicks[1:], method.drifts, strict=True):
+                        places += drift * h * v
+                        lammps.command('run 1 pre no post no')
+                        v += kick * h * accelerate * forces
+                taken, end = thread_time() - begin, np.empty((count, 2))
+                end[which] = places[:, :2]
+                return taken, end - atoms.positions[:, :2]
+
+            run.moved, run.split = moved, split
             run(100)
             yield run
 
@@ -262,9 +285,61 @@ def time_to_error(strain, n=100, duration=100 * u.ms):
             with lammps_stepper(start, displacements, (), 10, duration / steps) as stepper:
                 runs = [stepper.moved(steps) for _ in range(2)]
             found.setdefault('LAMMPS', []).append((min(s for s, _ in runs), apart(runs[0][1], exact)))
+        for steps in 36, 50, 70:
+            with lammps_stepper(start, displacements, (), 10) as stepper:
+                taken, moved = stepper.split(steps, 6)
+            found.setdefault('LAMMPS, forces of order 6', []).append((taken, apart(moved, exact)))
     except ImportError:
         print('motion: LAMMPS is not installed')
+    try:
+        for steps in 32, 40, 50, 70:
+            taken, moved = jax_steps(start, displacements, steps, duration / steps)
+            found.setdefault('JAX on the grid, order 6', []).append((taken, apart(moved, exact)))
+    except ImportError:
+        print('motion: JAX is not installed')
     return found
+
+
+def jax_steps(start, displacements, steps, dt, method=SPLITTINGS[6]):
+    """Steps in single precision as an expert in JAX writes them: forces as increments on the grid, from shifted arrays.
+
+    Returns the seconds of the steps and the displacements at the end.
+    """
+    import jax
+
+    jnp, bonds, calc, count = jax.numpy, start.calc.bonds, start.calc, len(start)
+    offsets, first = np.unique(bonds.j - bonds.i, return_index=True)
+    reach, r0, f0 = int(offsets.max()), bonds.lengths.min(), -float(calc.laws.dphi(bonds.lengths.min()))
+    x = np.linspace(-0.03, 0.03, 200)   # of r^2/r0^2 - 1; what a force over its distance gains there
+    gain = np.polynomial.polynomial.polyfit(x, (-calc.laws.dphi(r0 * np.sqrt(1 + x)) / np.sqrt(1 + x) - f0) / r0 / x, 4)
+    mobile = jnp.array((start.get_tags() != lattices.RIM) / start.get_masses(), jnp.float32)
+
+    def force(u):
+        wide, total = jnp.pad(u, ((0, 0), (reach, reach))), -float(calc.parameters.foundation) * u
+        for offset, R in zip(offsets.tolist(), bonds.vectors[first, :2].tolist(), strict=True):
+            du = wide[:, offset:offset + count + reach] - wide[:, :count + reach]  # of the bond from each site to its right
+            strain = ((2 * R[0] + du[0]) * du[0] + (2 * R[1] + du[1]) * du[1]) / r0**2
+            h = strain * sum(c * strain**k for k, c in enumerate(gain.tolist()))
+            pull = jnp.stack([h * R[k] + (f0 / r0 + h) * du[k] for k in (0, 1)])
+            total += pull[:, reach - offset:reach - offset + count] - pull[:, reach:reach + count]
+        return total
+
+    @jax.jit
+    def run(u):
+        def step(_, state):
+            u, v = state
+            for kick, drift in zip((2 * method.kicks[0], *method.kicks[1:-1]), method.drifts, strict=True):
+                v += kick * dt * mobile * force(u)   # the last kick of a step and the first of the next are one
+                u += drift * dt * v
+            return u, v
+
+        return jax.lax.fori_loop(0, steps, step, (u, -method.kicks[0] * dt * mobile * force(u)))[0]
+
+    begin = jnp.array(displacements[:, :2].T, jnp.float32)
+    run(begin).block_until_ready()
+    spent = process_time()
+    end = np.array(run(begin)).T
+    return process_time() - spent, end
 
 
 SHORT = 'order 6, tolerance 1e-4'

@@ -25,7 +25,7 @@ version = release = magphonon.__version__
 
 extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.intersphinx',
               'sphinx.ext.viewcode', 'sphinx_gallery.gen_gallery', 'matplotlib.sphinxext.plot_directive']
-exclude_patterns = ['_build', 'tutorials/*.rst', 'gallery/**.rst', 'generate']
+exclude_patterns = ['_build', 'tutorials/*.rst', 'gallery/**.rst', 'generate', 'reference/charts_found.md']
 suppress_warnings = ['config.cache']  # functions in the settings of sphinx-gallery
 
 myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist', 'colon_fence']

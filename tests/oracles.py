@@ -7,7 +7,7 @@ from ase import Atoms
 
 from magphonon import InversePower, lattices, units as u
 from magphonon.interactions import Tabulated, Yukawa
-from magphonon.interactions.pair_laws import Hertz
+from magphonon.interactions.pair_laws import Overlap
 
 LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc')
 
@@ -34,7 +34,7 @@ LAWS = {
     'steep': InversePower(b=1e12, a=12.0),
     'dipoles': InversePower.dipoles(moment=500 * u.A * u.mm**2),
     'yukawa': Yukawa(c=20.0, kappa=0.3),
-    'spheres': Hertz(stiffness=0.01, diameter=17.0),
+    'spheres': Overlap(energy=0.01 * 17**2.5, power=2.5, diameter=17.0),
     'table': Tabulated(TABLE, 4000 * TABLE**-4.0 * (1 + 0.3 * np.sin(TABLE / 4))),
     'foreign': Gaussian(),
 }

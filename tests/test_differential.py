@@ -11,6 +11,7 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
+from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.dynamics import Harmonic, memory_layout
@@ -196,7 +197,7 @@ def compare(seeds, engines, draw=drawn, **limits):
             assert off < EXACT, f'{draw.__name__}({seed}, **{limits}): {name} is off by {off:.2g} of the largest displacement'
 
 
-@pytest.mark.parametrize('part', range(4))
+@pytest.mark.parametrize('part', few_first(range(4), 1))
 def test_ases_loop_is_velocity_verlet_on_any_patch(part):
     compare(range(part, 40, 4), ['ase'], most=300)
 
@@ -208,12 +209,12 @@ SIMILAR = {'kinds': ('triangular', 'honeycomb'), 'shells': 1, 'models': ('comple
 
 @pytest.mark.slow
 def test_the_compiled_grid_is_velocity_verlet_on_any_patch():
-    compare(range(100, 240), ['compiled grid'], most=1000, **SIMILAR)
+    compare(range(100, 170), ['compiled grid'], most=1000, **SIMILAR)
 
 
 @pytest.mark.slow
 def test_the_compiled_table_is_velocity_verlet_on_any_patch():
-    compare(range(300, 340), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
+    compare(range(300, 320), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
 @pytest.mark.slow
@@ -225,7 +226,7 @@ def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_
 @pytest.mark.slow
 def test_threads_change_nothing_of_that(monkeypatch):
     monkeypatch.setattr(memory_layout, 'RUN', 16)  # so that drives and holes lie in several runs, strips in part of one
-    for seed in range(520, 540):
+    for seed in range(520, 530):
         case = drawn(seed, most=1000, **SIMILAR)
         u = case.run('compiled grid')
         assert misfit(u, case.expected()) < EXACT

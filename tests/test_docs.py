@@ -3,10 +3,15 @@
 import ast
 import doctest
 import re
+import shlex
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+from magphonon.cli.main import parser_of
 
 ROOT = Path(__file__).parents[1]
 
@@ -75,6 +80,23 @@ def test_pages_name_files_that_exist():
     assert {(page, name) for page, name in named if not any((root / name).is_file() for root in roots)} == set()
 
 
+def test_what_replaces_what_left_is_there():
+    """Moved names are in their modules, other names in a subpackage, and commands are understood."""
+    moving, changes = ((ROOT / name).read_text(encoding='utf-8') for name in ('docs/reference/moving.md', 'CHANGELOG.md'))
+    rows = re.findall(r'^\| `magphonon\.\w+` \| `(magphonon\.\w+\.\w+)`: (.*) \|$', moving, re.M)
+    moved = [(module, name) for module, names in rows for name in re.findall(r'`(\w+)`', names)]
+    told = [row.split('|')[-2] for row in re.findall(r'^\|.*\|$', moving + changes.split('### Added')[0], re.M)]
+    named = [name.rsplit('.', 1) for row in told for name in re.findall(r'`(magphonon(?:\.\w+)+)[`(]', row)]
+    assert len(moved) > 50
+    assert len(named) > 5
+    for module, name in [*moved, *named]:
+        assert hasattr(import_module(module), name) or find_spec(f'{module}.{name}'), f'{module}.{name}'
+    commands = [words for row in told for words in re.findall(r'`magphonon (\w+ [^`]*)`', row)]
+    assert len(commands) > 5
+    for words in commands:
+        parser_of().parse_args(shlex.split(words))  # fails at a word that it does not know
+
+
 def test_pages_show_lines_of_the_code_that_are_there():
     shown = [(page, *found) for page in (ROOT / 'docs').glob('[rt]*/*.md') for found in re.findall(
         r'```\{literalinclude\} (\S+)\n(?:(?!```)[^\n]*\n)*?:start-at: (.*)\n:end-at: (.*)\n', page.read_text(encoding='utf-8'))]
@@ -86,7 +108,7 @@ def test_pages_show_lines_of_the_code_that_are_there():
 
 def test_examples_of_the_gallery_are_short_and_import_what_is_public():
     scripts = sorted((ROOT / 'docs/gallery').rglob('plot_*.py'))
-    assert len(scripts) == 27
+    assert len(scripts) == 29
     for file in scripts:
         text = file.read_text(encoding='utf-8')
         tree = ast.parse(text)
@@ -99,7 +121,8 @@ def test_examples_of_the_gallery_are_short_and_import_what_is_public():
         own = {name for name in froms if name.startswith('magphonon')}
         assert {name for name in own if name.count('.') > 1} == set()  # a room, not a file in it
         plain = {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
-        assert {name.partition('.')[0] for name in froms | plain} <= {'magphonon', 'numpy', 'importlib', 'itertools', 'ase'}
+        known = {'magphonon', 'numpy', 'scipy', 'importlib', 'itertools', 'ase'}
+        assert {name.partition('.')[0] for name in froms | plain} <= known
 
 
 @pytest.mark.parametrize('size', [(600, 200), (200, 600)])

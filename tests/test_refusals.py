@@ -97,7 +97,7 @@ CALLS = {  # a function, its right arguments, and wrong values of each
     'Yukawa': (mp.interactions.Yukawa, {'c': (1.0, POSITIVE), 'kappa': (1.0, POSITIVE)}),
     'Spring': (mp.interactions.Spring, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
     'Cable': (mp.interactions.Cable, {'k': (1.0, POSITIVE), 'L0': (1.0, NOT_NEGATIVE)}),
-    'Hertz': (mp.interactions.Hertz, {'stiffness': (1.0, POSITIVE), 'diameter': (1.0, POSITIVE)}),
+    'Overlap': (mp.interactions.Overlap, {'energy': (1.0, POSITIVE), 'diameter': (1.0, POSITIVE)}),
     'Ring': (mp.interactions.Ring, {'outer': (5.0, POSITIVE), 'inner': (2.0, NOT_NEGATIVE), 'height': (3.0, POSITIVE),
                         'remanence': (1.0, POSITIVE)}),
     'Cuboid': (mp.interactions.Cuboid, dict.fromkeys(('length', 'width', 'height', 'remanence'), (3.0, POSITIVE))),

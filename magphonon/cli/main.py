@@ -28,8 +28,10 @@ from ..errors import did_you_mean
 from .arguments import find_inputs
 
 SHARED = 'arguments', 'band_report', 'fit_report', 'main', 'neighbours', 'results'
-COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
-"""The commands: each is a module beside this one, with its HELP, `add_arguments(parser)` and `run(options)`."""
+FIRST = 'scene', 'bands', 'check', 'fit', 'burst', 'explore'
+COMMANDS = *FIRST, *sorted({module.name for module in iter_modules([os.path.dirname(__file__)])}.difference(FIRST, SHARED))
+"""The commands, those that a bench needs first: each is a module beside this one, with its HELP, `add_arguments(parser)` and
+`run(options)`."""
 SYNONYMS = {'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'bands', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
@@ -127,11 +129,17 @@ def _no_silent_overflow():
     """Turn an overflow, a division by zero or a NaN in a formula of the package into an error that ends the command; other
     warnings are sentences, without the line of the program.
     """
-    before = warnings.formatwarning
+    before, told = warnings.formatwarning, set()
+
+    def sentence(message, *_, **__):
+        odd = getattr(message, 'what', None)  # of a unit, which users of commands mend in the scene
+        words = _said(f'warning: {odd + "; check the units of the scene, which its keys name" if odd else message}') + '\n'
+        return '' if words in told else told.add(words) or words
+
     with warnings.catch_warnings():
         warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
         warnings.filterwarnings('ignore', message='Glyph .* missing from')  # letters of a title that the font lacks
-        warnings.formatwarning = lambda message, *_, **__: _said(f'warning: {message}') + '\n'
+        warnings.formatwarning = sentence
         try:
             yield
         finally:
@@ -158,8 +166,8 @@ def parser_of(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='magphonon',
                                      description='Vibrations of lattices whose particles repel each other, such as magnets: '
                                                  'bands, waves, responses and stability, with the static forces and without.',
-                                     epilog='Try first: "magphonon bands prototype" draws the bands of a published lattice in '
-                                            'three seconds; "magphonon scene prototype > mine.toml" gives you a scene to edit.')
+                                     epilog='The first six are enough for magnets of your own. Try "magphonon bands prototype", '
+                                            'the bands of a published lattice in three seconds.')
     parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     for name in names:

@@ -11,7 +11,6 @@ from .magnets import Cuboid as Cuboid, Ring as Ring, Sphere as Sphere, moment as
 from .members import Cable as Cable, Spring as Spring
 from .pair_laws import (
     Attraction as Attraction,
-    Hertz as Hertz,
     InversePower as InversePower,
     Overlap as Overlap,
     PairInteraction as PairInteraction,

@@ -4,10 +4,11 @@ Particles of different kinds repel by different laws. Particles of different str
 
     s_i s_j phi(r)
 
-like magnets with the moments s_i and s_j.  Particles with radii R repel as a function of `r/(R_i + R_j)`, like soft spheres.
-`laws_along` finds the law and the strength of each bond.  `BondLaws` holds those of
-all bonds as one object, which is itself a pair law: for the lengths of all bonds it returns one number for each.  Code that
-uses it need not know that the bonds differ.  If all bonds have the same law, `laid` returns that law.
+like magnets with the moments s_i and s_j.  Particles with radii R repel as a function of `r/(R_i + R_j)`, like soft spheres, and
+a law with a method `between(R_i, R_j)` is multiplied by what it returns (`Overlap`).  `laws_along` finds the law and the strength
+of each bond.  `BondLaws` holds those of all bonds as one object, which is itself a pair law: for the lengths of
+all bonds it returns one number for each.  Code that uses it need not know that the bonds differ.  If all bonds have the same law,
+`laid` returns that law.
 """
 
 from __future__ import annotations

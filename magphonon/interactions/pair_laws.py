@@ -28,8 +28,10 @@ SMOOTH = 1e-13
 """A knot is added if the energy between two knots, computed in one piece and in two halves, differs by more than this fraction.
 With two readings per octave none is added up to laws as steep as r^-12; if noise bends the spline in a gap, several are."""
 APART = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
-MARGIN, FAR = 1.1, 1e4
-"""Factors beyond the ends of a table up to which it is continued: for particles that move about their places, and as a tail."""
+MARGIN, BEND, FAR = 1.1, 2.0, 1e4
+"""Factors beyond the ends of a table up to which it is continued: below, for particles that move about their places; above, until
+it falls as the force of dipoles if it fell more slowly, and to its last distance."""
+DIPOLES = 4.0  # exponent of the force between magnets far apart
 ASTRAY = 1.5
 """Factor by which a table may deviate from the inverse power through two neighbouring readings.  A law whose exponent changes
 from 1 to 4 over an octave deviates by 1.3. Of 200 evenly spaced tables with 10 % noise none exceeded the limit; with one distant
@@ -158,9 +160,9 @@ class GaussianMixture(PairLaw, Protocol):
     Examples
     --------
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import Hertz, Yukawa
+    >>> from magphonon.interactions import Overlap, Yukawa
     >>> from magphonon.interactions.pair_laws import GaussianMixture
-    >>> [isinstance(law, GaussianMixture) for law in (InversePower(1.0, 4.0), Yukawa(1.0, 1.0), Hertz(1.0, 1.0))]
+    >>> [isinstance(law, GaussianMixture) for law in (InversePower(1.0, 4.0), Yukawa(1.0, 1.0), Overlap(1.0))]
     [True, True, False]
     """
 
@@ -337,77 +339,11 @@ class Yukawa:
 
 
 @dataclass(frozen=True)
-class Hertz:
-    """Contact of elastic spheres: `f(r) = A (d - r)^(3/2)` if they overlap, and no force beyond the diameter d.
-
-    Parameters
-    ----------
-    stiffness : float
-        A in N mm^-3/2, positive.
-    diameter : float
-        Distance d at which two spheres touch in mm, positive.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is not positive; or when the law is evaluated for spheres that overlap by more than half their diameter.
-
-    Examples
-    --------
-    >>> from magphonon import units as u
-    >>> from magphonon.interactions import Hertz
-    >>> balls = Hertz.spheres(20 * u.mm, 206 * u.GPa, 0.3)
-    >>> round(float(-balls.dphi(19.997)))  # N, 3 um of overlap
-    55
-    >>> float(balls.dphi(20.001))  # no contact, no force
-    -0.0
-    """
-
-    stiffness: float
-    diameter: float
-
-    card: ClassVar[Card] = Card(kinds=(Kind(
-        'hertz', 'Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter.',
-        {'diameter': Parameter('diameter_m', units.m, 'the diameter of the spheres in m', quantity='length'),
-         'youngs_modulus': Parameter('youngs_modulus_Pa', units.Pa, "Young's modulus of the spheres in Pa", quantity='pressure'),
-         'poisson_ratio': Parameter('poisson_ratio', words="Poisson's ratio of the spheres", quantity='ratio')},
-        lambda diameter, youngs_modulus, poisson_ratio: Hertz.spheres(diameter, youngs_modulus, poisson_ratio)),))
-
-    def __post_init__(self) -> None:
-        positive('stiffness', self.stiffness, 'N mm^-3/2')
-        positive('diameter', self.diameter, 'mm')
-
-    @classmethod
-    def spheres(cls, diameter: float, youngs_modulus: float, poisson_ratio: float) -> Self:
-        """Equal spheres of one material: `A = E sqrt(d)/(3 (1 - nu^2))`; diameter in mm, modulus in N/mm^2."""
-        positive('diameter', diameter, 'mm')
-        positive('youngs_modulus', youngs_modulus, 'N/mm^2')
-        return cls(youngs_modulus * np.sqrt(diameter) / (3 * (1 - poisson_ratio**2)), diameter)
-
-    def _overlap(self, r):
-        nearest = np.min(np.real(r), initial=np.inf)
-        if nearest < (1 - DEEPEST) * self.diameter:
-            raise ValueError(f'spheres of diameter {self.diameter:g} mm are only {nearest:g} mm apart: the law of their contact '
-                             f'holds for an overlap of a few percent, and ends at {DEEPEST:.0%}; give them more room')
-        return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
-
-    def phi(self, r: Any) -> Any:
-        """Energy in mJ, zero out of contact."""
-        return 2 / 5 * self.stiffness * self._overlap(r) ** 2.5
-
-    def dphi(self, r: Any) -> Any:
-        return -self.stiffness * self._overlap(r) ** 1.5
-
-    def d2phi(self, r: Any) -> Any:
-        return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
-
-
-@dataclass(frozen=True)
 class Overlap:
-    """Contact of soft spheres that overlap, `phi = energy/power (1 - r/d)^power`, and nothing beyond the distance d.
+    """Contact of soft spheres, `phi = energy/power (1 - r/d)^power` where they overlap, and no force beyond the distance d.
 
-    The distance d is the sum of the radii that the calculator has for the two particles, `MagneticRepulsion(..., radii=R)`. Power
-    2 is a linear spring, 2.5 the contact of elastic spheres (Hertz).
+    Power 2 is a linear spring, 2.5 the contact of elastic spheres (Hertz).  For spheres of different sizes the calculator has the
+    radii, `MagneticRepulsion(..., radii=R)`: r is then the distance over the sum of both radii, and d stays 1.
 
     Parameters
     ----------
@@ -415,39 +351,80 @@ class Overlap:
         In mJ, positive.
     power : float
         Above 1, by default 2.
+    diameter : float
+        Distance d at which two spheres touch in mm, positive.
+    elastic : bool
+        Whether the energy depends on both radii as for elastic spheres of one material; `energy` is then that of two spheres with
+        a radius of 1 mm, see `between`.
 
     Raises
     ------
     ValueError
-        If the energy is not positive, or the power not above 1.
+        If a parameter is out of range; or when the law is evaluated for spheres that overlap by more than half their diameter,
+        unless they are linear springs.
 
     Examples
     --------
+    >>> from magphonon import units as u
     >>> from magphonon.interactions import Overlap
     >>> spring = Overlap(1.0)
     >>> round(float(-spring.dphi(0.9)), 9), float(spring.d2phi(0.9))  # of r/d
     (0.1, 1.0)
+    >>> balls = Overlap.spheres(206 * u.GPa, 0.3, diameter=20 * u.mm)
+    >>> round(float(-balls.dphi(19.997)))  # N, 3 um of overlap
+    55
+    >>> float(balls.dphi(20.001))  # no contact, no force
+    -0.0
     """
 
     energy: float
     power: float = 2.0
+    diameter: float = 1.0
+    elastic: bool = False
+
+    card: ClassVar[Card] = Card(kinds=(Kind(
+        'hertz', 'Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter.',
+        {'diameter': Parameter('diameter_m', units.m, 'the diameter of the spheres in m', quantity='length'),
+         'youngs_modulus': Parameter('youngs_modulus_Pa', units.Pa, "Young's modulus of the spheres in Pa", quantity='pressure'),
+         'poisson_ratio': Parameter('poisson_ratio', words="Poisson's ratio of the spheres", quantity='ratio')},
+        lambda diameter, youngs_modulus, poisson_ratio: Overlap.spheres(youngs_modulus, poisson_ratio, diameter)),))
 
     def __post_init__(self) -> None:
         positive('energy', self.energy, 'mJ')
         positive('power - 1', self.power - 1)
+        positive('diameter', self.diameter, 'mm')
+
+    @classmethod
+    def spheres(cls, youngs_modulus: float, poisson_ratio: float, diameter: float | None = None) -> Self:
+        """Elastic spheres of one material, `f = 4/3 E* sqrt(Ri Rj/(Ri + Rj)) (Ri + Rj - r)^(3/2)` with `E* = E/(2 (1 - nu^2))`:
+        equal ones of a diameter in mm, or of the radii that the calculator has; the modulus is in N/mm^2.
+        """
+        modulus = positive('youngs_modulus', youngs_modulus, 'N/mm^2') / (2 * (1 - poisson_ratio**2))
+        if diameter is None:
+            return cls(16 / 3 * modulus, 2.5, elastic=True)
+        return cls(2 / 3 * modulus * positive('diameter', diameter, 'mm') ** 3, 2.5, diameter)
+
+    def between(self, Ri: Any, Rj: Any) -> Any:
+        """Factor of the energy for two radii in mm: 1, or `sqrt(Ri Rj) (Ri + Rj)^2/4` for elastic spheres of one material."""
+        return np.sqrt(Ri * Rj) * (Ri + Rj) ** 2 / 4 if self.elastic else np.ones(np.shape(Ri))
 
     def _part(self, r, order):
-        touching = np.real(r) < 1
-        return np.where(touching, np.where(touching, 1 - r, 1.0) ** (self.power - order), 0.0)
+        nearest = np.min(np.real(r), initial=np.inf) / self.diameter
+        if nearest < 1 - DEEPEST and self.power != 2:
+            raise ValueError(f'spheres are only {nearest:.3g} of the distance apart at which they touch: the law of their '
+                             f'contact holds for an overlap of a few percent, and ends at {DEEPEST:.0%}; give them more room')
+        touching = np.real(r) < self.diameter
+        return np.where(touching, np.where(touching, (self.diameter - r) / self.diameter, 1.0) ** (self.power - order), 0.0)
 
     def phi(self, r: Any) -> Any:
+        """Energy in mJ, zero out of contact."""
         return self.energy / self.power * self._part(r, 0)
 
     def dphi(self, r: Any) -> Any:
-        return -self.energy * self._part(r, 1)
+        return -self.energy / self.diameter * self._part(r, 1)
 
     def d2phi(self, r: Any) -> Any:
-        return self.energy * (self.power - 1) * self._part(r, 2)
+        return self.energy * (self.power - 1) / self.diameter**2 * self._part(r, 2)
 
 
 @dataclass(frozen=True)
@@ -456,10 +433,10 @@ class Tabulated:
 
     On logarithmic axes an inverse power is a straight line, which the spline reproduces exactly; between
     measured points the force stays positive and has a continuous slope and curvature.  The energy is the
-    integral of the force, zero at the last point.  Beyond the last point the force goes on as the inverse power that fits there:
-    to cut it off would be an error of 7 to 20 % in the bands of a lattice whose table ends before the second neighbours.  Below
-    the first point, and beyond a last one where the force does not fall faster than 1/r, the table continues by a tenth
-    (`MARGIN`), because particles move about their places.
+    integral of the force, zero at the last point.  Below the first point the table continues by a tenth (`MARGIN`), because
+    particles move about their places.  Beyond the last point the force goes on as the inverse power that fits there; to cut it
+    off would be an error of 7 to 20 % in the bands of a lattice whose table ends before the second neighbours.  If the end falls
+    more slowly than the force of dipoles, as one in the noise may, it becomes as steep within an octave (`BEND`).
 
     Parameters
     ----------
@@ -516,13 +493,14 @@ class Tabulated:
             object.__setattr__(self, '_knots', np.append(np.exp(x[:-1]), r[-1]))
             object.__setattr__(self, '_slopes', np.array([spline(x[:-1], n) / (6, 2, 1, 1)[3 - n] for n in (3, 2, 1, 0)]))
         (low, high), (a, b) = np.log(r[[0, -1]]), spline(np.log(r[[0, -1]]), 1)  # beyond them straight on logarithmic axes
-        before, behind = [0, 0, a, spline(low) - a * np.log(MARGIN)], [0, 0, b, spline(high)]
-        end = r[-1] * (FAR if b < -1 else MARGIN)
-        object.__setattr__(self, '_knots', np.concatenate([[r[0] / MARGIN], self._knots, [end]]))
-        object.__setattr__(self, '_slopes', np.column_stack([before, self._slopes, behind]))
+        tail, octave = min(b, -DIPOLES), np.log(BEND)
+        before, bent = [0, 0, a, spline(low) - a * np.log(MARGIN)], [0, (tail - b) / (2 * octave), b, spline(high)]
+        behind = [0, 0, tail, spline(high) + (b + tail) / 2 * octave]
+        object.__setattr__(self, '_knots', np.concatenate([[r[0] / MARGIN], self._knots, r[-1] * np.array([BEND, FAR])]))
+        object.__setattr__(self, '_slopes', np.column_stack([before, self._slopes, bent, behind]))
         # phi at each knot from the integral over the interval beyond it
         steps = self._force_integral(np.arange(len(self._knots) - 1), self._knots[1:])
-        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0) - steps[-1])
+        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0) - steps[-2:].sum())
 
     def _rough(self):
         """Mask of the intervals whose integral of the force differs from that of their two halves."""

@@ -161,7 +161,7 @@ def _draw_map(ax, wave, top):
 
 @in_house_style
 def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, ax: Axes | None = None) -> Axes:
-    """Draw all particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
+    """Draw all particles of a patch at one time: crests and troughs of their motion, with the source and the recorded row.
 
     Parameters
     ----------
@@ -191,8 +191,8 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: BurstSetup, *, 
 
 @in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]]) -> Figure:
-    """Draw a burst in several simulations, each on its own scale, at the time at which it has reached the middle of the row in
-    the first simulation.
+    """Draw a burst in several simulations on one colour scale, at the time at which it has reached the middle of the row in the
+    first of them.
 
     Parameters
     ----------
@@ -207,10 +207,11 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, BurstSetup, BurstRecord]])
     figure, axes = panels(1, len(passages), height=_height(patch, (PAGE_in - BESIDE_in) / len(passages)))
     when = np.mean([field.times[frame] for field in fields.values()]) / units.s  # their steps differ by some percent
     letter_panels(axes, [f'{name}, {when:.2g} s' for name in fields])
+    largest = visible(list(shown.values()))
     for ax, (name, (patch, site, _)) in zip(axes.ravel().tolist(), passages.items(), strict=True):
-        dots, power = draw_crests(ax, patch, shown[name], visible([shown[name]]))
+        dots, power = draw_crests(ax, patch, shown[name], largest)
         mark_site(ax, patch, site)
-        bar_of_crests(dots, ax, axis, power, pad=0.02, shrink=0.8)
+    bar_of_crests(dots, axes, axis, power, pad=0.02, shrink=0.8)
     _label_outer(axes, np.ones(axes.shape, bool))
     legend_of_set(figure)
     return figure
@@ -251,9 +252,9 @@ def draw_crests(ax: Axes, patch: Atoms, crests: NDArray[np.float64], largest: fl
 
 
 def mark_site(ax: Axes, patch: Atoms, site: BurstSetup) -> None:
-    """Mark the measured row and the driven particles."""
+    """Mark the recorded row and the driven particles."""
     rest = patch.positions[:, :2] / units.m
-    ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')
+    ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='row')
     ax.plot(*rest[site.driven].T, '^', color=COLOURS[3], markersize=4, label='driven')
 
 

@@ -25,7 +25,7 @@ from ..errors import one_of
 from ..interactions.bond_laws import laws_of, taken
 from ..interactions.law_cards import card_of
 from ..interactions.members import Spring
-from ..interactions.pair_laws import Hertz, Overlap
+from ..interactions.pair_laws import Overlap
 from ..stiffness.lowest import DENSE
 from ..stiffness.plausibility import site_damping
 from ..stiffness.repulsion import Repulsion, repulsion_of
@@ -266,7 +266,7 @@ class Case:
     @property
     def touching(self) -> bool:
         """Whether particles are in mechanical contact, which they would lose at other spacings."""
-        return any(isinstance(law, Hertz | Overlap) for law in laws_of(self.calc.laws))
+        return any(isinstance(law, Overlap) for law in laws_of(self.calc.laws))
 
     @cached_property
     def softest(self) -> SoftMode:

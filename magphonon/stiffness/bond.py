@@ -110,6 +110,10 @@ def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengt
     """The interaction of all bonds; see `laws_along`."""
     each, which, strength = laws_along(laws, bonds.i, bonds.j, kinds, strengths)
     scale = None if radii is None else radii[bonds.i] + radii[bonds.j]
+    for k, law in enumerate(each):
+        if radii is not None and hasattr(law, 'between'):
+            own = which == k
+            strength[own] *= law.between(radii[bonds.i[own]], radii[bonds.j[own]])
     acting = interaction_of(Mixed(tuple(interaction_of(law, dim) for law in each), which, strength, scale), dim)
     if scale is not None and acting.central(dim) is None:
         raise ValueError('a law of the distance over the sum of both radii acts along the line between two particles; leave out '

@@ -46,6 +46,16 @@ HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 class PairCalculator(Repulsion):
     """Pair repulsion between particles about their rest positions, with foundation springs.
 
+    Three arguments are enough: the structure at rest, the law of its bonds, and the stiffness of the supports.
+
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=5.0)
+    >>> float(abs(cell.get_forces()).max())  # in balance by symmetry
+    0.0
+    >>> cell.calc.get_hessian(cell).shape
+    (3, 3)
+
     With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
     the displacement u of each particle from rest, the energy is
 
@@ -111,16 +121,6 @@ class PairCalculator(Repulsion):
     UserWarning
         If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz: most likely SI numbers were
         given without their units.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> cell = lattices.square(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=5.0)
-    >>> float(abs(cell.get_forces()).max())  # in balance by symmetry
-    0.0
-    >>> cell.calc.get_hessian(cell).shape
-    (3, 3)
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
@@ -137,6 +137,7 @@ class PairCalculator(Repulsion):
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
                  load: ArrayLike | None = None, gyration: ArrayLike = 0.0, radii: ArrayLike | None = None,
                  dim: int | None = None) -> None:
+        """Build the calculator for a structure at rest; the class says what the arguments are."""
         self._laws = checked_laws(laws)
         masses_of(reference)
         self.reference = reference.copy()
@@ -289,7 +290,8 @@ class PairCalculator(Repulsion):
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
         return self.load[:, : self.dim] + self.spring_forces
 
-    def _displaced(self, u):
+    def displaced(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Bond vectors at displacements `u` from rest, shape (particles, dim), and directions; see `bond.displaced`."""
         moved = self.bonds.relative(u)
         # As a lattice drifts, its particles reach the next cell one by one: u of two ends may be measured from different images
         if np.einsum('ix,ix->', u, u) > self._shortest_period**2 / 16:  # cheaper than the largest u
@@ -298,7 +300,7 @@ class PairCalculator(Repulsion):
 
     def _repulsion(self, u):
         """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
-        vectors, n = self._displaced(u)
+        vectors, n = self.displaced(u)
         energy, gradient = self.interaction.forces(vectors)
         return energy, gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
 
@@ -351,7 +353,7 @@ class PairCalculator(Repulsion):
 
     def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
         """Like `get_hessian`, but at displacements `u` from rest in mm, shape (particles, dim), with `dim` components each."""
-        vectors, _ = self._displaced(u)
+        vectors, _ = self.displaced(u)
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)

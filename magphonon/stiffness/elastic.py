@@ -239,21 +239,49 @@ def elastic_moduli(atoms: Atoms, model: Model = 'complete') -> Moduli:
         slopes, Phi = _by_finite_strain(calc), sparse.csr_array(calc.bloch_series(along)[0].real)
     stress, clamped, Lambda = slopes
     V, dim = measure(atoms), calc.dim
-    push = Lambda.reshape(len(atoms), -1)
-    push = (push - push.mean(axis=0)).reshape(Phi.shape[0], -1)  # nothing pushes the lattice as a whole
-    following = _following(Phi, push).reshape((dim,) * 4)
+    push = _pushes(Lambda)
+    following = (push.T @ _motion(Phi, push)).reshape((dim,) * 4)
     density = float(masses_of(atoms).sum() / V)
     return Moduli(_along_periods(atoms, dim), density, stress / V, clamped / V, (clamped - following) / V)
 
 
-def _following(Phi, push):
-    """What the moduli lose as the particles of a basis follow the strain, `push^T Phi^-1 push`, shape (strains, strains)."""
+@takes('radii')
+def internal_strain(atoms: Atoms) -> NDArray[np.float64]:
+    """How the particles of a cell at rest follow a strain, beyond the strain itself, in the complete model.
+
+    Returns
+    -------
+    ndarray, shape (particles, dim, dim * dim)
+        Displacement in mm for each component of a small symmetric strain: a bond vector becomes `R + eta R + u_j - u_i`.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stiffness.elastic import internal_strain
+    >>> cell = lattices.honeycomb(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> bool(abs(internal_strain(cell)).max() > 0.1)
+    True
+    """
+    calc: Any = LinearSystem.of(atoms).calc
+    push = _pushes(_of_bonds(calc, 'complete')[2])
+    return -_motion(hessian(calc.bonds, calc.rest_stiffness('complete'), 0.0), push).reshape(len(atoms), calc.dim, -1)
+
+
+def _pushes(Lambda):
+    """Lambda as a matrix, shape (particles * dim, strains), without what would push the lattice as a whole."""
+    push = Lambda.reshape(len(Lambda) // Lambda.shape[1], -1)
+    return (push - push.mean(axis=0)).reshape(len(Lambda), -1)
+
+
+def _motion(Phi, push):
+    """What the pushes move, `Phi^-1 push`, shape (particles * dim, strains)."""
     largest = abs(Phi).sum(axis=1).max() or 1.0  # a cell of one particle has no internal motion
     solve = inverse(Phi + FLOPPY * largest * sparse.eye_array(len(push)))
     y = solve(push)
     for _ in range(REFINEMENTS):
         y = y + solve(push - Phi @ y)
-    return push.T @ y
+    return y
 
 
 def _refuse_patches(atoms):

@@ -13,7 +13,8 @@ Rev. Condens. Matter Phys. 1, 347 (2010), for the physics.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,11 +26,13 @@ from tqdm import tqdm
 
 from ..errors import Unstable, finite, one_of, positive, whole
 from ..interactions.pair_laws import Overlap
-from ..lattices.bonds import Bonds, pairs_within, vectors_between
+from ..lattices.bonds import Bonds, lengths_of, pairs_within, vectors_between
 from .calculator import PairCalculator, measure
+from .elastic import internal_strain
 from .relaxation import relaxed
 from .repulsion import repulsion_of
 
+BALL = {2: np.pi, 3: 4 / 3 * np.pi}  # of radius 1
 DENSE = {2: 0.9, 3: 0.7}
 """Share of the space that the spheres fill at random at first, by the number of dimensions."""
 FIRST, RUNG = 0.1, np.sqrt(10)
@@ -37,8 +40,7 @@ FIRST, RUNG = 0.1, np.sqrt(10)
 BALANCES = 1e-6, 1e-7
 """Largest forces that are left, as fractions of the pressure: after each the rattlers leave.  Newton's steps need the last."""
 IDLE = 0.05  # largest force on a rattler, as a fraction of the pressure
-SKIN = 0.25, 0.12
-"""Distance, in sums of radii, up to which near pairs are listed: at first, and when spheres no longer flow."""
+SKIN = 0.15  # distance beyond the contact up to which near pairs are listed, in sums of radii
 STEPS = 400_000  # of FIRE for one balance
 
 
@@ -78,7 +80,7 @@ class Packing:
     @property
     def contacts(self) -> int:
         """Number of contacts that push."""
-        return len(self.atoms.calc.bonds)
+        return int(np.count_nonzero(self.atoms.calc.law.dphi(self.atoms.calc.bonds.lengths)))
 
     @property
     def excess(self) -> int:
@@ -89,17 +91,33 @@ class Packing:
     @property
     def fraction(self) -> float:
         """Share of the space that all spheres fill, overlaps counted twice."""
-        volumes = np.pi * self.radii**2 if self.atoms.calc.dim == 2 else 4 / 3 * np.pi * self.radii**3
-        return float(volumes.sum() / measure(self.every))
+        dim = self.atoms.calc.dim
+        return float(BALL[dim] * (self.radii**dim).sum() / measure(self.every))
+
+    @cached_property
+    def linear_strain(self) -> float:
+        """Shear strain in the x-y plane, of either sign, up to which no contact opens or closes, as far as linear motion tells.
+
+        Moduli, modes and responses are those of the contacts at rest, and hold only up to there.
+        """
+        atoms, calc = self.atoms, self.atoms.calc
+        shear = np.zeros((calc.dim, calc.dim))
+        shear[0, 1] = shear[1, 0] = 0.5
+        i, j, shift, touching, _ = near_pairs(atoms, self.radii[self.held], calc.laws, SKIN)
+        R = vectors_between(atoms, i, j, shift)[:, : calc.dim]
+        r, u = lengths_of(R), internal_strain(atoms) @ shear.ravel()
+        rate = ((R @ shear + u[j] - u[i]) * R).sum(axis=1) / r
+        return float((abs(r - touching) / abs(rate)).min())
 
     def at(self, pressure: float) -> Packing:
         """The packing that this one becomes at another pressure, in the same unit."""
-        calc = self.atoms.calc
-        return _packed(self.every, self.radii, calc.laws, calc.dim, _ladder(self.pressure, positive('pressure', pressure))[1:])
+        return _packed(self.every, self.radii, self.atoms.calc.laws,
+                       _ladder(self.pressure, positive('pressure', pressure))[1:])
 
     def __str__(self) -> str:
         return (f'{len(self.atoms)} spheres with {self.contacts} contacts, {self.excess} more than the fewest, and '
-                f'{self.rattlers} rattlers, at the pressure {self.pressure:.4g}; forces balance to {self.residual:.1g} of it')
+                f'{self.rattlers} rattlers, at the pressure {self.pressure:.4g}; forces balance to {self.residual:.1g} of '
+                f'it, and the first contact opens or closes at a shear strain of {self.linear_strain:.1g}')
 
 
 def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim: int = 2) -> Packing:
@@ -112,6 +130,7 @@ def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim:
     pressure : float
         In N/mm in the plane, N/mm^2 in space.
     law : Overlap
+        With elastic=True the energy of a contact depends on both radii.
     seed : int
         Of the random positions.
     dim : {2, 3}
@@ -125,6 +144,8 @@ def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim:
     ------
     Unstable
         If the forces do not balance within `STEPS` steps, as at pressures below 1e-7 of an energy per diameter squared.
+    ValueError
+        If an argument is out of range.
 
     Examples
     --------
@@ -141,12 +162,12 @@ def packing(radii: ArrayLike, pressure: float, law: Overlap, seed: int = 0, dim:
         raise ValueError(f'radii must be a list of at least {2**dim * 4} numbers, not of the shape {radii.shape}: a sphere must '
                          'not touch itself')
     rng, D = np.random.default_rng(whole('seed', seed, least=0)), 2 * radii.mean()
-    volumes = np.pi * radii**2 if dim == 2 else 4 / 3 * np.pi * radii**3
-    L = (volumes.sum() / DENSE[dim]) ** (1 / dim)
+    L = (BALL[dim] * (radii**dim).sum() / DENSE[dim]) ** (1 / dim)
     atoms = Atoms(np.zeros(len(radii)), np.zeros((len(radii), 3)), cell=[L, L, L if dim == 3 else D], pbc=(True, True, dim == 3),
                   masses=np.ones(len(radii)))
     atoms.positions[:, :dim] = L * rng.random((len(radii), dim))
-    return _packed(atoms, radii, law, dim, _ladder(max(FIRST * law.energy / D**dim, pressure), pressure))
+    first = FIRST * law.energy * law.between(D / 2, D / 2) / D**dim
+    return _packed(atoms, radii, law, _ladder(max(first, pressure), pressure))
 
 
 def _ladder(first, last):
@@ -154,155 +175,127 @@ def _ladder(first, last):
     return np.geomspace(first, last, 1 + max(1, round(np.ceil(abs(np.log(last / first)) / np.log(RUNG) - 1e-9))))
 
 
-def _packed(atoms, radii, law, dim, pressures):
-    """The packing at the last of some pressures, which are taken in turn."""
-    D, held = 2 * radii.mean(), np.ones(len(radii), bool)
-    state = _Spheres(atoms.positions[:, :dim] / D, atoms.cell.array[:dim, :dim] / D, radii / D, law.power)
+def _packed(every, radii, law, pressures):
+    """The packing at the last of some pressures, which are taken in turn, from the positions and the cell of `every`."""
+    D, dim, held = 2 * radii.mean(), int(every.pbc.sum()), np.ones(len(radii), bool)
+    unit = law.energy * law.between(D / 2, D / 2)  # below, lengths are in mean diameters and energies in those of a contact
+    small, law_in_units = every.copy(), replace(law, energy=1 / law.between(0.5, 0.5))
+    small.set_cell(every.cell.array / D, scale_atoms=True)
     for pressure in tqdm(pressures, desc='pressures', delay=2, disable=None, leave=False):
         held[:] = True
         for balance in BALANCES:
-            while True:
-                state.descend(held, pressure * D**dim / law.energy, balance)
-                idle = state.idle(held, IDLE * pressure * D**dim / law.energy)
-                if not idle.any():
-                    break
+            idle = held
+            while idle.any():
+                _descend(small, held, radii / D, law_in_units, pressure * D**dim / unit, balance)
+                idle = np.zeros(len(held), bool)
+                idle[held] = _idle(small[held], radii[held] / D, law_in_units, IDLE * pressure * D**dim / unit)
                 held &= ~idle
-    every = atoms.copy()
-    every.cell[:dim, :dim] = D * state.cell
-    every.positions[:, :dim] = D * state.x
-    return _at_rest(every, radii, held, law, dim, float(pressures[-1]))
-
-
-def _at_rest(every, radii, held, law, dim, pressure):
-    """The spheres that hold each other with their contacts, after Newton's steps in the cell that was found."""
+    every = small
+    every.set_cell(small.cell.array * D, scale_atoms=True)
     atoms = every[held]
-    i, j, shift, r = pairs_within(atoms, 2 * radii.max())
-    near = r < radii[held][i] + radii[held][j]
-    bonds = Bonds(i, j, shift, vectors_between(atoms, i, j, shift), len(atoms)).among(near)
+    i, j, shift, *_ = near_pairs(atoms, radii[held], law)
+    bonds = Bonds(i, j, shift, vectors_between(atoms, i, j, shift), len(atoms))
     atoms.calc = PairCalculator(atoms, law, radii=radii[held], dim=dim, bonds=bonds)
-    atoms = relaxed(atoms).atoms
+    atoms = relaxed(atoms).atoms  # by Newton's steps, in the cell that was found
     every.positions[held] = atoms.positions
-    force = np.linalg.norm(atoms.get_forces(), axis=1).max() / (pressure * (2 * radii.mean()) ** (dim - 1))
-    return Packing(atoms, pressure, float(force), every, radii, held)
+    force = np.linalg.norm(atoms.get_forces(), axis=1).max() / (pressure * D ** (dim - 1))
+    return Packing(atoms, float(pressure), float(force), every, radii, held)
 
 
-class _Spheres:
-    """Positions x and cell of spheres, in mean diameters, energies of a contact and unit masses; both move."""
-
-    def __init__(self, x, cell, radii, power):
-        self.x, self.cell, self.radii, self.power = x.copy(), cell.copy(), radii, power
-
-    def near(self, held, skin):
-        """Near pairs of held spheres: i, j, the cell of j, and the sum of both radii."""
-        dim, radii = self.x.shape[1], self.radii[held]
-        atoms = Atoms(np.zeros(len(radii)), np.pad(self.x[held], ((0, 0), (0, 3 - dim))), pbc=np.arange(3) < dim,
-                      cell=np.pad(self.cell, (0, 3 - dim)) + np.diag(np.arange(3) >= dim).astype(float))
-        i, j, shift, r = pairs_within(atoms, 2 * radii.max() * (1 + skin))
-        keep = r < (radii[i] + radii[j]) * (1 + skin)
-        return i[keep], j[keep], shift[keep, :dim].astype(float), (radii[i] + radii[j])[keep]
-
-    def descend(self, held, pressure, balance):
-        """FIRE until the forces balance to a fraction of the pressure; spheres that are not held follow the cell."""
-        x, cell = self.x[held], self.cell.copy()
-        fire, skin, left, lists = np.array([0.05, 0.1, 0.0]), SKIN[0], STEPS, 0
-        moving = np.zeros_like(x), np.zeros_like(cell)
-        inertia = np.sqrt(len(x))  # the cell is then about as stiff as a sphere
-        while True:
-            done, balanced = descend(x, cell, *self.near(held, skin), self.power, pressure, balance, *moving, fire, inertia, left,
-                                     0.45 * skin * self.radii.min())
-            self.x, self.cell = self.x @ np.linalg.solve(self.cell, cell), cell.copy()
-            self.x[held] = x
-            left, lists = left - done, lists + 1
-            if balanced:
-                return
-            if left <= 0:
-                raise Unstable(f'the spheres did not come to rest within {STEPS} steps at this pressure: take a higher one, or '
-                               'approach it by steps, packing(...).at(pressure)')
-            if lists > 20:
-                skin = SKIN[1]
-
-    def idle(self, held, most):
-        """Spheres that nothing holds, shape (all spheres,): at most as many contacts as dimensions, and forces below `most`."""
-        i, j, shift, D = self.near(held, 0.0)
-        x = self.x[held]
-        r = np.linalg.norm(x[j] - x[i] + shift @ self.cell, axis=1)
-        force = np.maximum(1 - r / D, 0) ** (self.power - 1) / D
-        largest, contacts = np.zeros(len(x)), np.bincount(np.concatenate([i, j]), minlength=len(x))
-        for ends in (i, j):
-            np.maximum.at(largest, ends, force)
-        found = np.zeros(len(held), bool)
-        found[held] = (contacts <= x.shape[1]) & (largest < most)
-        return found
+def near_pairs(atoms, radii, law, skin=0.0):
+    """Spheres nearer than `1 + skin` times the sum of both radii: i, j, the cell of j, this sum, and the strength of the law."""
+    i, j, shift, r = pairs_within(atoms, 2 * radii.max() * (1 + skin))
+    near = r < (1 + skin) * (radii[i] + radii[j])
+    i, j = i[near], j[near]
+    return i, j, shift[near], radii[i] + radii[j], law.between(radii[i], radii[j])
 
 
-@njit(cache=True)
-def descend(x, cell, i, j, shift, D, power, pressure, balance, v, strain_rate, fire, inertia, steps, roam):
+def _descend(atoms, held, radii, law, pressure, balance):
+    """FIRE until the forces balance to a fraction of the pressure; spheres that are not held follow the cell."""
+    dim, cell = int(atoms.pbc.sum()), atoms.cell.array.copy()
+    x = np.vstack([atoms.positions[held, :dim], cell[:dim, :dim]])
+    v, fire, left, balanced = np.zeros_like(x), np.array([0.05, 0.1, 0.0]), STEPS, False
+    while not balanced:
+        if left <= 0:
+            raise Unstable(f'the spheres did not come to rest within {STEPS} steps at this pressure: take a higher one, or '
+                           'approach it by steps, packing(...).at(pressure)')
+        i, j, shift, touching, strength = near_pairs(atoms[held], radii[held], law, SKIN)
+        done, balanced = descend(x, v, fire, i, j, shift[:, :dim].astype(float), touching, law.energy * strength, law.power,
+                                 pressure, balance, left, 0.45 * SKIN * radii[held].min())
+        cell[:dim, :dim] = x[-dim:]
+        atoms.set_cell(cell, scale_atoms=True)
+        atoms.positions[held, :dim] = x[:-dim]
+        left -= done
+
+
+def _idle(atoms, radii, law, most):
+    """Spheres that nothing holds: at most as many contacts as dimensions, and forces below `most`; shape (spheres,)."""
+    i, j, shift, touching, strength = near_pairs(atoms, radii, law)
+    force = -strength * law.dphi(lengths_of(vectors_between(atoms, i, j, shift)) / touching) / touching
+    ends, largest = np.concatenate([i, j]), np.zeros(len(atoms))
+    np.maximum.at(largest, ends, np.tile(force, 2))
+    return (np.bincount(ends, minlength=len(atoms)) <= atoms.pbc.sum()) & (largest < most)
+
+
+def descend(x, v, fire, i, j, shift, D, energy, power, pressure, balance, steps, roam):
     """Steps of FIRE, until the forces balance or a sphere has moved by `roam` past the cell: their number, and whether they do.
 
-    In mean diameters, energies of a contact and unit masses: positions `x`, velocities `v` and the cell with its strain rate,
-    which has the `inertia`, change in place, and so does `fire`, the time step, the mixing and the number of steps downhill.
-    Pairs i, j, `shift` with the sums D of their radii act.
+    In mean diameters, energies of a contact and unit masses.  Positions `x` and velocities `v`, whose last rows are the cell and
+    its strain rate, change in place; so does `fire`, the time step, the mixing and the number of steps downhill.  Pairs i, j,
+    `shift` with the sums D of their radii and their energies act.
     """
-    n, dim = x.shape
-    one, first, cell0 = np.eye(dim), x.copy(), cell.copy()
-    F, W = np.zeros((n, dim)), np.zeros((dim, dim))
+    dim = x.shape[1]
+    n, one, first, F = len(x) - dim, np.eye(dim), x.copy(), np.zeros_like(x)
+    inertia = np.sqrt(n)  # of the cell, which is then about as stiff as a sphere
     for step in range(steps):
-        forces(x, cell, i, j, shift, D, power, F, W)
-        V = abs(np.linalg.det(cell))
-        G = ((W + W.T) / 2 - pressure * V * one) / inertia
-        if max(np.abs(F).max(), np.abs(G).max()) < balance * pressure:
+        forces(x, i, j, shift, D, energy, power, F)
+        F[n:] = ((F[n:] + F[n:].T) / 2 - pressure * abs(np.linalg.det(x[n:])) * one) / inertia
+        if np.abs(F).max() < balance * pressure:
             return step, True
-        downhill = (F * v).sum() + (G * strain_rate).sum()
-        if downhill > 0:
-            turn = fire[1] * np.sqrt(((v**2).sum() + (strain_rate**2).sum()) / ((F**2).sum() + (G**2).sum()))
+        if np.vdot(F, v) > 0:
             v *= 1 - fire[1]
-            v += turn * F
-            strain_rate *= 1 - fire[1]
-            strain_rate += turn * G
+            v += fire[1] / (1 - fire[1]) * np.linalg.norm(v) / np.linalg.norm(F) * F
             fire[2] += 1
             if fire[2] > 5:
                 fire[0], fire[1] = min(1.1 * fire[0], 0.4), 0.99 * fire[1]
         else:
             v[:] = 0
-            strain_rate[:] = 0
             fire[0], fire[1], fire[2] = 0.5 * fire[0], 0.1, 0
         v += fire[0] * F
-        strain_rate += fire[0] * G
-        strained = one + fire[0] * strain_rate / inertia
-        x[:] = (x + fire[0] * v) @ strained
-        cell[:] = cell @ strained
+        strained = one + fire[0] * v[n:] / inertia
+        x[:n] += fire[0] * v[:n]
+        x[:] = x @ strained
         if step % 5 == 0:
-            followed = np.linalg.solve(cell0, cell)
-            far = np.sqrt(((x - first @ followed) ** 2).sum(axis=1).max())
+            followed = np.linalg.solve(first[n:], x[n:])
+            far = np.sqrt(((x[:n] - first[:n] @ followed) ** 2).sum(axis=1).max())
             if far > roam or np.abs(followed - one).max() > roam / 4:
                 return step + 1, False
     return steps, False
 
 
 @njit(cache=True)
-def forces(x, cell, i, j, shift, D, power, F, W):
-    """Forces on the spheres into F, and the sum of force times distance into W: `f = (1 - r/D)^(power - 1)/D` where r < D."""
+def forces(x, i, j, shift, D, energy, power, F):
+    """Forces on the spheres, `energy/D (1 - r/D)^(power - 1)` where r < D, and in the last rows of F their moments, `f R`."""
     dim = x.shape[1]
+    n, R = len(x) - dim, np.zeros(dim)
     F[:] = 0
-    W[:] = 0
-    R = np.zeros(dim)
     for b in range(len(i)):
         square = 0.0
         for k in range(dim):
             R[k] = x[j[b], k] - x[i[b], k]
             for m in range(dim):
-                R[k] += shift[b, m] * cell[m, k]
+                R[k] += shift[b, m] * x[n + m, k]
             square += R[k] ** 2
         if square >= D[b] ** 2:
             continue
         r = np.sqrt(square)
         overlap = 1 - r / D[b]
-        f = (overlap if power == 2 else overlap ** (power - 1)) / D[b] / r
+        f = energy[b] * (overlap if power == 2 else overlap ** (power - 1)) / D[b] / r
         for k in range(dim):
             F[j[b], k] += f * R[k]
             F[i[b], k] -= f * R[k]
             for m in range(dim):
-                W[k, m] += f * R[k] * R[m]
+                F[n + k, m] += f * R[k] * R[m]
 
 
 class Following(Calculator):
@@ -334,12 +327,12 @@ class Following(Calculator):
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'forces']
 
-    def __init__(self, atoms: Atoms, skin: float = 0.15) -> None:
+    def __init__(self, atoms: Atoms, skin: float = SKIN) -> None:
         super().__init__()
         calc: Any = repulsion_of(atoms)
-        if calc.sites.radii is None or calc.tied or calc.load.any():
-            raise ValueError('contacts are followed between spheres with radii, without a foundation and a load: give the '
-                             'calculator radii=, or keep it as it is')
+        if not isinstance(calc.laws, Overlap) or calc.sites.radii is None or calc.tied or calc.load.any():
+            raise ValueError('contacts are followed between spheres with the law Overlap and radii, without a foundation and a '
+                             'load: give the calculator radii=, or keep it as it is')
         self._law, self._radii, self._skin = calc.laws, calc.sites.radii, positive('skin', skin)
         self._listed: Any = 0, None  # positions, cell and pairs of the last list
 
@@ -350,15 +343,13 @@ class Following(Calculator):
         x, (at, cell, *pairs) = here.positions, self._listed
         if not np.array_equal(here.cell.array, cell) or (
                 2 * np.linalg.norm(x - at, axis=1).max() > self._skin * self._radii.min()):
-            i, j, shift, r = pairs_within(here, 2 * self._radii.max() * (1 + self._skin))
-            near = r < (1 + self._skin) * (self._radii[i] + self._radii[j])
-            pairs = i[near], j[near], shift[near]
+            pairs = near_pairs(here, self._radii, self._law, self._skin)
             self._listed = x.copy(), here.cell.array.copy(), *pairs
-        i, j, shift = pairs
-        R, D = vectors_between(here, i, j, shift), self._radii[i] + self._radii[j]
-        r = np.linalg.norm(R, axis=1)
-        pull = (self._law.dphi(r / D) / D / r)[:, None] * R
+        i, j, shift, touching, strength = pairs
+        R = vectors_between(here, i, j, shift)
+        r = lengths_of(R)
+        pull = (strength * self._law.dphi(r / touching) / touching / r)[:, None] * R
         forces = np.zeros_like(x)
         np.add.at(forces, i, pull)
         np.subtract.at(forces, j, pull)
-        self.results = {'energy': float(self._law.phi(r / D).sum()), 'forces': forces}
+        self.results = {'energy': float((strength * self._law.phi(r / touching)).sum()), 'forces': forces}

@@ -17,6 +17,8 @@ from scipy import sparse
 from scipy.optimize import minimize
 
 from ..errors import Unstable, positive, whole
+from ..interactions.bond_laws import laws_of
+from ..interactions.members import Spring
 from ..lattices.bonds import Bonds, pairs_within
 from ..traits import LINEAR, takes
 from ..units import hertz
@@ -248,12 +250,17 @@ class _Descent:
         return y, POLISHES
 
     def _refuse_strangers(self, y):
-        """Refuse positions where the list of bonds is wrong: neighbours have separated, or other particles are too close."""
+        """Refuse positions where the list of bonds is wrong: neighbours have separated, or other particles are too close.
+
+        Nodes of a net that no member joins may be anywhere.
+        """
         bonds = self.calc.bonds
         now = np.linalg.norm(self.calc.bond_vectors + bonds.incidence @ self.displacements(y), axis=1)
         for b in np.flatnonzero(now > BROKEN_BOND * bonds.lengths)[:1]:
             raise Unstable(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, are '
                              f'{now[b]:.4g} mm apart and no longer neighbours: the structure buckles or slides; {MEND}')
+        if all(isinstance(law, Spring) for law in laws_of(self.calc.laws)):
+            return
         self._move(np.zeros_like(y))
         known = _near(self.atoms, self.length)
         self._move(y)

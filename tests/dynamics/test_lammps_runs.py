@@ -61,6 +61,7 @@ def apart(found, expected):
                for a, b in zip(found, expected, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('ranks', [1, 2])
 def test_each_particle_moves_as_with_driven_verlet(tmp_path, ranks):
     atoms, drive, records = drawn_patch(ranks)
@@ -89,6 +90,7 @@ def newest(folder, steps):
     return folder / RESTARTS[(steps // EVERY - 1) % 2]
 
 
+@pytest.mark.slow
 def test_a_stopped_run_goes_on(tmp_path):
     atoms, drive, records = drawn_patch(1)
     arguments = {'records': records, 'drives': [drive], 'damping': DAMPING, 'directory': tmp_path / 'run'}
@@ -129,6 +131,7 @@ def test_the_batch_script_runs_and_goes_on(tmp_path):
     assert apart(run_lammps(atoms, DT, STEPS, **arguments), whole) < 1e-9
 
 
+@pytest.mark.slow
 def test_records_without_all_their_frames_are_refused(tmp_path):
     atoms, drive, records = drawn_patch(1)
     arguments = {'records': records, 'drives': [drive], 'directory': tmp_path / 'run'}

@@ -13,7 +13,7 @@ from magphonon import InversePower, MagneticRepulsion, lattices, relaxed, units 
 from magphonon.bands.bloch import bloch_modes
 from magphonon.errors import PhysicsError
 from magphonon.interactions import Tabulated, Yukawa
-from magphonon.interactions.pair_laws import GaussianMixture, Hertz, PairLaw, repulsion
+from magphonon.interactions.pair_laws import GaussianMixture, Overlap, PairLaw, repulsion
 from magphonon.lattices.crystals import triangular
 from magphonon.stiffness import AllNeighbours
 
@@ -23,7 +23,7 @@ STEP = 1e-30  # of the complex step: its error is the square, its round-off none
 
 def known(law):
     """Distances where a law is known."""
-    return R[(R > 8.6) & (R < 16.9)] if isinstance(law, Hertz) else R
+    return R[(R > 8.6) & (R < 16.9)] if isinstance(law, Overlap) else R
 
 
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
@@ -156,21 +156,31 @@ def test_a_table_passes_smoothly_through_its_points():
     np.testing.assert_allclose(table.dphi(TABLE), -table.f, rtol=1e-14)
 
 
-def test_a_table_continues_as_an_inverse_power_by_a_tenth_towards_contact_and_without_end_away_from_it():
-    law = Tabulated(TABLE, 4000 * TABLE**-4.0)
-    flat = Tabulated(TABLE, np.append(law.f[:-1], law.f[-2]))  # a last reading as large as the one before is no tail
-    bent = LAWS['table']
-    for table, end, ratio in ((law, 45.0, 300.0), (bent, 45.0, 1.099), (flat, 45.0, 1.099), (bent, 3.0, 1 / 1.099)):
-        beyond = end * np.geomspace(1, ratio, 7)
-        f, a = -table.dphi(end), end * table.d2phi(end) / -table.dphi(end)
-        np.testing.assert_allclose(-table.dphi(beyond), f * (beyond / end) ** -a, rtol=1e-11)
-        np.testing.assert_allclose(table.d2phi(beyond), f * a / beyond * (beyond / end) ** -a, rtol=1e-11)
-        work = f * end / (a - 1) * (1 - (beyond / end) ** (1 - a))  # the integral of the force from the end
-        np.testing.assert_allclose(table.phi(beyond), table.phi(end) - work, rtol=1e-11, atol=1e-14)
-        assert table.phi(table.r[-1]) == 0
-    for table, r in ((law, 3 / 1.11), (flat, 45 * 1.11), (law, np.array([10.0, 2.0])), (flat, 1.11 * 45 + 1e-20j)):
-        with pytest.raises(ValueError, match='outside the table'):
-            table.d2phi(r)
+def test_a_table_goes_on_by_a_tenth_towards_contact_and_at_least_as_steeply_as_dipoles_away_from_it():
+    """Its exponent rises evenly to 4 over an octave, if it is less; also of an end that rises in the noise (-0.5)."""
+    for a in (-0.5, 0.8, 2.9, 4.0, 5.3):
+        x = np.log(TABLE / 45)
+        law = Tabulated(TABLE, np.exp(-a * x + 0.2 * x**3 * (TABLE < 45)))  # bent, and flat towards its end
+        end = 45 * law.d2phi(45.0) / -law.dphi(45.0)  # of the spline, which is known in between
+        steep = max(end, 4.0)
+
+        def exponent(r, end=end, steep=steep):
+            return end + (steep - end) * np.minimum(np.log(r / 45) / np.log(2), 1)
+
+        for r in 45 * np.geomspace(1.01, 9000, 7):
+            fallen = [quad(lambda s: exponent(np.exp(s)), *part, epsabs=0)[0]
+                      for part in pairwise(np.log([45, min(r, 90.0), r]))]
+            assert -law.dphi(r) == pytest.approx(np.exp(-sum(fallen)), rel=1e-10)
+            assert law.d2phi(r) * r / -law.dphi(r) == pytest.approx(exponent(r), rel=1e-10)
+            work = sum(quad(lambda s: -law.dphi(np.exp(s)) * np.exp(s), *part, epsabs=0)[0]  # noqa: B023
+                       for part in pairwise(np.log([45, min(r, 90.0), r])))
+            assert law.phi(r) == pytest.approx(-work, rel=1e-9)
+        first = 3 * law.d2phi(3.0) / -law.dphi(3.0)
+        assert law.dphi(3 / 1.09) == pytest.approx(law.dphi(3.0) * 1.09**first, rel=1e-11)
+        assert law.phi(45.0) == 0
+        for r in (3 / 1.11, 1.1e4 * 45, np.array([10.0, 2.0]), 2 + 1e-20j):
+            with pytest.raises(ValueError, match='outside the table'):
+                law.d2phi(r)
 
 
 def test_laws_are_values():
@@ -187,7 +197,7 @@ def test_force_of_charges():
 
 def test_steel_spheres_in_contact():
     """Johnson, Contact Mechanics: f = 4/3 E* sqrt(R*) delta^3/2, E* = E/2(1 - nu^2), R* = d/4."""
-    law = Hertz.spheres(diameter=20 * u.mm, youngs_modulus=206 * u.GPa, poisson_ratio=0.3)
+    law = Overlap.spheres(youngs_modulus=206 * u.GPa, poisson_ratio=0.3, diameter=20 * u.mm)
     E, R, overlap = 206e9 / (2 * (1 - 0.3**2)), 0.005, 2e-6
     assert repulsion(law, 20 * u.mm - overlap * u.m) / u.N == pytest.approx(4 / 3 * E * R**0.5 * overlap**1.5, rel=1e-9)
     assert law.phi(20.1) == law.dphi(20.1) == law.d2phi(20.1) == 0
@@ -270,8 +280,8 @@ def test_a_gaussian_mixture_of_the_user_is_summed_over_all_neighbours():
 
 def test_spheres_that_lie_in_one_another_are_no_contact():
     """A spacing typed a hundred times too small gave bands of -829434 Hz."""
-    balls = Hertz.spheres(20 * u.mm, 206 * u.GPa, 0.3)
+    balls = Overlap.spheres(206 * u.GPa, 0.3, 20 * u.mm)
     assert repulsion(balls, 10.1) > 0
     cell = triangular(0.2, 3e-5)
-    with pytest.raises(ValueError, match=r'are only 0\.2 mm apart'):
+    with pytest.raises(ValueError, match=r'are only 0\.01 of the distance apart at which they touch'):
         MagneticRepulsion(cell, balls)

@@ -235,7 +235,7 @@ def test_a_mass_in_another_unit(changes, words, scene_file):
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_strength = 1.2e6}]',
      r'defects.substitutions[0].relative_strength must lie between -1e+06 and 1e+06'),
     ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.2 ',
-     'lattice.spacing_m = 0.019997, law.diameter_m = 0.2, law.shells = 1: spheres of diameter'),
+     'lattice.spacing_m = 0.019997, law.diameter_m = 0.2, law.shells = 1: spheres are only 0.1 of the distance apart'),
     ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'law.diameter_m = 0.002'),
 ])
 def test_bounds_of_ready_scenes(name, old, new, words, tmp_path):

