@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from ase import Atoms
 from ase.md.verlet import VelocityVerlet
 from numpy.testing import assert_allclose
 
@@ -21,6 +22,7 @@ from magphonon import (
     verdict,
 )
 from magphonon.design import StiffnessDerivative, force_change, frequency_sensitivities
+from magphonon.dynamics.lammps import lammps_session
 from magphonon.errors import Unstable
 from magphonon.interactions import Overlap
 from magphonon.stability import prestress_reserve
@@ -99,15 +101,87 @@ def test_a_packing_is_at_rest_at_its_pressure_with_the_stiffness_of_own_sums(see
     assert found.excess >= 0
     touched = np.bincount(np.ravel([pair[:2] for pair in contacts]), minlength=len(x))
     assert touched.min() > dim  # no rattler is left
-    sharp = np.spacing(cell.max()) / min(1 - np.linalg.norm(R) / D for _, _, R, D, _ in contacts)  # what rounding leaves of r
-    print('H', abs(found.atoms.calc.rest_hessian().toarray() - H).max() / abs(H).max(), sharp)
-    for model in ('complete', 'conventional'):
-        B, mine = elastic_moduli(found.atoms, model).birch, own_moduli(x, cell, radii, power, model == 'conventional', elastic)
-        print(model, abs(B - mine).max() / abs(mine).max(), np.linalg.eigvalsh(H)[dim] / abs(H).max())
+    assert_allclose(found.atoms.calc.rest_hessian().toarray(), H, atol=1e-12 * abs(H).max())
     omega = modes(found.atoms).omega
     assert_allclose(np.sign(omega) * omega**2, np.linalg.eigvalsh(H), atol=1e-11 * abs(H).max())
-    soft, stiff = elastic_moduli(found.atoms).shear, elastic_moduli(found.atoms, 'conventional').shear
-    print('stiff', stiff / soft)
+    moduli = [elastic_moduli(found.atoms, model) for model in ('complete', 'conventional')]
+    for k, one in enumerate(moduli):
+        mine = own_moduli(x, cell, radii, power, k, elastic)
+        assert_allclose(one.birch, mine, atol=1e-12 * abs(mine).max())
+    assert moduli[1].shear > (1 + 1e-4) * moduli[0].shear  # the control: D0 alone says it is stiffer
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize('dim', [2, 3])
+def test_matscipy_and_lammps_find_the_same_hessian(dim, tmp_path):
+    """LAMMPS takes differences, with 1e-6 of a diameter; D0 alone is far off."""
+    pair = pytest.importorskip('matscipy.calculators.pair_potential')
+    pytest.importorskip('lammps')
+
+    class Contact(pair.calculator.CutoffInteraction):
+        def __call__(self, r, *args):
+            return 0.5 * (1 - r / self.cutoff) ** 2
+
+        def first_derivative(self, r, *args):
+            return -(1 - r / self.cutoff) / self.cutoff
+
+        def second_derivative(self, r, *args):
+            return 1 / self.cutoff**2 + 0 * r
+
+    found = packing(np.where(np.arange(60) % 2, 0.5, 0.7), 1e-2, Overlap(1.0), seed=dim, dim=dim)
+    sums, n, held = {(1, 1): 1.0, (1, 2): 1.2, (2, 2): 1.4}, len(found.atoms), found.radii[found.held]
+    atoms = found.atoms.copy()
+    atoms.numbers = np.where(held > 0.6, 2, 1)
+    H, D0 = (found.atoms.calc.rest_hessian(model).toarray() for model in ('complete', 'conventional'))
+    theirs = pair.PairPotential({kinds: Contact(D) for kinds, D in sums.items()}).get_hessian(atoms).toarray()
+    assert_allclose(theirs.reshape(n, 3, n, 3)[:, :dim, :, :dim].reshape(H.shape), H, atol=1e-12 * abs(H).max())
+    assert abs(H - D0).max() > 1e-3 * abs(H).max()
+
+    box, _ = atoms.cell.standard_form()
+    turned = zip(atoms.numbers, atoms.get_scaled_positions() @ box.array, strict=True)
+    sizes = box[0, 0], box[1, 1], *((0, box[2, 2]) if dim == 3 else (-0.5, 0.5)), box[1, 0], box[2, 0], box[2, 1]
+    (tmp_path / 'in.lammps').write_text('\n'.join([
+        f'units lj\ndimension {dim}\natom_modify map array\nbox tilt large',
+        'region cell prism 0 {:.17g} 0 {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g}'.format(*sizes),
+        'create_box 2 cell\nmass * 1.0\npair_style harmonic/cut',
+        *(f'pair_coeff {i} {j} {0.5 / D**2:.17g} {D:.17g}' for (i, j), D in sums.items()),
+        *(f'create_atoms {kind} single ' + ' '.join(f'{x:.17g}' for x in at) for kind, at in turned),
+        'dynamical_matrix all regular 1e-6 file H']))
+    with lammps_session(tmp_path):
+        pass
+    theirs = np.loadtxt(tmp_path / 'H').reshape(n, 3, n, 3)[:, :dim, :, :dim].reshape(H.shape)
+    assert_allclose(np.linalg.eigvalsh((theirs + theirs.T) / 2), np.linalg.eigvalsh(H), atol=1e-7 * abs(H).max())
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_the_first_contact_changes_at_the_strain_that_linear_motion_tells(seed):
+    """Own Newton steps of the sheared cell with contacts free."""
+    found, power = drawn(seed, 2, 2.0, 3e-2), 2.0
+    x0, cell0, radii = *at_rest(found), found.radii[found.held]
+
+    def contacts(strain):
+        turn = np.eye(2) + strain / 2 * np.array([[0, 1], [1, 0]])
+        x, cell = x0 @ turn, cell0 @ turn
+        for _ in range(4):
+            F, _, H, *_ = own(x, cell, radii, power)
+            x = x + (np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ F.ravel()).reshape(x.shape)
+        return {pair[:2] for pair in own_contacts(x, cell, radii)}
+
+    first, rest = found.linear_strain, contacts(0.0)
+    assert contacts(0.8 * first) == contacts(-0.8 * first) == rest
+    assert contacts(1.25 * first) != rest or contacts(-1.25 * first) != rest
+    assert f'{first:.1g}' in str(found)
+
+
+def test_two_elastic_spheres_push_by_both_radii():
+    """Johnson, Contact Mechanics: f = 4/3 E* sqrt(R) delta^3/2 with 1/R = 1/Ri + 1/Rj; equal ones as by their diameter."""
+    E, nu, delta = 2e5, 0.3, 1e-4
+    for Ri, Rj in ((3.0, 5.0), (4.0, 4.0)):
+        pair = Atoms('H2', [[0, 0, 0], [Ri + Rj - delta, 0, 0]], masses=[1, 1])
+        pair.calc = MagneticRepulsion(pair, Overlap.spheres(E, nu), radii=[Ri, Rj])
+        force = pair.get_forces()[1, 0]
+        assert force == pytest.approx(4 / 3 * E / (2 * (1 - nu**2)) * np.sqrt(Ri * Rj / (Ri + Rj)) * delta**1.5, rel=1e-9)
+    assert -Overlap.spheres(E, nu, 8.0).dphi(8.0 - delta) == pytest.approx(force, rel=1e-9)
 
 
 @pytest.mark.parametrize('seed', range(2))
