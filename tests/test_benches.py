@@ -72,12 +72,13 @@ def test_a_stranger_reaches_bands(seed, tmp_path, capsys, monkeypatch):
     walk(seed, tmp_path, capsys, ['check', 'bands'])
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('piece', range(10))
+@pytest.mark.parametrize('piece', [pytest.param(k, marks=getattr(pytest.mark, 'slow' if k in {1, 4, 5, 8} else 'long'))
+                                   for k in range(10)])
 def test_one_hundred_strangers(piece, tmp_path, capsys, monkeypatch):
-    """All check their scene, every second one draws bands, every tenth sends a burst and opens the sliders.  Fifteen have pillars
-    that are too weak.  Since tables continue beyond their ends, 97 of 100 arrive: where the end of a table falls slowly (10, 51,
-    84), so many neighbours count that a command takes minutes or refuses.
+    """All check their scene, every second one draws bands, every tenth sends a burst and opens the sliders.
+
+    Fifteen have pillars that are too weak. Where the foundation is just what the refusal asks for (10, 51, 84), the lattice is on
+    the verge of buckling, and its softest frequency is the small difference of large terms.
     """
     without_pictures(monkeypatch)
     for seed in range(10 * piece, 10 * piece + 10):

@@ -18,7 +18,7 @@ from .chapters import NAMES, SHORTENED, cores, run
 from .mutations import MUTATED, as_markdown, table
 from .report import counted, text_table, write_html, write_summary
 
-LONGEST = ('bench', 'speed_accuracy', 'nonlinearity', 'bursts', 'frf', 'vibrometer', 'stability')
+LONGEST = ('speed_accuracy', 'bursts', 'frf', 'vibrometer', 'bench', 'gyration', 'stability', 'nonlinearity')
 """The workflows that take longest, in order: they start first, so that no core waits for them in the end."""
 
 

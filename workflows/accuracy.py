@@ -29,6 +29,7 @@ from time import perf_counter
 import numpy as np
 from tqdm import tqdm
 
+from magphonon import __version__
 from magphonon.errors import one_of, positive, whole
 from magphonon.files import whole_file
 from magphonon.plotting.axes import COLOURS, PAGE_in, legend_of_set, letter_panels, new_axes, panels
@@ -37,7 +38,7 @@ from .rows import Check, save_picture
 
 COUNTERS = ('force evaluations', 'products', 'eigensolves')
 """What is counted: forces on all particles, matrix-vector products (a linear force is one), solved eigenvalue problems."""
-PACKAGES = ('magphonon', 'ase', 'phonopy', 'numpy', 'scipy', 'matplotlib', 'numba')
+PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib', 'numba')
 LOOKS = [(colour, marker, line) for marker, line, colour in
          zip('osD^vPX<>*dph', cycle(['-', '--', '-.', ':']), cycle(COLOURS), strict=False)]
 """Colour, marker and line of the methods; in grey the marker alone distinguishes them."""
@@ -89,8 +90,6 @@ class Chart:
         Checks of errors and counts, which are the same on all machines.  Times vary; they belong in the reading.
     error : str
         What the error is.
-    draw : function, optional
-        Function from the chart to a figure, if the default (error against wall time, one panel for each question) does not suit.
     """
 
     title: str
@@ -98,7 +97,6 @@ class Chart:
     reading: str
     checks: list[Check] = field(default_factory=list)
     error: str = 'error'
-    draw: Callable | None = None
 
 
 def measure(candidates, error, repeats=5, patience=1.0):
@@ -178,7 +176,7 @@ def panels_of(table):
 
 def machine():
     """Processor, threads and versions, one line each."""
-    versions = [f'Python {platform.python_version()}']
+    versions = [f'Python {platform.python_version()}', f'magphonon {__version__}']
     for package in PACKAGES:
         try:
             versions.append(f'{package} {version(package)}')
@@ -244,12 +242,13 @@ def work_precision(chart):
         ax.remove()
     axes = axes.ravel()[:len(tables)]
     letter_panels(axes, [fill(name, 105 // columns) for name in tables])
-    finite = [m for m in chart.measurements if np.isfinite(m.error)]
-    spent, errors = [m.seconds for m in finite], [max(m.error, FLOOR) for m in finite]
     for ax, table in zip(axes, tables.values(), strict=True):
         plot_work_precision(table, ax, looks_of(table) if apart else looks)
+        finite = [m for m in (table if apart else chart.measurements) if np.isfinite(m.error)]
+        spent, errors = [m.seconds for m in finite], [max(m.error, FLOOR) for m in finite]
         ax.set(ylabel=chart.error, xlim=(0.6 * min(spent), 1.7 * max(spent)), ylim=(0.2 * min(errors), 5 * max(errors)))
-        ax.label_outer()
+        if not apart:
+            ax.label_outer()
         if apart:
             ax.legend(loc='upper center', bbox_to_anchor=(0.5, -0.2), ncols=2)
     if not apart:
@@ -265,5 +264,4 @@ def spoken(number):
 def save_chart(chart, out, name):
     """Write `name`.png and `name`.csv into the directory `out`; returns the entry for `Outcome.pictures`."""
     write_table(out / f'{name}.csv', chart.measurements, notes=[chart.title, chart.reading])
-    figure = (chart.draw or work_precision)(chart)
-    return save_picture(figure, out / f'{name}.png', f'{chart.title}; the conclusion is at the end of {name}.csv.')
+    return save_picture(work_precision(chart), out / f'{name}.png', f'{chart.title}; the conclusion is at the end of {name}.csv.')

@@ -16,7 +16,7 @@ PAPER = ('Weijian Jiao and Stefano Gonella', 'Dynamics of interacting particle s
 PARTS = {'paper': 'The paper', 'beyond': 'Beyond the paper', 'tests': 'Tests of the package itself'}
 """Parts of the report; the last part is folded."""
 FORMULAS = "the paper's formulas, evaluated in 50-digit arithmetic (reference.toml)"
-SHORTENED = ('speed_accuracy', 'bench')
+SHORTENED = ('speed_accuracy',)
 """Workflows that are shortened with --quick, and whenever all workflows are run."""
 
 
@@ -99,7 +99,7 @@ CHAPTERS = (
     Chapter('magnets', 'paper', 'published forces (Robertson; Akoun and Yonnet) and the law printed in the Supplement',
             'Fig. S3'),
     Chapter('claims', 'paper', "the paper's formulas, and springs without static force in closed form", 'the text'),
-    Chapter('neighbours', 'beyond', 'zeta functions and published lattice sums (Golden and Kalman; reference.toml)'),
+    Chapter('neighbours', 'beyond', 'zeta functions and lattice sums in 50 digits (reference.toml)'),
     Chapter('stability', 'beyond', 'borders in closed form, and time steps on both sides of each'),
     Chapter('matter', 'beyond', 'printed numbers (Bonsall and Maradudin; Hamaguchi et al.), closed forms and phonopy'),
     Chapter('other_fields', 'beyond', 'closed forms of other fields, results saved by TsgFEM, tests of IonSim.jl, ASE'),
@@ -108,7 +108,6 @@ CHAPTERS = (
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),
     Chapter('losses', 'beyond', 'closed forms of the prototype and of a chain'),
     Chapter('walls', 'beyond', 'closed forms of the prototype, the solitary wave of Toda'),
-    Chapter('signs', 'beyond', 'the closed form of a chain of springs'),
     Chapter('gyration', 'beyond', 'closed forms, and a small program for gaps and Chern numbers (closed_forms.py)'),
     Chapter('bench', 'beyond', 'a simulated laboratory that shares no code with the package'),
     Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),
@@ -163,6 +162,5 @@ def run(name, out, quick):
     """Run one workflow with the style of print for its pictures; returns its outcome."""
     gc.set_threshold(*CYCLES)
     workflow = import_module(f'.{name}', __package__)
-    shorter = {'quick': quick} if name in SHORTENED else {}
     with print_style():
-        return workflow.main(out, **shorter)
+        return workflow.main(out, **({'quick': quick} if name in SHORTENED else {}))

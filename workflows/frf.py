@@ -136,7 +136,7 @@ def draw(out, paper, guided, free, complete):
     angles = [np.pi * share for share in paper['theta0_over_pi']]
     letter_panels(axes, [rf'$\theta_0 = {np.rad2deg(theta0):.0f}°$' for theta0 in angles])
     for k, (ax, theta0) in enumerate(zip(axes.flat, angles, strict=True)):
-        ax.axvline(paper['omega_y'][k], color=COLOURS[0], label=r'$\omega_0$ of $D^0+D^*$')
+        ax.axvline(paper['omega_y'][k], color=COLOURS[0], label=r'$\omega_0$ of $D^0+D^{*}$')
         ax.axvline(paper['omega_y_D0'][k], color=COLOURS[1], linestyle='--', label=r'$\omega_0$ of $D^0$ alone')
         ax.plot(omega, abs(complete[k]) / unit, color='0.6', label='closed form')
         ax.plot(omega, abs(guided[:, k]) / unit, '.', color='k', markersize=2, label='simulated, on its line')

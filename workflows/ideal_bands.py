@@ -5,7 +5,6 @@ from ase.dft.kpoints import BandPath
 
 from magphonon import MagneticRepulsion, analytic_bands, read_scene, units
 from magphonon.bands import frequency_ratio, sound_speeds, zone_map
-from magphonon.bands.zone import first_zone
 from magphonon.plotting.axes import letter_panels, new_axes, panels
 from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
@@ -14,8 +13,6 @@ from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.scenes import ready_scene, reference
 
 from .rows import BRANCHES, Check, Outcome, pairs, save_picture
-
-ARROWS = 12  # of the group velocity along each reciprocal vector
 
 
 def main(out):
@@ -43,8 +40,7 @@ def main(out):
     ratio = frequency_ratio(complete, conventional)
     checks.append(Check('smallest omega_complete / omega_conventional, shear', np.nanmin(ratio[..., 0]), 0.5, 1e-9))
     return Outcome(checks, [draw_lattice(out, cell), draw_bands(out, bands),
-                            draw_mode(out, cell, bands['complete']), draw_ratios(out, complete, conventional),
-                            draw_contours(out, complete, conventional)])
+                            draw_mode(out, cell, bands['complete']), draw_ratios(out, complete, conventional)])
 
 
 def draw_lattice(out, cell):
@@ -104,34 +100,6 @@ def draw_ratios(out, complete, conventional):
     return save_picture(figure, out / 'ratio.png',
                         'How far D* lowers the branches over the zone: the shear branch by half towards M, the longitudinal '
                         'one by some percent. D* thus acts mostly on one of the two modes.')
-
-
-def draw_contours(out, complete, conventional):
-    """Draw contours of the shear branch in both models, on one scale, with directions of the group velocity."""
-    figure, (axes,) = panels(1, 2, height=2.9)
-    letter_panels(axes, ['conventional', 'complete'])
-    levels = np.arange(0, 75, 10)
-    corners = first_zone(complete.cell) * units.m
-    for ax, found in zip(axes, (conventional, complete), strict=True):
-        (zone,) = ax.fill(*corners.T, facecolor='none', edgecolor='k', linewidth=1, zorder=4)
-        k, f = np.moveaxis(found.wavevectors * units.m, -1, 0), found.frequencies_Hz[..., 0]
-        filled = ax.contourf(*k, f, levels=levels, cmap='cividis')
-        lines = ax.contour(*k, f, levels=levels, colors='k', linewidths=0.5)
-        for contours in (filled, lines):
-            contours.set_clip_path(zone)
-        middle, stride = found.q.shape[0] // 2, found.q.shape[0] // ARROWS  # Gamma is in the middle
-        some = np.s_[middle % stride::stride, middle % stride::stride]
-        v = found.velocity[some][:, :, 0] / np.linalg.norm(found.velocity[some][:, :, 0], axis=-1, keepdims=True)
-        arrows = ax.quiver(*k[:, *some], *np.moveaxis(v, -1, 0), color='w', edgecolor='k', linewidth=0.4, pivot='mid',
-                           angles='xy', scale=20, width=0.008)
-        arrows.set_clip_path(zone)
-        half = 1.08 * corners.max(axis=0)
-        ax.set(xlabel='$k_x$ (rad/m)', ylabel='$k_y$ (rad/m)', xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect='equal')
-        ax.label_outer()
-    figure.colorbar(filled, ax=axes, label='frequency of shear (Hz)')
-    return save_picture(figure, out / 'isofrequency_shear.png',
-                        'Frequency of the shear branch over the zone, with the directions of the group velocity of each model. '
-                        'D* makes its valleys towards M deeper.')
 
 
 def add_radians(ax):

@@ -40,7 +40,7 @@ GYROSCOPES, TENSIONS, STRINGS = 'gyroscopes', 'chain of tensions', 'strings and 
 PRISMS, TENSEGRITIES, NETS, FOAM, ARGON = 'tensegrity prisms', 'tensegrities', 'taut honeycomb', 'dry foam', 'argon'
 MIXED, MIXTURE, STRESSED = 'ions of two masses', 'mixture of two sizes', 'stressed lattice'
 IONSIM = 'open code or data: tests of IonSim.jl (05ff3a84)'
-PRINTED_IONS = 'printed: Phys. Rev. A 103, 012610, as quoted in the tests of IonSim.jl (da4bd97c)'
+PRINTED_IONS = 'printed: Phys. Rev. A 103, 012610, as quoted in the tests of IonSim.jl (6d182298)'
 MATSCIPY = 'open code or data: Hessian of matscipy 1.3.1'
 TSGFEM = 'open code or data: results saved by TsgFEM (f26da6a)'
 VIBRATIONS = f'open code or data: Vibrations of ASE {ase_version}, run here'
@@ -404,7 +404,7 @@ def _draw(out, rows):
     fields = list(dict.fromkeys(row.field for row in rows))
     for row in rows:
         y = fields.index(row.field)
-        ax.plot(row.here / row.reference, y, '|', color=COLOURS[0], markersize=9, label=r'$D^0 + D^*$')
+        ax.plot(row.here / row.reference, y, '|', color=COLOURS[0], markersize=9, label=r'$D^0 + D^{*}$')
         ax.plot(row.alone / row.reference, y, 'o', color=COLOURS[1], fillstyle='none', markersize=4, label=r'$D^0$ alone')
     ax.set_yticks(range(len(fields)), fields)
     ax.set_xlabel('computed / reference')

@@ -143,8 +143,8 @@ def draw(every, out):
     across = np.geomspace(3e-5, 0.3, 50)
     right.semilogx(across, across, ':', color='0.4')
     right.annotate('as much as in a contact', (0.04, 0.04), (-4, 6), textcoords='offset points', ha='right', fontsize='small')
-    right.set(xlabel='$D^*/D^0$ of a contact', ylabel='share of $D^*$ in $G$', ylim=(0, 1))
-    legend_of_set(figure, handles=lines, labels=['$D^0$', '$D^0+D^*$'])
+    right.set(xlabel='$D^{*}/D^0$ of a contact', ylabel='share of $D^{*}$ in $G$', ylim=(0, 1))
+    legend_of_set(figure, handles=lines, labels=['$D^0$', '$D^0+D^{*}$'])
     return save_picture(figure, out / 'packings.png',
                         'Packed discs: D* is a ten-thousandth of a contact, and takes half of the shear modulus.')
 

@@ -102,7 +102,7 @@ def toda():
 def picture(out, steady, true):
     """Draw the amplitudes of the rows and the closed form."""
     ax, n = new_axes(), np.arange(SEEN)
-    for row, mark, label in zip(steady.values(), 'os', ('complete, $D^0+D^*$', 'conventional, $D^0$'), strict=True):
+    for row, mark, label in zip(steady.values(), 'os', ('complete, $D^0+D^{*}$', 'conventional, $D^0$'), strict=True):
         ax.plot(n, abs(row), mark, fillstyle='none', label=label)
     ax.plot(n, abs(true), '-', color='black', label='$|e^{i\\xi n}|$')
     ax.set(xlabel='rows behind the shaken side', ylabel='amplitude / amplitude of the side', ylim=(0, 1.02))

@@ -2,8 +2,8 @@
 
 It is an assumption that one shell of neighbours is enough. Here the frequencies with a few shells are compared with those with
 all neighbours, at given wavevectors. All neighbours are summed by Ewald's method if the law has a tail
-(`magphonon.stiffness.all_neighbours`), otherwise directly, up to the last of `REACHES`. A table of forces goes on from its end as
-the inverse power that fits there, and `NeighbourShifts.known` says so.
+(`magphonon.stiffness.all_neighbours`), otherwise directly, up to the last of `REACHES`. A table of forces goes on from its end
+(`interactions.Tabulated`), and `NeighbourShifts.known` says so.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
 """Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one is used if the
 first is not enough.  It includes about a thousand bonds of each particle, whose sum takes as long as Ewald's sum over all
 neighbours."""
-LOW = 0.01
-"""Below this fraction of the highest frequency, shifts are given relative to that fraction and not to the frequency itself:
-near buckling a frequency is the small difference of large terms, and at Gamma it is zero."""
+LOW, SOFT = 0.01, 0.1
+"""Below the first fraction of the highest frequency, shifts are given relative to that fraction and not to the frequency itself:
+near buckling a frequency is the small difference of large terms, and at Gamma it is zero.  Below the second one a frequency needs
+no more shells than there: to know it better would take hundreds, and forces and foundations that nobody measures so well."""
 MOST_TRIED, FEW = (400, 40), 8
 """Largest number of shells, in cells of a FEW particles and in larger ones. In the latter positions may be irregular, so that
 every distance is a shell."""
@@ -96,7 +97,7 @@ class ConvergedShells:
     cutoff : float
         A distance in mm between the last shell that is counted and the next one.
     error : float
-        Largest relative error of a frequency with these shells.
+        Largest relative error of a frequency with these shells, half of that of its square; for low frequencies see `SOFT`.
     clear : bool
         Whether the shells are clearly separated (`find_bonds`); if not, the cutoff says which neighbours are meant.
     """
@@ -147,7 +148,8 @@ def converged_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> ConvergedS
         parts: Any = [sum(_bloch(atoms, shells[k], q, 0.0 if k else atoms.calc.foundation) for k in range(first, last + 1))
                  for first, last in zip(np.append(0, tried[:-1] + 1), tried, strict=True)]
         omega = _omega(atoms, np.cumsum(parts, axis=0))
-        errors = (abs(omega - every) / np.maximum(abs(every), LOW * abs(every).max())).max(axis=(1, 2))
+        squares, right = omega * abs(omega), every * abs(every)
+        errors = (abs(squares - right) / (2 * np.maximum(abs(right), SOFT**2 * abs(right).max()))).max(axis=(1, 2))
         good = np.maximum.accumulate(errors[::-1])[::-1] <= tolerance  # with more shells, too, and not by accident
         if good.any():
             break
@@ -185,7 +187,7 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
 
 
 def is_known(laws: Laws, r: float) -> bool:
-    """Whether all laws have a force at a distance in mm; a table has none beyond an end where it does not fall."""
+    """Whether all laws have a force at a distance in mm; a law of your own may end."""
     try:
         for law in laws_of(laws):
             _planar(law).dphi(r)

@@ -57,7 +57,8 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
         page += _decays(lossy)
         page += _topology(atoms) if gyrates else _by_phonopy(scene, atoms, bands, phonon)
     page += disagreement(scene, bands)
-    page += scene.foundation.doubts(bands['complete'].omega) if scene.foundation else []
+    if scene.foundation:
+        page += scene.foundation.doubts(bands['complete'].omega, not (gyrates or lossy or np.ptp(atoms.get_masses())))
     if not gyrates:
         page += omission(scene, verbose)
     if verbose and not gyrates:

@@ -8,6 +8,7 @@ reports that with status 1.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
 
 from .. import units
 from ..files import write_columns
@@ -40,10 +41,16 @@ def run(options: Namespace) -> int:
 
 
 def _bands(scene, atoms, path):
-    """The bands of both models and of phonopy, and phonopy's object; None without phonopy or for velocity-dependent forces."""
+    """The bands of both models and of phonopy, and phonopy's object; None without phonopy or for velocity-dependent forces.
+
+    Heavy pillars have their stiffness at the frequency of each wave.
+    """
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
     from ..stability.verdicts import verdict
+
+    def with_pillars(found):
+        return replace(found, omega=scene.foundation.slowed(found.omega, atoms.get_masses())) if scene.foundation else found
 
     bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
     if not bands['complete'].omega.any():
@@ -53,11 +60,12 @@ def _bands(scene, atoms, path):
     try:
         phonon = finite_displacements(atoms, scene.supercell())
     except ModuleNotFoundError:
-        return bands, None
+        return {name: with_pillars(found) for name, found in bands.items()}, None
     except ValueError as error:
         given = scene.wanted('bands').supercell or scene.supercell()
         raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
-    return bands | {'phonopy': phonopy_bands(phonon, path, vectors=True)}, phonon
+    bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
+    return {name: with_pillars(found) for name, found in bands.items()}, phonon
 
 
 def _spread(scene, path, folder):
@@ -102,7 +110,7 @@ def _draw(save, scene, bands, spread):
     from ..plotting.zone import plot_zone
     from ..scenes.laws import ALL
 
-    complete = 'complete, $D^0+D^*$'
+    complete = 'complete, $D^0+D^{*}$'
     ax = plot_bands(bands['complete'], label=complete) if spread is None else plot_band_ribbons(bands['complete'], spread,
                                                                                                 label=complete)
     if 'conventional' in bands:

@@ -175,7 +175,7 @@ def _linear_range(cell):
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR
 
-    return np.inf if cell.calc.turning or not cell.calc.pairwise else frequency_shifts(cell).amplitude(LINEAR_ERROR)
+    return np.inf if cell.calc.turning else frequency_shifts(cell).amplitude(LINEAR_ERROR)
 
 
 def _amplitudes(cell, largest, bound):

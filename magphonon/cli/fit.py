@@ -18,6 +18,7 @@ docs/coverage.md says how often the 95 % intervals contain the true value.
 
 from __future__ import annotations
 
+import os
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import suppress
@@ -73,10 +74,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--sigma', metavar='NAME=VALUE', type=_sigma, action='append', default=[], dest='sigmas',
                         help='standard uncertainty of an error that all rows of a table share, such as --sigma distance=0.05mm: '
                              'distance, of the zero of the distances, which matters most (default: 0.2mm); zero, of the force (a '
-                             'tenth of the largest force); hysteresis, half the difference between return and approach (a '
-                             'hundredth of the largest force); backlash of the drive (0.1mm); gain of the load cell (1%%); pair, '
-                             'the standard deviation from one pair to the next (the scatter of several pairs in one table, else '
-                             '0); may be given several times')
+                             'tenth of the largest force, a thousandth on a balance); hysteresis, half the difference between '
+                             'return and approach (a hundredth of the largest force); backlash of the drive (0.1mm); gain of the '
+                             'load cell (1%%); pair, the standard deviation from one pair to the next (the scatter of several '
+                             'pairs in one table, else 0); may be given several times')
     parser.add_argument('--contact', metavar='R', type=length,
                         help='distance of the centres at contact; a table with a smaller one is refused (default: that of a '
                              'scene of magnets)')
@@ -104,7 +105,8 @@ def run(options: Namespace) -> None:
             print(*_understood(ready_table(name), options.contact or 0.0), sep='\n')
         return
     _refuse_copies(options.files)
-    if options.frf is None and options.scene is None and options.files[0].endswith('.toml'):
+    first = options.files[0]
+    if options.frf is None and options.scene is None and (first.endswith('.toml') or first in _ready(first)):
         _recognise(options)
     options.files = [ready_table(name) for name in options.files]
     if options.frf is not None:
@@ -113,6 +115,13 @@ def run(options: Namespace) -> None:
         _fit_bands(options)
     else:
         _fit_forces(options)
+
+
+def _ready(name):
+    """The names of ready scenes, unless a file hides them."""
+    from ..scenes.sources import ready_scenes
+
+    return () if os.path.lexists(name) else ready_scenes()
 
 
 def _refuse_copies(names):

@@ -14,6 +14,7 @@ from .. import units as u
 from ..design.least_squares import DETERMINED, FITS, NORMAL
 from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedErrors
 from ..interactions.force_tables import Forces
+from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
 from ..scenes.frf_fits import UNITS, FrfFits
 from ..scenes.scene import Scene
@@ -47,7 +48,7 @@ def force_report(file: str, magnet: str | None, forces: Forces, fit: Fit, shared
 
 def _assumptions(magnet, forces, fit, shared):
     """What the intervals of a fit of forces rest on: errors that all rows share, the kind of law, pairs, and reach."""
-    zero, distance, hysteresis, backlash = shared.sizes(abs(forces.f).max())
+    zero, distance, hysteresis, backlash = shared.sizes(forces)
     yield (f'Assumed beforehand: the zero of the distances is known to {distance / u.mm:.2g} mm, that of the force to '
            f'{zero / u.N:.2g} N, hysteresis to {hysteresis / u.N:.2g} N, backlash to {backlash / u.mm:.2g} mm, gain to '
            f'{100 * shared.gain:.2g} % (standard deviations). If you know them better, say so with --sigma.')
@@ -68,8 +69,9 @@ def _assumptions(magnet, forces, fit, shared):
         yield ('The table holds one pair of magnets. If magnets differ by 2.5 %, the force of one pair is about 3.5 % off the '
                'mean of the lattice. Measure several, numbered in a column "pair", or give --sigma pair=0.035.')
     spacings = fit.law.r[-1] / fit.spacing
-    yield (f'The table reaches to {spacings:.3g} spacings, and the law goes on as it ends there. Measure farther to know the '
-           'forces of farther neighbours better, or name the scene of the magnets first.')
+    yield (f'The table reaches to {spacings:.3g} spacings, and the law goes on as it ends there, or as that of dipoles if it '
+           'ends less steeply. Measure farther to know the forces of farther neighbours better, or name the scene of the magnets '
+           'first.')
 
 
 def _doubts_of_forces(forces, fit):
@@ -84,6 +86,10 @@ def _doubts_of_forces(forces, fit):
         yield (f'The errors of successive rows are correlated (with a probability of {100 * fit.drift:.0f} %): the load cell '
                'drifts, perhaps as it warms up, and the intervals allow for it. Return to one distance now and then to see the '
                'drift.')
+    exponent = local_exponent(fit.law, fit.law.r)
+    if (exponent < 0).any():
+        yield (f'At {fit.law.r[exponent < 0][-1] / u.mm:.3g} mm and nearer the fitted force falls towards contact, which no '
+               'law of magnets does. Leave the rows out where the magnets tilt or touch, or where the load cell reaches its end.')
     if n < FEW:
         yield f'{n} rows are too few to find the shape of the law: the intervals rest on what was assumed beforehand.'
     if fit.scatter > 1:
@@ -217,7 +223,7 @@ def _verdict(found):
     difference = abs(conventional.chi2 - complete.chi2)
     if not fit.follows:
         yield (f'No model follows these ridges: the points scatter about D0 + D* by {complete.scatter:.2g} times their '
-               f'uncertainties, and about D0 alone by {conventional.scatter:.2g}. The parameters above are meaningless, and '
+               f'uncertainties, and about D0 alone by {conventional.scatter:.2g}. The fitted parameters are meaningless, and '
                f'these data are no evidence for D* or against it. {_causes(found)}')
         return
     if abs(sigmas) < TELLS:

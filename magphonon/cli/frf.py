@@ -34,7 +34,8 @@ def run(options: Namespace) -> None:
         first, lines = _responses(scene, plan, folder, save)
         lines = [scene.title, *([] if relaxation is None else [str(relaxation)]), *lines]
         told += [first, *(lines if options.verbose else []), *_beside(scene, measured, save),
-                 *omission(scene, options.verbose), *(scene.foundation.doubts(plan.omega) if scene.foundation else [])]
+                 *omission(scene, options.verbose),
+                 *(scene.foundation.doubts(plan.omega, plan.base_deg is None) if scene.foundation else [])]
 
 
 def _measured(scene, options):
@@ -55,19 +56,20 @@ def _responses(scene, plan, folder, save):
     from ..traits import LINEAR
 
     axes, lines, highest = None, [], []
-    pushed = plan.base_deg is None
+    pushed, feet = plan.base_deg is None, scene.foundation
+    stiffer = feet.beams.excess(plan.omega)[0] if pushed and feet and feet.beams else None
     unit = units.m / units.N if pushed else 1.0
     names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
     for model, style in (('complete', '-'), ('conventional', '--')):
         atoms, source, answer = scene.shaken(model, bench=True)
         system = LinearSystem.of(atoms, *LINEAR)
-        result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
+        result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms), stiffer=stiffer)
         result.save(folder / f'frf_{model}.npz')
         names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
         columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]
         k = abs(result.response).argmax()
         highest.append(f'{units.hertz(plan.omega[k]):.4g} Hz ({abs(result.response[k]) / unit:.3g}{" m/N" * pushed})')
-        natural, told = _natural(system, plan.omega)
+        natural, told = _natural(system, plan.omega, feet if pushed else None)
         axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
         lines += ['', model, *told, *_peaks(result, unit)]
     write_columns(folder / 'frf.csv', names, columns)
@@ -101,7 +103,7 @@ def _compared(functions, curves):
     return [*lines, '"magphonon fit --frf" fits the lattice to the measurement.']
 
 
-def _natural(system, omega):
+def _natural(system, omega, feet):
     """The natural frequencies to be drawn, and a line about all of them; those of a large structure are not computed."""
     from ..response.normal_modes import SMALL, natural_frequencies
 
@@ -109,6 +111,8 @@ def _natural(system, omega):
     if size > SMALL:
         return np.empty(0), [f'  natural frequencies: {size}']
     natural = natural_frequencies(system)
+    if feet and not system.turning:
+        natural = feet.slowed(natural, system.masses)
     low, high = units.hertz(natural[[0, -1]])
     if size == 1:
         return natural, [f'  natural frequencies: {low:.6g} Hz']

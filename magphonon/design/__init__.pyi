@@ -27,4 +27,5 @@ from .transfer_fits import (
     TransferFit as TransferFit,
     fit_transfer as fit_transfer,
 )
+from .trimming import trim as trim
 from .uncertainty import Tolerances as Tolerances, frequency_spread as frequency_spread

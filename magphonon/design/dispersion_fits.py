@@ -61,7 +61,6 @@ STRAYS = 3.0
 this many uncertainties from its own branch, and this many times nearer to the other."""
 OBLIQUE = 2.8
 """Reach in spacings of the neighbours that count for oblique waves, which need to be known to a tenth of a bin only."""
-SETTLES = 40  # halvings of the distance between a frequency and that of pillars with their stiffness there
 DIGITS = 5  # of the directions of rows: tables have six of a wavevector
 STEP = 1e-4  # step of xi in rad for the slope of a branch
 ROUNDS, FARTHEST = 6, 3
@@ -123,13 +122,9 @@ class Shells:
 
     def matrices(self, q: NDArray[np.float64], model: Model, law: PairLaw | LawDerivative | None,
                  foundation: Foundation) -> NDArray[np.complex128]:
-        """Bloch matrices divided by the masses, shape (wavevectors, particles * dim, particles * dim), for a law and springs.
-
-        A foundation of one dimension has a stiffness for each wavevector.
-        """
+        """Bloch matrices divided by the masses, shape (wavevectors, particles * dim, particles * dim), for a law and springs."""
         (A, B), (edge, around) = self.sums(q), self._edge
-        by_wave = np.ndim(foundation) == 1
-        each = np.reshape(foundation, (-1, 1)) if by_wave else each_spring(foundation, len(self.masses), self.dim)
+        each = each_spring(foundation, len(self.masses), self.dim)
         if around and law is not None:
             each = each - around * law.dphi(edge)
         D: Any = (each / np.repeat(self.masses, self.dim))[..., None] * np.eye(A.shape[-1], dtype=complex)
@@ -143,8 +138,9 @@ class Shells:
 class Bands:
     """The bands of `Shells` with a law and springs, and their slopes by parameters.
 
-    `excess`, of pillars that are too heavy for springs, says by how much their stiffness in N/mm at angular frequencies exceeds
-    the foundation, and the slope of that by the logarithm of the foundation.
+    A heavy `pillar` under each particle has a stiffness that depends on the frequency: its `excess(omega)` is the difference from
+    the foundation in N/mm and the slope of that by the logarithm of the foundation; `slowed(omega, mass)` are the frequencies.
+    All particles then have the same mass.
     """
 
     shells: Shells
@@ -152,21 +148,23 @@ class Bands:
     law: PairLaw
     foundation: Foundation
     changes: Mapping[str, StiffnessDerivative]
-    excess: Callable[[Any], tuple[Any, Any]] | None = None
+    pillar: Any = None
 
     def omega(self, q: NDArray[np.float64], at: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """Frequencies in rad/ms, shape (wavevectors, branches); negative for unstable modes.
 
         Heavy pillars have their stiffness at the frequencies `at`, shape (wavevectors,), by default at that of each branch.
         """
-        if self.excess is None or at is not None:
-            springs = self.foundation if self.excess is None else self.foundation + self.excess(at)[0]
-            return signed_root(hermitian_eigenvalues(self.shells.matrices(q, self.model, self.law, springs)))
-        squares = np.square(omega := self.omega(q, np.zeros(len(q))))
-        for _ in range(SETTLES):
-            there = [np.square(self.omega(q, np.sqrt(squares[:, k]))[:, k]) for k in range(omega.shape[1])]
-            squares = (squares + np.transpose(there)) / 2
-        return np.sqrt(squares) * np.sign(omega)
+        squares = hermitian_eigenvalues(self.shells.matrices(q, self.model, self.law, self.foundation))
+        if self.pillar is not None and at is None:
+            return self.pillar.slowed(signed_root(squares), self.shells.masses[0])
+        return signed_root(squares + self._excess(at)[0])
+
+    def _excess(self, at):
+        """The excess of the pillars at frequencies, divided by the mass, and its slope, each of shape (wavevectors, 1)."""
+        if self.pillar is None or at is None:
+            return 0.0, 0.0
+        return np.array(self.pillar.excess(at))[..., None] / self.shells.masses[0]
 
     def slopes(self, q: NDArray[np.float64], names: Sequence[str],
                at: NDArray[np.float64] | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -174,11 +172,11 @@ class Bands:
 
         Between branches that cross, the derivative is one of any mixture of their modes; only points exactly there feel it.
         """
-        more, steeper = (0.0, 0.0) if self.excess is None or at is None else self.excess(at)
-        squares, v = np.linalg.eigh(self.shells.matrices(q, self.model, self.law, self.foundation + more))
-        dD = [self.shells.matrices(q, self.model, self.changes[name].law,
-                                   self.changes[name].foundation + (steeper if name == 'foundation' else 0.0)) for name in names]
-        return squares, np.einsum('qai,pqab,qbi->pqi', v.conj(), dD, v, optimize=True).real
+        more, steeper = self._excess(at)
+        squares, v = np.linalg.eigh(self.shells.matrices(q, self.model, self.law, self.foundation))
+        dD = [self.shells.matrices(q, self.model, self.changes[name].law, self.changes[name].foundation) for name in names]
+        slopes = np.einsum('qai,pqab,qbi->pqi', v.conj(), dD, v, optimize=True).real
+        return squares + more, slopes + np.reshape([name == 'foundation' for name in names], (-1, 1, 1)) * steeper
 
     @property
     def near(self) -> Atoms:
@@ -238,7 +236,7 @@ def fit_dispersion(shells: Shells, build: Build, names: tuple[str, ...], points:
         The lattice, whose bonds say which neighbours count.
     build : callable
         Function that takes a dict from parameter name to factor. It returns the law, the foundation in N/mm, a dict of
-        `StiffnessDerivative` that says what each parameter changes, and the `excess` of heavy pillars if there are any.
+        `StiffnessDerivative` that says what each parameter changes, and the heavy `pillar` of `Bands` if there is one.
     names : tuple of str
         The parameters to fit.
     points : RidgePoints

@@ -48,8 +48,8 @@ class Objective:
         """The value of the objective for a structure at rest: atoms, a LinearSystem or a `Rest`."""
         return float(self.value_and_slope(atoms if isinstance(atoms, Rest) else Rest.of(atoms))[0])
 
-    def tuned(self, factor: float) -> Objective:
-        """The same objective with all source frequencies multiplied by `factor`, for sources that are off their frequency."""
+    def tuned(self, frequency: float, damping: float = 1.0) -> Objective:
+        """The same objective with the frequencies of all sources and the damping rates multiplied by these factors."""
         return self
 
     def doubts(self, rest: Rest) -> list[str]:
@@ -76,20 +76,22 @@ class Sum(Objective):
         found = [(c, *part.value_and_slope(rest)) for c, part in self.parts]
         return sum(c * value for c, value, _ in found), sum((c * slope for c, _, slope in found), Slope())
 
-    def tuned(self, factor: float) -> Objective:
-        return Sum(tuple((c, part.tuned(factor)) for c, part in self.parts))
+    def tuned(self, frequency: float, damping: float = 1.0) -> Objective:
+        return Sum(tuple((c, part.tuned(frequency, damping)) for c, part in self.parts))
 
     def doubts(self, rest: Rest) -> list[str]:
         return [words for _, part in self.parts for words in part.doubts(rest)]
 
 
 class _Driven(Objective):
-    """An objective of a source with a frequency `omega`, in rad/ms."""
+    """An objective of a source with a frequency `omega`, in rad/ms, and a damping rate, in 1/ms."""
 
     omega: float
+    damping: float
 
-    def tuned(self, factor: float) -> Objective:
-        return replace(self, omega=factor * self.omega)  # pyright: ignore[reportArgumentType]  each is a dataclass
+    def tuned(self, frequency: float, damping: float = 1.0) -> Objective:
+        changed: Any = {'omega': frequency * self.omega, 'damping': damping * self.damping}
+        return replace(self, **changed)  # pyright: ignore[reportArgumentType]  each is a dataclass
 
     def doubts(self, rest: Rest) -> list[str]:
         low, high = np.sqrt(abs(rest.spectrum[0][[0, -1]]))

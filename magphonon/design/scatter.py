@@ -258,6 +258,8 @@ class Rest:
                 self.solve = lambda b: linalg.lu_solve(factors, b)
             else:
                 self.solve = inverse(Phi)
+        if np.iscomplexobj(forces):
+            return self.solve(forces.real) + 1j * self.solve(forces.imag)
         return self.solve(forces)
 
 

@@ -26,6 +26,7 @@ from tqdm import tqdm
 from .. import units
 from ..errors import Unstable, finite, indices, not_negative, one_of, positive, shown, whole
 from ..files import whole_file
+from ..interactions.law_cards import LawDerivative
 from ..interactions.pair_laws import PairLaw
 from ..lattices.bonds import lengths_of
 from ..stability.buckling import common_spring, softest_of
@@ -43,6 +44,8 @@ KINDS = 'strength', 'magnet', 'spring', 'rod', 'mass', 'foot'
 """What may vary from site to site: factors of the strength of a magnet; of strength and mass of a thicker magnet; of the
 stiffness of a spring; of the diameter of a rod, whose stiffness goes with its fourth and whose moving mass with its second power;
 of the mass; and displacements of the foot in mm."""
+ADDED = 'foot', 'exponent'  # fields of Parts that add up; all others are factors
+COMMON = 6  # errors of a whole copy
 NEWTONS, LONGEST = 40, 0.05  # most steps to rest, and the longest one, in shortest bonds
 SETTLED = 1e-12  # last one of Newton's steps to rest, in shortest bonds
 CHORDS, CLOSE = 12, 1e-8  # most steps with the factors of a rest nearby, and the last one: responses are off by as little
@@ -67,10 +70,11 @@ class Parts:
     strength, spring, mass : float or ndarray, shape (particles,)
     foot : float or ndarray, shape (particles, dim)
         Displacements in mm.
-    force : float
-        Factor of all forces between particles, as of a batch of magnets.
-    frequency : float
-        Factor of the frequencies of all sources.
+    force, frequency, spacing : float
+        Factors of all forces between particles, as of a batch of magnets, of the frequencies of all sources, and of all
+        distances between feet.
+    exponent : float
+        Added to the exponent of the law, -d ln f/d ln r, while the force at the shortest distance stays.
     """
 
     strength: Any = 1.0
@@ -79,13 +83,15 @@ class Parts:
     foot: Any = 0.0
     force: float = 1.0
     frequency: float = 1.0
+    spacing: float = 1.0
+    exponent: float = 0.0
 
     def __mul__(self, other: Parts) -> Parts:
-        return Parts(*(a + b if f.name == 'foot' else a * b for f in fields(self)
+        return Parts(*(a + b if f.name in ADDED else a * b for f in fields(self)
                        for a, b in [(getattr(self, f.name), getattr(other, f.name))]))
 
     def __pow__(self, share: float) -> Parts:
-        return Parts(*(share * one if f.name == 'foot' else one**share for f in fields(self) for one in [getattr(self, f.name)]))
+        return Parts(*(share * one if f.name in ADDED else one**share for f in fields(self) for one in [getattr(self, f.name)]))
 
 
 @dataclass(frozen=True)
@@ -97,8 +103,10 @@ class Errors:
 
     Attributes
     ----------
-    force_percent, mass_percent, stiffness_percent, frequency_percent : float
-        Common to all magnets, particles, springs, and to all sources.
+    force_percent, mass_percent, stiffness_percent, frequency_percent, spacing_percent : float
+        Common to all magnets, particles, springs, sources, and to all distances between feet.
+    exponent : float
+        Of the law, -d ln f/d ln r at the shortest distance.
     each_strength_percent, each_mass_percent, each_stiffness_percent : float
         Of every magnet, particle and spring by itself.
     each_foot_mm : float
@@ -119,6 +127,8 @@ class Errors:
     mass_percent: float = 0.0
     stiffness_percent: float = 0.0
     frequency_percent: float = 0.0
+    spacing_percent: float = 0.0
+    exponent: float = 0.0
     each_strength_percent: float = 0.0
     each_mass_percent: float = 0.0
     each_stiffness_percent: float = 0.0
@@ -138,15 +148,30 @@ class Errors:
 
         All deviations use their own random numbers, so that copies with fewer errors are otherwise the same copies.
         """
-        force, mass, spring, frequency = rng.normal(size=4)
-        strength, masses, springs = rng.normal(size=(3, particles))
-        percent = scale / 100
-        return Parts(np.exp(percent * self.each_strength_percent * strength),
-                     np.exp(percent * (self.each_stiffness_percent * springs + self.stiffness_percent * spring)),
-                     np.exp(percent * (self.each_mass_percent * masses + self.mass_percent * mass)),
-                     scale * self.each_foot_mm * rng.normal(size=(particles, dim)),
-                     float(np.exp(percent * self.force_percent * force)),
-                     float(np.exp(percent * self.frequency_percent * frequency)))
+        return self.parts(scale * rng.normal(size=COMMON + (3 + dim) * particles), particles, dim)
+
+    def parts(self, z: NDArray[np.float64], particles: int, dim: int) -> Parts:
+        """The deviations of z standard deviations: six common ones, then those of strengths, masses, springs and feet."""
+        force, mass, spring, frequency, spacing, exponent = z[:COMMON]
+        strength, masses, springs, *feet = z[COMMON:].reshape(-1, particles)
+        return Parts(np.exp(self.each_strength_percent / 100 * strength),
+                     np.exp((self.each_stiffness_percent * springs + self.stiffness_percent * spring) / 100),
+                     np.exp((self.each_mass_percent * masses + self.mass_percent * mass) / 100),
+                     self.each_foot_mm * np.reshape(feet, (particles, dim)),
+                     *(float(np.exp(percent / 100 * one)) for percent, one in (
+                         (self.force_percent, force), (self.frequency_percent, frequency), (self.spacing_percent, spacing))),
+                     float(self.exponent * exponent))
+
+    def slopes(self, rest: Rest, by_sites: Mapping[str, Any], feet: NDArray[np.float64]) -> NDArray[Any]:
+        """Derivatives by the numbers z of `parts`, from those by sites (`site_slopes`) of a structure on these feet.
+
+        Those by the frequency, which shifts no part, and by the exponent are left at zero.
+        """
+        strength, spring, mass = by_sites['strength'], by_sites['spring'].sum(1), rest.masses * by_sites['mass']
+        common = (self.force_percent * strength.sum() / 2, self.mass_percent * mass.sum(), self.stiffness_percent * spring.sum(),
+                  0.0, self.spacing_percent * (feet * by_sites['foot']).sum(), 0.0)
+        each = (self.each_strength_percent * strength, self.each_mass_percent * mass, self.each_stiffness_percent * spring)
+        return np.concatenate([np.divide(common, 100), *np.divide(each, 100), self.each_foot_mm * by_sites['foot'].ravel()])
 
 
 class Structure:
@@ -164,6 +189,8 @@ class Structure:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
                              'have others: hold them in the plane')
         self.law: PairLaw = law
+        self.feet = calc.anchors[:, : calc.dim]
+        self.spans = calc.bond_vectors - self.frame.stretch(calc.slack[:, : calc.dim])  # of the feet
         self.kept = float(calc.bonds.lengths.min())
 
     def rest(self, parts: Parts | None = None, near: Rest | None = None, model: Model = 'complete') -> Rest:
@@ -185,13 +212,16 @@ class Structure:
         n, dim = self.shape
         strength = np.broadcast_to(parts.strength, n)
         law: Any = force_change(self.law, parts.force * strength[bonds.i] * strength[bonds.j])
+        if parts.exponent:
+            law = steeper(law, parts.exponent, self.kept)
+        vectors = calc.bond_vectors + (parts.spacing - 1) * self.spans
         k = self.springs * np.broadcast_to(parts.spring, n)[:, None]
         foot = np.broadcast_to(parts.foot, self.shape)
         slack, load = calc.slack[:, :dim], calc.load[:, :dim]
         bent = np.zeros(self.shape) if near is None else near.bent
         chord = None if near is None else near.solve
         for steps in range(NEWTONS):
-            R = calc.bond_vectors + frame.stretch(foot + bent)
+            R = vectors + frame.stretch(foot + bent)
             r = lengths_of(R)
             force = frame.along(frame.gather((law.dphi(r) / r)[:, None] * R) + k * (slack + bent) - load)
             solve = chord if chord and steps < CHORDS else self._newton(law, R, k)
@@ -202,7 +232,7 @@ class Structure:
                 break
         else:
             raise Unstable('no equilibrium is found near the first positions: the structure buckles or slides')
-        R = calc.bond_vectors + frame.stretch(foot + bent)
+        R = vectors + frame.stretch(foot + bent)
         rest = Rest(frame, R, Central(law), k, -k * (slack + bent), self.masses * parts.mass, model, None, bent)
         H = frame.hessian(rest.K('complete'), k)
         rest.solve = _cholesky(H)
@@ -241,6 +271,14 @@ class Structure:
         atoms.calc = PairCalculator(atoms, calc.laws, bonds=bonds, anchors=anchors, foundation=rest.springs,
                                     strengths=calc.strengths * parts.strength * np.sqrt(parts.force), load=calc.load)
         return atoms
+
+
+def steeper(law: Any, exponent: float, length: float) -> LawDerivative:
+    """A law whose exponent -d ln f/d ln r is larger, with the same force at a distance `length`."""
+    def less(r):
+        return (r / length) ** -exponent
+
+    return LawDerivative(lambda r: less(r) * law.dphi(r), lambda r: less(r) * (law.d2phi(r) - exponent / r * law.dphi(r)))
 
 
 def _cholesky(H):

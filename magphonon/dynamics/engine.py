@@ -101,7 +101,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
         if system.directions > DENSE or system.growth():
             return bound
         return 2 / _longest_step(system.K.toarray(), system.B().toarray(), 2 / bound)
-    return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
+    return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if particle_bound(system) else 0.0
 
 
 def fastest(square: float, turning: float) -> float:
@@ -157,7 +157,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     system = LinearSystem.nearest(atoms)
     if _held_by_gyration(system):
         return highest_frequency(system)
-    bounds = (lambda: _particle_bound(system),
+    bounds = (lambda: particle_bound(system),
               lambda: np.sqrt(abs(system.K).sum(axis=1).max()),
               lambda: np.sqrt((1 + ROUGH) * _largest_eigenvalue(system.K, ROUGH)))
     for bound in bounds:
@@ -166,15 +166,16 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     return highest_frequency(system)
 
 
-def _particle_bound(system):
-    """Upper bound of the frequencies, computed without the Hessian: `w^2 <= k/m + 2/m sum_b K_b`.
+def particle_bound(system: LinearSystem, u: NDArray[np.float64] | None = None) -> float:
+    """Upper bound of the frequencies at displacements u, computed without the Hessian: `w^2 <= k/m + 2/m sum_b K_b`.
 
     Negative eigenvalues of K_b are set to zero. The bound follows from `(u_i - u_j).K (u_i - u_j) <= 2 u_i.K u_i + 2 u_j.K u_j`.
     In a triangular lattice it is 4 % too high.
     """
     calc, masses = system.calc, system.masses
     k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
-    own = own_stiffness(calc.bonds, upper_part(calc.bond_vectors, calc.interaction, calc.model))
+    vectors = calc.bond_vectors if u is None else calc.displaced(u)[0]
+    own = own_stiffness(calc.bonds, upper_part(vectors, calc.interaction, calc.model))
     squares = (k + 2 * hermitian_eigenvalues(own)[:, -1]) / masses
     return np.sqrt(squares[system.mobile].max(initial=0.0))
 

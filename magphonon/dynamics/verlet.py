@@ -33,16 +33,27 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from ..errors import one_of, positive, whole
+from ..lattices.bonds import lengths_of
 from ..stiffness.calculator import PairCalculator
 from ..stiffness.plausibility import site_damping, warn_of_speed, warn_of_times
 from ..stiffness.repulsion import masses_of
-from ..stiffness.rest import freedom
+from ..stiffness.rest import LinearSystem, freedom
 from ..traits import LINEAR, takes
-from .cages import Cages, Diverged
+from .cages import HARMLESS, Cages, Diverged
 from .compiled import can_compile
 from .drives import check_drives, forces_and_walls
-from .engine import Blocks, half_step, highest_frequency, refusal, refuse_long_decay, refuse_long_step, refuse_order
-from .splittings import SPLITTINGS, STEPS_SHARE
+from .engine import (
+    Blocks,
+    fastest,
+    half_step,
+    highest_frequency,
+    particle_bound,
+    refusal,
+    refuse_long_decay,
+    refuse_long_step,
+    refuse_order,
+)
+from .splittings import LEEWAY, SPLITTINGS, StepsTooLong
 
 ENGINES = ('auto', 'ase', 'compiled')
 ENOUGH = 100_000  # number of particles of a thread from which on another one pays
@@ -89,8 +100,9 @@ class DrivenVerlet(VelocityVerlet):
         Allowed error of the displacements at the end of a run, as a fraction of the largest displacement in the run. Blocks then
         compute the bond forces with as few coefficients as this error allows, and compiled blocks use single precision if it is
         sufficient; this takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is kept
-        within the tolerance too, or a ValueError says how long steps may be. Close to buckling, modes slower than a hundredth of
-        the fastest may miss the tolerance by a factor of five.
+        within the tolerance too, or StepsTooLong, a ValueError, says how long steps may be: at the beginning, or as soon as
+        strains make waves too fast for them. Close to buckling, modes slower than a hundredth of the fastest may miss the
+        tolerance by a factor of five.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional
@@ -153,6 +165,7 @@ class DrivenVerlet(VelocityVerlet):
         self._start = atoms.get_positions()
         self._blocks, self._cages, self._unseen, self._good = None, None, 0.0, None
         self._prepared = self._setting(), None, 0.0
+        self._counted, self._error = 0, 0.0  # steps whose error has been added up, and their error
 
     @property
     def damping(self) -> NDArray[np.float64]:
@@ -268,7 +281,7 @@ class DrivenVerlet(VelocityVerlet):
 
         ASE's own iterator yields at every step. If you need each step, attach an observer, use a `Recorder`, or engine='ase'.
         """
-        self.max_steps = self.nsteps + steps
+        self.max_steps, self._counted = self.nsteps + steps, self.nsteps
         work = (len(self.atoms) + BESIDE) * steps * self.splitting.stages
         long = self._blocks is not None or (work >= COMPILING_PAYS and can_compile())
         self._prepare(long)
@@ -300,7 +313,7 @@ class DrivenVerlet(VelocityVerlet):
             omega = refuse_long_step(self.atoms, self.dt, np.inf if self.allow_unstable else limit)
         if not self.allow_unstable:
             refuse_long_decay(self.damping, self.dt, self.splitting)
-        return max(omega, self._driven)
+        return max(fastest(omega**2, getattr(self.atoms.calc, 'turning', 0.0)), self._driven)
 
     @property
     def _driven(self):
@@ -314,17 +327,40 @@ class DrivenVerlet(VelocityVerlet):
         only = np.ptp(self._damping) or np.any(getattr(self.atoms.calc, 'rate', 0.0))
         return bool(self.tolerance and self.asked_order is None and not only)
 
-    def _order_for(self, phase):
-        """The lowest order whose steps meet the tolerance until the fastest wave has gone through `phase` radians."""
-        share = STEPS_SHARE * self.tolerance
-        for omega in (lambda: self._omega), (lambda: max(highest_frequency(self.atoms), self._driven)):  # a bound first
-            orders = SPLITTINGS if self._chooses else (2,)
-            longest = {order: SPLITTINGS[order].longest(phase, share) / omega() for order in orders}
+    def _longest(self):
+        """The longest step in ms that meets the tolerance to the end of the run, of each order."""
+        return {order: SPLITTINGS[order].longest(self._omega * self.max_steps * self.dt, self.tolerance) / self._omega
+                for order in (SPLITTINGS if self._chooses else (2,))}
+
+    def _order(self):
+        """The lowest order whose steps meet the tolerance to the end of the run."""
+        for sharp in (False, True):  # a bound of the highest frequency first
+            if sharp:
+                omega = highest_frequency(self.atoms)
+                self._omega = max(fastest(omega**2, self.atoms.calc.turning), self._driven)
+            longest = self._longest()
             for order in longest:
                 if self.dt <= longest[order]:
                     return order
-        raise ValueError(f'time steps of {self.dt:.6g} ms are too long for an error of {self.tolerance:g} after '
-                         f'{self.max_steps * self.dt:.6g} ms; take steps of at most {max(longest.values()):.3g} ms')
+        raise self._too_long('')
+
+    def _too_long(self, why):
+        return StepsTooLong(f'time steps of {self.dt:.6g} ms are too long for an error of {self.tolerance:g} after '
+                            f'{self.max_steps * self.dt:.6g} ms{why}', max(self._longest().values()))
+
+    def _add_error(self, u):
+        """Add the error of the steps since the last time, at the frequency that waves have at the displacements `u`."""
+        if not self.tolerance or self.asked_order is not None:
+            return
+        steps, self._counted, faster = self.nsteps - self._counted, self.nsteps, 1.0
+        if lengths_of(u).max(initial=0.0) > HARMLESS * self.atoms.calc.bonds.shortest:
+            here, rest = (particle_bound(LinearSystem.about(self.atoms.calc, self.atoms), at) for at in (u, 0 * u))
+            faster = max(here / rest, 1.0)
+        x, error = faster * self._omega * self.dt, self.splitting.error
+        self._error += error(x, x * steps) - error(x, 0.0)
+        if not self._error + error(x, 0.0) <= LEEWAY * self.tolerance:
+            self._omega *= faster
+            raise self._too_long(f', as strains make waves {faster:.3g} times faster at {self.get_time():.6g} ms')
 
     def _one_step(self):
         """Do a step of ASE's loop; if the bonds are no longer valid, go back to the last state in which they were, and raise."""
@@ -333,9 +369,10 @@ class DrivenVerlet(VelocityVerlet):
         try:
             self.step()
             self.nsteps += 1
-            if self._time_to_look():
+            if self._time_to_look() or self.nsteps == self.max_steps:
                 self._inspect(self.get_time())
                 self._good = self._state()
+                self._add_error(self.displacements)
         except Diverged:
             self.nsteps, self.atoms.arrays['positions'][:], self.atoms.arrays['momenta'][:] = self._good
             for recorder in self.recorders:
@@ -350,6 +387,7 @@ class DrivenVerlet(VelocityVerlet):
                 steps = min(self._blocks.steps_to_next_look(BLOCK), stop - self.nsteps)
                 if self._blocks.advance(self.nsteps, steps):
                     self.nsteps, self.engine = self.nsteps + steps, 'compiled'
+                    self._add_error(self._blocks.displacements)
                 else:
                     self._by_ase(steps)
         finally:
@@ -383,7 +421,7 @@ class DrivenVerlet(VelocityVerlet):
             self._omega = self._refuse_steps()
             refuse_order(self.atoms, self.splitting)
         if rough and self.asked_order is None:
-            self.splitting = SPLITTINGS[self._order_for(phase)]
+            self.splitting = SPLITTINGS[self._order()]
             now = self._setting()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         if now == before and self._blocks is not None and self.engine != 'ase':  # all that changes is the kernel

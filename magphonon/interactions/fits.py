@@ -4,7 +4,8 @@ Each row of a table is
 
     y = e^z f(r + d + s b/2) + F0 + s h + noise        s = -1 on the approach, +1 on the return, 0 where it is not known
 
-and the force is a free smooth curve; if the user names the shape of the magnets, their law g is fitted too. Both have the form
+and the force is a free smooth curve; if the user names the shape of the magnets, their law g is fitted too. The noise includes
+that of the distance of the row, times the slope of the force. Both laws have the form
 
     ln f = ln f0 + ln g(r)/g(r0) - delta x + 2.5 tau sum_s c_s (x - (1 - e^(-s x))/s)        x = ln(r/r0),  s = 1, 4
 
@@ -80,7 +81,7 @@ class SharedErrors:
         Error of the zero of the distances in mm: contact, glue and tolerances of the magnets contribute 0.1 mm each. It
         dominates the width of the intervals: 9.5 % of the slope for each 0.1 mm at 10 mm.
     zero : float, optional
-        Error of the zero of the force in N; by default a tenth of the largest force.
+        Error of the zero of the force in N; by default a tenth of the largest force, and a thousandth on a balance.
     hysteresis : float, optional
         Half the difference between the forces on return and on approach, in N; by default a hundredth of the largest force.
     backlash : float
@@ -104,11 +105,10 @@ class SharedErrors:
             if getattr(self, name) is not None or name not in ('zero', 'hysteresis', 'pair'):
                 not_negative(name, getattr(self, name), unit)
 
-    def sizes(self, largest: float) -> NDArray[np.float64]:
-        """Standard deviations of F0, d, h and b for a table whose largest force is `largest` N; zero is replaced by a tiny
-        number.
-        """
-        zero = largest / 10 if self.zero is None else self.zero
+    def sizes(self, forces: Forces) -> NDArray[np.float64]:
+        """Standard deviations of F0, d, h and b for a table; zero is replaced by a tiny number."""
+        largest = abs(forces.f).max()
+        zero = largest / (1000 if forces.balance else 10) if self.zero is None else self.zero
         hysteresis = largest / 100 if self.hysteresis is None else self.hysteresis
         return np.maximum([zero, self.distance, hysteresis, self.backlash], 1e-9 * np.array([largest, 1, largest, 1]))
 
@@ -236,7 +236,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
 def _refuse_large(shared, forces):
     """Raise ValueError for a shared error that is larger than what was measured."""
     largest = abs(forces.f).max()
-    zero, distance, hysteresis, backlash = shared.sizes(largest) / np.array([largest, forces.r.min()] * 2)
+    zero, distance, hysteresis, backlash = shared.sizes(forces) / np.array([largest, forces.r.min()] * 2)
     if not (max(zero, hysteresis) <= LARGEST and max(distance, backlash, shared.gain) <= 1):
         raise ValueError('a shared error is larger than what was measured: the zero of the distances and the backlash must be '
                          'below the nearest distance, the zero of the force and the hysteresis below a hundred times the largest '
@@ -306,12 +306,12 @@ class _Model:
     """Model of a table as a function of p = (ln f0, delta, c_1, c_4, F0, d, h, b), with prior standard deviations of p."""
 
     def __init__(self, forces, shared, family):
-        self.r, self.s, self.family = forces.r, forces.direction, family
+        self.r, self.s, self.sigma_r, self.family = forces.r, forces.direction, forces.sigma_r, family
         self.nearest = NEAREST * forces.r.min()
         near = abs(forces.r - family.r0)
         self.ln_size = np.log(max(forces.f[near == near.min()].mean(), 1e-3 * abs(forces.f).max()))  # from which ln f0 counts
         self.of_pair = (forces.pair[:, None] == np.unique(forces.pair)) * 1.0 if shared.pair else np.zeros((len(forces.r), 0))
-        self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(RATES)), shared.sizes(abs(forces.f).max()),
+        self.prior = np.concatenate([[ANY_SIZE, family.spread], np.ones(len(RATES)), shared.sizes(forces),
                                      np.full(self.of_pair.shape[1], shared.pair)]).astype(float)
 
     def curve(self, p, r):
@@ -474,14 +474,15 @@ def _solved(model, forces, noise, drift=0.0, near=None):
     y, prior, known = forces.f, model.prior, forces.sigma is not None
     p = np.zeros(len(prior))
     shape, size = forces.sigma if known else np.ones_like(y), 1.0 if known else np.sqrt(np.mean((y - model.rows(p)[0]) ** 2))
-    rounds = 2 if known else ROUNDS + ROUNDS * (noise is not None)
+    rounds = 2 + bool(model.sigma_r.any()) if known else ROUNDS + ROUNDS * (noise is not None)
     if near is not None:
         p, size = near.p, near.size
     for k in range(rounds - 2 if near is not None else 0, rounds):
         if noise is not None and k >= ROUNDS:  # when constant noise has shown about where the curve lies
             f = model.rows(p)[2]
             shape = np.sqrt(1 + (f / (max(f.min(), 1e-3 * f.max()) ** (1 - noise) * f.max() ** noise)) ** 2)
-        sigma = np.hypot(size * shape, FINEST * abs(y) + FINEST**2 * abs(y).max())
+        by_distance = model.rows(p)[1][:, DISTANCE_ZERO] * model.sigma_r
+        sigma = np.hypot(np.hypot(size * shape, by_distance), FINEST * abs(y) + FINEST**2 * abs(y).max())
         U, S = _slow(len(y), sigma, drift * size * np.median(shape))
 
         def white(one, U=U, S=S, sigma=sigma) -> Any:
@@ -534,7 +535,7 @@ def scene_entry(fit: Fit) -> str:
         '[law]', f'# a smooth curve through measured forces, for a spacing of {fit.spacing / u.m:g} m',
         'kind = "table"', *(f'{key} = [{", ".join(f"{value:.7g}" for value in column)}]'
                                   for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
-        f'shells = "auto"   # as many as the frequencies need; measured to {reach:.3g} spacings, then as the table ends', '',
+        f'shells = "auto"   # as many as the frequencies need; measured to {reach:.3g} spacings, then as its end or r^-4', '',
         '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
         f'force_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
         f'correlation_force_exponent = {f_a / np.sqrt(f * a):.6g}', ''])

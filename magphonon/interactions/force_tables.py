@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import units as u
-from ..errors import finite
+from ..errors import finite, not_negative
 from ..quantities import FORCE, LENGTH, TEXT
 from ..tables import read_table
 from .pair_laws import PairLaw, repulsion
 
-COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'stroke': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT, 'pair': TEXT}
+COLUMNS = {'r': LENGTH, 'gap': LENGTH, 'stroke': LENGTH, 'f': FORCE, 'sigma': FORCE, 'sigma_r': LENGTH, 'direction': TEXT,
+           'pair': TEXT}
 LAYOUT = ('a table of forces has the columns r_m,f_N (or in mm, um, mN, uN; also as r [mm]; or gap_mm and the size of a magnet),'
-          ' and perhaps sigma_N, direction and pair')
+          ' and perhaps sigma_N, sigma_r_mm, direction and pair')
 ASKED = {'columns': COLUMNS, 'needed': [('r', 'gap', 'stroke'), 'f'], 'layout': LAYOUT}
 DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
 """Words of the column `direction`."""
@@ -27,6 +28,7 @@ LARGEST_CLOSEST_PAIR = 1.0 * u.m
 FORCES_N = 1e-30, 1e12  # allowed range; outside it a unit or an exponent is wrong, and squares and powers soon overflow
 DISTANCES_m = 1e-12, 1e6  # allowed range of distances in m, for the same reason
 MOST_STEPS = 10.0  # steps of a load cell of few digits, above which two forces cannot be equal by chance
+BALANCES = 'gf', 'mgf', 'kgf'  # units of a balance
 REACH = 1.5  # factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement
 
 
@@ -45,6 +47,11 @@ class Forces:
         -1 on the approach, +1 on the return, 0 (the default) where it is not known.
     pair : ndarray of str, shape (n,), optional
         Name of the pair of magnets in each row; by default there is one pair.
+    sigma_r : ndarray, shape (n,)
+        Standard uncertainty of the distance of each row in mm, by its own and not shared; zero by default.  A scale that is read
+        to 0.5 mm has 0.5/sqrt(12) = 0.14 mm.
+    balance : bool
+        Whether the forces are weights on a balance, which is set to zero before.
     """
 
     r: np.ndarray
@@ -52,6 +59,8 @@ class Forces:
     sigma: np.ndarray | None = None
     direction: np.ndarray = None  # pyright: ignore[reportAssignmentType]  zeros, by __post_init__
     pair: np.ndarray = None  # pyright: ignore[reportAssignmentType]  one name, by __post_init__
+    sigma_r: np.ndarray = 0.0  # pyright: ignore[reportAssignmentType]  one for each row, by __post_init__
+    balance: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'r', finite('r', self.r))
@@ -66,10 +75,12 @@ class Forces:
         if self.direction is None:
             object.__setattr__(self, 'direction', np.zeros(np.shape(self.r)))
         object.__setattr__(self, 'pair', np.broadcast_to('' if self.pair is None else self.pair, np.shape(self.r)))
+        object.__setattr__(self, 'sigma_r', np.broadcast_to(finite('sigma_r', self.sigma_r), np.shape(self.r)))
+        not_negative('sigma_r', float(self.sigma_r.min()), 'mm')
 
     def __getitem__(self, kept: NDArray[np.int_]) -> Forces:
         sigma = None if self.sigma is None else self.sigma[kept]
-        return Forces(self.r[kept], self.f[kept], sigma, self.direction[kept], self.pair[kept])
+        return Forces(self.r[kept], self.f[kept], sigma, self.direction[kept], self.pair[kept], self.sigma_r[kept], self.balance)
 
     @property
     def pairs(self) -> int:
@@ -146,7 +157,8 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     table.refuse('direction', np.array([word not in DIRECTIONS for word in way]), 'be approach or return')
     _refuse_impossible(table, r, contact)
     return Forces(r, table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in way]),
-                  np.asarray(table.get('pair', ''), str))
+                  np.asarray(table.get('pair', ''), str), table.get('sigma_r', 0.0),
+                  table.units['f'] in [FORCE[name] for name in BALANCES])
 
 
 def _refuse_impossible(table, r, contact):

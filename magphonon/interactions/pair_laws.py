@@ -28,8 +28,10 @@ SMOOTH = 1e-13
 """A knot is added if the energy between two knots, computed in one piece and in two halves, differs by more than this fraction.
 With two readings per octave none is added up to laws as steep as r^-12; if noise bends the spline in a gap, several are."""
 APART = 1e-9  # least relative distance of two readings; closer ones are one, up to the round-off of positions
-MARGIN, FAR = 1.1, 1e4
-"""Factors beyond the ends of a table up to which it is continued: for particles that move about their places, and as a tail."""
+MARGIN, BEND, FAR = 1.1, 2.0, 1e4
+"""Factors beyond the ends of a table up to which it is continued: below, for particles that move about their places; above, until
+it falls as the force of dipoles if it fell more slowly, and to its last distance."""
+DIPOLES = 4.0  # exponent of the force between magnets far apart
 ASTRAY = 1.5
 """Factor by which a table may deviate from the inverse power through two neighbouring readings.  A law whose exponent changes
 from 1 to 4 over an octave deviates by 1.3. Of 200 evenly spaced tables with 10 % noise none exceeded the limit; with one distant
@@ -431,10 +433,10 @@ class Tabulated:
 
     On logarithmic axes an inverse power is a straight line, which the spline reproduces exactly; between
     measured points the force stays positive and has a continuous slope and curvature.  The energy is the
-    integral of the force, zero at the last point.  Beyond the last point the force goes on as the inverse power that fits there:
-    to cut it off would be an error of 7 to 20 % in the bands of a lattice whose table ends before the second neighbours.  Below
-    the first point, and beyond a last one where the force does not fall faster than 1/r, the table continues by a tenth
-    (`MARGIN`), because particles move about their places.
+    integral of the force, zero at the last point.  Below the first point the table continues by a tenth (`MARGIN`), because
+    particles move about their places.  Beyond the last point the force goes on as the inverse power that fits there; to cut it
+    off would be an error of 7 to 20 % in the bands of a lattice whose table ends before the second neighbours.  If the end falls
+    more slowly than the force of dipoles, as one in the noise may, it becomes as steep within an octave (`BEND`).
 
     Parameters
     ----------
@@ -491,13 +493,14 @@ class Tabulated:
             object.__setattr__(self, '_knots', np.append(np.exp(x[:-1]), r[-1]))
             object.__setattr__(self, '_slopes', np.array([spline(x[:-1], n) / (6, 2, 1, 1)[3 - n] for n in (3, 2, 1, 0)]))
         (low, high), (a, b) = np.log(r[[0, -1]]), spline(np.log(r[[0, -1]]), 1)  # beyond them straight on logarithmic axes
-        before, behind = [0, 0, a, spline(low) - a * np.log(MARGIN)], [0, 0, b, spline(high)]
-        end = r[-1] * (FAR if b < -1 else MARGIN)
-        object.__setattr__(self, '_knots', np.concatenate([[r[0] / MARGIN], self._knots, [end]]))
-        object.__setattr__(self, '_slopes', np.column_stack([before, self._slopes, behind]))
+        tail, octave = min(b, -DIPOLES), np.log(BEND)
+        before, bent = [0, 0, a, spline(low) - a * np.log(MARGIN)], [0, (tail - b) / (2 * octave), b, spline(high)]
+        behind = [0, 0, tail, spline(high) + (b + tail) / 2 * octave]
+        object.__setattr__(self, '_knots', np.concatenate([[r[0] / MARGIN], self._knots, r[-1] * np.array([BEND, FAR])]))
+        object.__setattr__(self, '_slopes', np.column_stack([before, self._slopes, bent, behind]))
         # phi at each knot from the integral over the interval beyond it
         steps = self._force_integral(np.arange(len(self._knots) - 1), self._knots[1:])
-        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0) - steps[-1])
+        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0) - steps[-2:].sum())
 
     def _rough(self):
         """Mask of the intervals whose integral of the force differs from that of their two halves."""

@@ -145,8 +145,8 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     return FrequencyResponse(omega, _one_by_one(system, force, omega, damping))
 
 
-def _one_by_one(system, force, omega, damping):
-    return np.array([G(force.ravel()).reshape(-1, 3) for G in resolvents(system, omega, damping)])
+def _one_by_one(system, force, omega, damping, stiffer=None):
+    return np.array([G(force.ravel()).reshape(-1, 3) for G in resolvents(system, omega, damping, stiffer)])
 
 
 def _force_on(system, force):
@@ -168,26 +168,27 @@ def _moved(system, walls):
     return walls
 
 
-def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
-               damping: ArrayLike) -> Iterator[Callable[[NDArray[Any]], NDArray[np.complex128]]]:
+def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike, damping: ArrayLike,
+               stiffer: ArrayLike | None = None) -> Iterator[Callable[[NDArray[Any]], NDArray[np.complex128]]]:
     """Yield the resolvent `G = (H - omega^2 M + i omega C)^-1` at one frequency after the other, as a function.
 
     G(F) takes forces of the shape (3 particles,) or (3 particles, columns) and returns displacements of the same shape;
-    its arguments and errors are those of `harmonic_response`.
+    its arguments and errors are those of `harmonic_response`, and `stiffer` that of `frequency_response`.
     """
     system = LinearSystem.of(atoms, *LINEAR).moving()
     n = len(system)
     omega = finite('omega', np.atleast_1d(omega))
+    more = np.zeros(len(omega)) if stiffer is None else finite('stiffer', stiffer, omega.shape)
     rate = site_damping(damping, n, system.calc)
     refuse_unstable(system, rate)
     root = sparse.diags_array(np.sqrt(system.free.power(2).T @ np.repeat(system.masses, system.dim)))
-    M, C = root @ root, root @ system.B(rate) @ root
+    M, C, one = root @ root, root @ system.B(rate) @ root, sparse.eye_array(root.shape[0])
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
     round_off = RESONANT * abs(system.K).sum(axis=1).max()
     order = None  # of elimination, the same for all frequencies
-    for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
+    for w, k in zip(tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False), more, strict=True):
         try:
-            solve = inverse(system.stiffness - w**2 * M + 1j * w * C, order)
+            solve = inverse(system.stiffness + k * one - w**2 * M + 1j * w * C, order)
             order = solve.factors.order
         except RuntimeError as error:
             raise _infinite(w) from error
@@ -205,14 +206,14 @@ def _infinite(omega):
 @takes(*LINEAR)
 def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, omega: ArrayLike, damping: ArrayLike,
                        particles: ArrayLike | None = None, tolerance: float = 1e-9,
-                       walls: ArrayLike | None = None) -> FrequencyResponse:
+                       walls: ArrayLike | None = None, stiffer: ArrayLike | None = None) -> FrequencyResponse:
     """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
     A small structure is solved by its modes, a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose
-    length is about `omega_max/gamma` times the number of wanted digits. Frequencies are solved one by one in three cases: if this
-    is cheaper; if the damping differs from particle to particle or particles gyrate, so that the response is not a function of
-    one matrix; and if the wave has died out at all of the `particles`.  In the last case, modes and series would give only the
-    round-off of the motion at the source.
+    length is about `omega_max/gamma` times the number of wanted digits. Frequencies are solved one by one in three cases: if
+    this is cheaper; if the damping differs from particle to particle, particles gyrate or springs depend on the frequency, so
+    that the response is not a function of one matrix; and if the wave has died out at all of the `particles`. In the last case,
+    modes and series would give only the round-off of the motion at the source.
 
     Parameters
     ----------
@@ -230,6 +231,8 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
         Allowed error at each frequency, as a fraction of the largest displacement of the `particles`.
     walls : array_like of complex, shape (particles, 3), optional
         Amplitudes in mm of held particles that move, zero for all others; the force F = -H_fh u_h drives the free particles.
+    stiffer : array_like, shape (frequencies,), optional
+        Stiffness in N/mm that the springs of all particles have at each frequency besides the foundation, as heavy pillars do.
 
     Returns
     -------
@@ -256,18 +259,18 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
         push, walls = np.zeros((len(system), 3)) if force is None else _force_on(system, force), _moved(system, walls)
         pull, dim = np.zeros_like(walls), system.dim
         pull[:, :dim] = -(system.free @ (system.free.T @ (system.hessian @ walls[:, :dim].ravel()))).reshape(-1, dim)
-        found = _steady(system, push + pull, omega, rates, particles, tolerance) + walls[particles]
+        found = _steady(system, push + pull, omega, rates, particles, tolerance, stiffer) + walls[particles]
         return (Transmissibility if force is None else FrequencyResponse)(omega, found)
     if force is None:
         raise ValueError('nothing drives the structure; give a force, or the displacements of walls')
-    return FrequencyResponse(omega, _steady(system, _force_on(system, force), omega, rates, particles, tolerance))
+    return FrequencyResponse(omega, _steady(system, _force_on(system, force), omega, rates, particles, tolerance, stiffer))
 
 
-def _steady(system, force, omega, rates, particles, tolerance):
+def _steady(system, force, omega, rates, particles, tolerance, stiffer):
     """The displacements of `frequency_response`, by the cheapest method that meets the tolerance."""
     gamma = float(rates[0])
-    if np.ptp(rates) or system.turning:
-        return _one_by_one(system, force, omega, rates)[:, particles]
+    if np.ptp(rates) or system.turning or stiffer is not None:
+        return _one_by_one(system, force, omega, rates, stiffer)[:, particles]
     s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
     refuse_memory(f'the response of {len(particles)} particles at {len(omega)} frequencies', 48 * len(omega) * len(particles),
@@ -301,13 +304,13 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
 
 @takes(*LINEAR)
 def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], answer: Dof, omega: ArrayLike,
-               damping: ArrayLike, gyration_seen_from: str = 'bench') -> FrequencyResponse:
+               damping: ArrayLike, gyration_seen_from: str = 'bench', stiffer: ArrayLike | None = None) -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one particle, each along its own direction.
 
     Parameters
     ----------
-    atoms, omega, damping
-        As for `frequency_response`.
+    atoms, omega, damping, stiffer
+        As for `frequency_response`; a shaken bench has springs alone.
     source : Dof or ndarray, shape (3,) or (particles, 3)
         A Dof says where the force acts.  An array (particles, 3) gives the displacements of `walls` as in `frequency_response`.
         A vector is the direction d in which the whole bench is shaken by u_b, with walls and feet of pillars.
@@ -341,7 +344,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Dof | NDArray[np.float64], a
     system, omega = LinearSystem.of(atoms), np.atleast_1d(omega)
 
     def seen(force, walls=None):
-        found = frequency_response(system, force, omega, damping, [answer.particle], walls=walls)
+        found = frequency_response(system, force, omega, damping, [answer.particle], walls=walls, stiffer=stiffer)
         return found.response[:, 0] @ answer.direction
 
     if isinstance(source, Dof):

@@ -362,8 +362,7 @@ def _built(scene, factors):
     there = with_factors(scene, factors)
     law, changes = _bent(there, factors) if BENDS[0] in factors else (there.law.potential(), {})
     feet = there.foundation
-    excess = feet.pillar.excess if feet and feet.pillar and feet.pillar.mass_kg else None
-    return law, feet.springs(feet.stiffness) if feet else 0.0, changes_of(there) | changes, excess
+    return law, feet.springs(feet.stiffness) if feet else 0.0, changes_of(there) | changes, feet.beams if feet else None
 
 
 def _bent(scene, factors):

@@ -39,7 +39,10 @@ LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'f
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
 RAYLEIGH = 33 / 140
 """Share of the mass of a cantilever that moves with its tip while it bends as under a static force."""
-HEAVY = 5.0  # 3 m omega^2/k of a pillar above which Rayleigh's mass is off by more than a percent of the stiffness
+HEAVY, NODE = 5.0, 237.7
+"""3 m omega^2/k of a pillar above which Rayleigh's mass is off by more than a percent of the stiffness, and where its tip is a
+node."""
+HALVINGS = 50  # of the interval of a frequency
 STEP = 1e-4  # of a difference of the stiffness of a pillar
 MOST_CELLS = 10**6
 """Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
@@ -153,6 +156,24 @@ class Pillar(Table):
         beside = [dynamic_stiffness(x * (1 + step)) - 1 + RAYLEIGH / 3 * x * (1 + step) for step in (0.0, STEP, -STEP)]
         return k * beside[0], k * (beside[0] - (beside[1] - beside[2]) / (2 * STEP))
 
+    def slowed(self, omega: Any, mass: float) -> Any:
+        """Frequencies in rad/ms, below that of the node, of waves that have `omega` on springs with 33/140 of the pillars' mass.
+
+        Of particles of the same mass in g, with that share, all waves have the same modes on springs of any stiffness, so
+        m w^2 - excess(w) = m omega^2.  Unstable modes are returned as they are.
+        """
+        low, high = np.zeros_like(omega), np.minimum(np.maximum(omega, 0.0), self.node)
+        for _ in range(HALVINGS):
+            w = (low + high) / 2
+            below = w**2 - self.excess(w)[0] / mass < np.square(omega)
+            low, high = np.where(below, w, low), np.where(below, high, w)
+        return np.where(np.asarray(omega) > 0, high, omega)
+
+    @property
+    def node(self) -> float:
+        """The frequency in rad/ms at which the pillar alone moves with a node at its tip."""
+        return float(np.sqrt(NODE / self.heaviness(1.0)))
+
     def heaviness(self, omega: Any) -> Any:
         """The number x = 3 m omega^2/k of a pillar of mass m at frequencies in rad/ms; Rayleigh's mass is right below 5."""
         return 3 * self.mass_kg * (1e3 * np.asarray(omega)) ** 2 / self.stiffness_N_per_m
@@ -161,7 +182,7 @@ class Pillar(Table):
 def dynamic_stiffness(x: Any) -> Any:
     """Stiffness of a cantilever at its tip in static ones: z^3/3 (1 + cos z cosh z)/(sin z cosh z - cos z sinh z), z^4 = x.
 
-    Its mass m makes x = 3 m omega^2/k; up to x = 237, where it has a node at the tip.
+    Its mass m makes x = 3 m omega^2/k; up to x = `NODE`.
 
     Examples
     --------
@@ -230,14 +251,27 @@ class Foundation(Table):
         """The pair law of the particles, which is `in_plane` for particles at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
 
-    def doubts(self, omega: Any) -> list[str]:
-        """A line that says up to which of some frequencies in rad/ms pillars act as springs, if they do not at all of them."""
+    def slowed(self, omega: Any, masses: Any) -> Any:
+        """Frequencies as by `Pillar.slowed`, or as they are if pillars count as springs or particles differ."""
+        return omega if self.beams is None or np.ptp(masses) else self.beams.slowed(omega, masses[0])
+
+    def doubts(self, omega: Any, beams: bool = True) -> list[str]:
+        """A line that says up to which of some frequencies in rad/ms pillars act as springs, if they do not at all of them;
+        `beams` says whether they need not.
+        """
         if self.pillar is None or (x := np.max(self.pillar.heaviness(omega))) <= HEAVY:
             return []
         limit = u.hertz(np.max(omega) * np.sqrt(HEAVY / x))
-        return [f'Above {limit:.3g} Hz the pillars are too heavy for springs with 33/140 of their mass, as they count here: at '
-                f'{u.hertz(np.max(omega)):.4g} Hz 3 m omega^2/k is {x:.3g}, and true frequencies are lower. A fit of ridges '
-                'uses the stiffness of the pillars at each frequency.']
+        return [f'Above {limit:.3g} Hz the pillars are too heavy for springs with 33/140 of their mass: at '
+                f'{u.hertz(np.max(omega)):.4g} Hz 3 m omega^2/k is {x:.3g}. '
+                + ('Their stiffness is that of beams at each frequency; further waves, in which they bend, begin at '
+                   f'{u.hertz(self.pillar.node):.3g} Hz and are left out.' if beams and self.beams else
+                   'As springs they count here, so true frequencies are lower.')]
+
+    @property
+    def beams(self) -> Pillar | None:
+        """The pillars, if their mass is known and particles move in the plane: their stiffness then depends on the frequency."""
+        return self.pillar if self.pillar and self.pillar.mass_kg and self.out_of_plane is None else None
 
     @property
     def moving_mass(self) -> float:

@@ -53,9 +53,8 @@ from .tolerances import Uncertainty
 
 PAIRS = 3e-4
 """Where shells = 'all' has to become a number: largest relative change of a frequency by the omitted neighbours."""
-LONG_RANGE = 0.05
-"""Where a law of long range needs a number of shells: largest relative error of a frequency by the omitted neighbours, which the
-commands tell.  Beyond a table of forces the law is known no better."""
+LONG_RANGE = 0.01
+"""Where a law of long range needs a number of shells: largest relative error of a frequency by the omitted neighbours."""
 POINTS = 200
 """Wavevectors along the path of the bands in a scene written from Python."""
 MOST_IN_A_CELL = 30
@@ -73,7 +72,7 @@ SLIPS = {r'=\s*[-+]?\d+,\d': 'numbers take a decimal point, as in 0.01',
 def _units_told_by_keys():
     """Suppress warnings of calculators about units, because `consistency` has already checked them by the keys of the scene."""
     with warnings.catch_warnings():
-        warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N')
+        warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N|a mass of .* every')
         yield
 
 

@@ -290,7 +290,8 @@ class PairCalculator(Repulsion):
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
         return self.load[:, : self.dim] + self.spring_forces
 
-    def _displaced(self, u):
+    def displaced(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Bond vectors at displacements `u` from rest, shape (particles, dim), and directions; see `bond.displaced`."""
         moved = self.bonds.relative(u)
         # As a lattice drifts, its particles reach the next cell one by one: u of two ends may be measured from different images
         if np.einsum('ix,ix->', u, u) > self._shortest_period**2 / 16:  # cheaper than the largest u
@@ -299,7 +300,7 @@ class PairCalculator(Repulsion):
 
     def _repulsion(self, u):
         """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
-        vectors, n = self._displaced(u)
+        vectors, n = self.displaced(u)
         energy, gradient = self.interaction.forces(vectors)
         return energy, gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
 
@@ -352,7 +353,7 @@ class PairCalculator(Repulsion):
 
     def hessian_at(self, u: NDArray[np.float64], part: str = 'all') -> sparse.csr_array:
         """Like `get_hessian`, but at displacements `u` from rest in mm, shape (particles, dim), with `dim` components each."""
-        vectors, _ = self._displaced(u)
+        vectors, _ = self.displaced(u)
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)

@@ -20,7 +20,7 @@ from ..dynamics.engine import fastest, highest_frequency
 from ..dynamics.lammps import run_lammps
 from ..dynamics.motion import Motion
 from ..dynamics.recorder import Recorder
-from ..dynamics.splittings import SPLITTINGS, step_within
+from ..dynamics.splittings import SPLITTINGS, StepsTooLong, step_within
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
@@ -235,25 +235,32 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     top = highest_frequency(patch)
     highest = fastest(top**2, patch.calc.turning)
     _refuse_above(drive.omega, highest, patch.calc.parameters.model)
-    frame = 2 * np.pi / drive.omega / SAMPLES
-    dt, order = STEP_FRACTION * 2 / top, 2
+    frame, dt = 2 * np.pi / drive.omega / SAMPLES, STEP_FRACTION * 2 / top
     if tolerance is not None:
         only = engine == 'lammps' or patch.calc.turning
-        dt, order = step_within(tolerance, highest, duration, frame, (2,) if only else tuple(SPLITTINGS))
-    interval = max(1, int(frame / dt + 1e-9))
+        dt, _ = step_within(tolerance, highest, duration, frame, (2,) if only else tuple(SPLITTINGS))
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
-    steps = int(duration / dt)
     seen = np.union1d(site.row, site.driven)
-    wanted = [(seen, interval), (None, interval if film else max(1, steps // SNAPSHOTS))]
-    if engine == 'lammps':
-        near, field = run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks,
-                                 directory=directory)
-    else:
-        dyn = DrivenVerlet(patch, dt, [drive], damping, engine, order, threads=threads, tolerance=tolerance)
+
+    def moved(dt):
+        """Motion of the row and of the whole patch in time steps of `dt`."""
+        interval, steps = max(1, int(frame / dt + 1e-9)), int(duration / dt)
+        wanted = [(seen, interval), (None, interval if film else max(1, steps // SNAPSHOTS))]
+        if engine == 'lammps':
+            return run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks, directory=directory)
+        atoms = _at_rest(patch)
+        dyn = DrivenVerlet(atoms, dt, [drive], damping, engine, threads=threads, tolerance=tolerance)
         recorders = [Recorder(dyn, particles, every) for particles, every in wanted]
         dyn.run(steps)
-        near, field = (recorder.motion for recorder in recorders)
+        return [recorder.motion for recorder in recorders]
+
+    while True:
+        try:
+            near, field = moved(dt)
+            break
+        except StepsTooLong as error:  # strains make waves faster than they are at rest
+            dt = frame / np.ceil(frame / error.longest)
     largest = max(np.linalg.norm(frame, axis=1).max() for record in (near, field) for frame in record.displacements)
     row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(seen, site.row)])
     return BurstRecord(row, field, float(largest))

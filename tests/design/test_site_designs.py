@@ -104,12 +104,14 @@ def test_copies_that_are_drawn_afresh_are_not_overfitted():
 
 def test_copies_are_those_of_the_errors():
     """Means and standard deviations of many copies; common ones are common, and those left out leave the others as they are."""
-    errors = Errors(2.0, 1.0, 3.0, 0.5, 4.0, 1.5, 2.5, 0.2)
+    errors = Errors(2.0, 1.0, 3.0, 0.5, 0.3, 0.1, 4.0, 1.5, 2.5, 0.2)
     rng = np.random.default_rng(3)
     copies = [errors.draw(rng, 50, 2) for _ in range(300)]
     force, frequency = (np.log([getattr(one, name) for one in copies]) for name in ('force', 'frequency'))
     assert force.std() == pytest.approx(0.02, rel=0.25)  # six standard deviations of 300
     assert frequency.std() == pytest.approx(0.005, rel=0.25)
+    assert np.std([one.spacing for one in copies]) == pytest.approx(0.003, rel=0.25)
+    assert np.std([one.exponent for one in copies]) == pytest.approx(0.1, rel=0.25)
     for name, each, common in (('strength', 0.04, 0.0), ('mass', 0.015, 0.01), ('spring', 0.025, 0.03)):
         logs = np.log([getattr(one, name) for one in copies])
         assert logs.std(axis=1).mean() == pytest.approx(each, rel=0.03)
@@ -124,15 +126,16 @@ def test_copies_are_those_of_the_errors():
 def test_verified_copies_are_structures_that_come_to_rest_again():
     """Each copy by the package's other minimiser, with the deviations of the same random numbers."""
     atoms = patch(20.0)
-    errors = Errors(force_percent=2.0, each_strength_percent=2.0, each_stiffness_percent=3.0, each_foot_mm=0.2)
+    errors = Errors(force_percent=2.0, spacing_percent=0.5, exponent=0.1, each_strength_percent=2.0, each_stiffness_percent=3.0,
+                    each_foot_mm=0.2)
     target = Contrast(Dof(9, X), [8], [10], 0.4, 0.02)
     found, rng = verify(atoms, target, errors, copies=4, seed=5), np.random.default_rng(5)
     free = np.setdiff1d(np.arange(len(atoms)), atoms.constraints[0].index)
     for value in found.values[:, 0]:
         draw = errors.draw(rng, len(atoms), 2)
         built = atoms.copy()
-        built.positions[:, :2] += draw.foot
-        law = InversePower(LAW.b * draw.force, LAW.a)
+        built.positions[:, :2] = draw.foot + draw.spacing * built.positions[:, :2]
+        law = InversePower(LAW.b * draw.force * 10.0**draw.exponent, LAW.a + draw.exponent)
         built.calc = MagneticRepulsion(built, law, bonds=atoms.calc.bonds.at(built), strengths=draw.strength,
                                        foundation=0.02 * draw.spring[:, None] * [1, 1])
         built = relaxed(built).atoms

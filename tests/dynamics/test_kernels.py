@@ -4,11 +4,13 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
 from magphonon.dynamics import memory_layout
 from magphonon.dynamics.bond_increments import RANGES, TOLERANCE, Increments
 from magphonon.dynamics.memory_layout import arrange
+from magphonon.dynamics.splittings import SPLITTINGS
 from magphonon.dynamics.verlet import threads_for
 from magphonon.interactions import Tabulated
 
@@ -30,14 +32,16 @@ def extended(model, e, r0, b=8900, a=4.5):
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason='no extended precision here')
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('reach', RANGES)
-def test_polynomials_keep_their_error_bound(model, reach):
+@pytest.mark.parametrize('tolerance', [TOLERANCE, 1e-4])
+def test_polynomials_keep_their_error_bound(model, reach, tolerance):
     law = Increments(LAW, model, np.array([10.0, 13.0]))
-    coefficients, stiffness = law.polynomial(reach), law.slope(np.zeros(1))[0]
+    coefficients, stiffness = law.polynomial(reach, tolerance), law.slope(np.zeros(1))[0]
+    np.testing.assert_allclose(coefficients[0], stiffness, rtol=1e-13)
     e = reach * np.linspace(-1, 1, 202)  # not zero
     for c, r0, k in zip(coefficients.T, law.r0, stiffness, strict=True):
         H, expected = e * np.polyval(c[::-1], e), extended(model, e, r0)
         # the slope is good to the bound, so is H relative to e; the difference in 64 bits adds 1e-19/e
-        assert (abs(H - expected) < abs(k * e) * (TOLERANCE + 1e-18 / abs(e))).all()
+        assert (abs(H - expected) < abs(k * e) * (tolerance + 1e-18 / abs(e))).all()
 
 
 @pytest.mark.parametrize('model', MODELS)
@@ -47,6 +51,16 @@ def test_nothing_is_lost_near_rest(model):
     e = np.array([1e-9, 1e-13, -1e-16])
     quotient = {'complete': -(4.5 + 1) / 2, 'conventional': -4.5 / 2}[model] * 8900 * 10.0**-5.5
     assert (abs(np.polyval(c[::-1], e) / quotient - 1) < 1e-13 + 10 * abs(e)).all()
+
+
+@pytest.mark.parametrize('order', SPLITTINGS)
+@pytest.mark.parametrize('gamma', [0.0, 0.4, 3.0])
+def test_a_drift_is_flight_under_damping(order, gamma):
+    method, dt = SPLITTINGS[order], 0.7
+    ends = [quad(lambda t: np.exp(-gamma * t), 0, dt * drift)[0] for drift in method.drifts]
+    distances, factors = method.flow(dt, gamma)
+    np.testing.assert_allclose(distances, ends, rtol=1e-12)
+    np.testing.assert_allclose(factors, 1 - gamma * np.array(ends), rtol=1e-12)  # v' = -gamma x'
 
 
 def test_a_law_with_knots_or_an_end_within_reach_gets_no_polynomial():

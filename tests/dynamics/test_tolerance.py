@@ -200,5 +200,5 @@ def test_a_tolerance_is_a_positive_number_for_magnets():
 def test_the_bound_of_the_highest_frequency_by_particles_holds_and_is_near():
     for seed in range(10):
         case = Case(seed)
-        over = engine._particle_bound(LinearSystem.nearest(case.atoms)) / case.omega
+        over = engine.particle_bound(LinearSystem.nearest(case.atoms)) / case.omega
         assert 1 <= over < np.sqrt(2), seed  # half of it in the square would be no bound

@@ -96,8 +96,8 @@ def test_what_a_fit_of_forces_says(text, options, words, tmp_path, capsys):
 
 
 def test_a_scene_of_magnets_gives_the_law_its_shape(capsys):
-    assert main(['fit', '--verbose', str(ready_scene('rings')), str(SYNTHETIC)]) == 0
-    assert 'rings.toml, rather than a free curve, has the probability' in capsys.readouterr().out
+    assert main(['fit', '--verbose', 'rings', str(SYNTHETIC)]) == 0
+    assert 'rings, rather than a free curve, has the probability' in capsys.readouterr().out
 
 
 GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]

@@ -190,7 +190,7 @@ def test_faults_of_the_load_cell_are_named():
     for seed in range(4):
         good = table(LAWS['disc'], (7, 20), seed)
         said = report_of(good)
-        assert not any(word in said for word in ('saturated', 'rows are correlated', 'are few'))
+        assert not any(word in said for word in ('saturated', 'rows are correlated', 'are few', 'towards contact'))
     worst = np.sort(good.f)[-4]
     said = report_of(Forces(good.r, np.minimum(good.f, worst), None, good.direction))
     assert f'have the same largest force, {worst:g} N: the load cell was saturated' in said
@@ -199,6 +199,8 @@ def test_faults_of_the_load_cell_are_named():
     assert f'2 rows at {good.r.min():g} mm have the same largest force' in report_of(both)
     coarse = Forces(good.r, np.round(good.f, 1), None, good.direction)  # a balance of few digits is not at its end
     assert not coarse.saturated.any()
+    soft = replace(good, f=good.f * np.exp(-2 * np.maximum(9 - good.r, 0)))  # the carriage bends
+    assert 'the fitted force falls towards contact' in report_of(soft)
     warm = np.sin(np.arange(len(good.r)) / 2)
     assert 'errors of successive rows are correlated' in report_of(replace(good, f=good.f + 0.05 * abs(good.f).max() * warm))
     assert 'rows are too few' in report_of(Forces(good.r[:9], good.f[:9], None, good.direction[:9]))

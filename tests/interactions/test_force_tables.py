@@ -21,6 +21,19 @@ def test_a_header_names_its_units(tmp_path, header, join, units):
     assert forces.sigma is None
 
 
+def test_errors_of_distances_and_the_zero_of_a_balance(tmp_path):
+    """Each row may have an uncertainty of its distance; a column in grams is that of a balance, whose zero is known."""
+    f = repulsion(LAW, R)
+    forces = read_forces(write(tmp_path, table_of(R, f, 'r_mm,f_N').replace('f_N\n', 'f_N,sigma_r_um\n').replace('\n', ',150\n')
+                               .replace('sigma_r_um,150', 'sigma_r_um')))
+    np.testing.assert_allclose(forces.sigma_r, 0.15)
+    assert not forces.balance
+    weighed = read_forces(write(tmp_path, table_of(R, 1e3 * f / 9.80665, 'r_mm,f_g')))
+    assert weighed.balance
+    zeros = [SharedErrors().sizes(one)[0] / one.f.max() for one in (forces, weighed)]
+    np.testing.assert_allclose(zeros, [0.1, 1e-3])
+
+
 def test_rows_up_and_down_repeated_and_in_any_order_are_read_as_they_are(tmp_path):
     """The normal form of such a table: the machine goes down and up again, with decimal commas."""
     noise = 1 + 0.01 * np.random.default_rng(4).normal(size=2 * len(R))

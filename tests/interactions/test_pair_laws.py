@@ -156,21 +156,31 @@ def test_a_table_passes_smoothly_through_its_points():
     np.testing.assert_allclose(table.dphi(TABLE), -table.f, rtol=1e-14)
 
 
-def test_a_table_continues_as_an_inverse_power_by_a_tenth_towards_contact_and_without_end_away_from_it():
-    law = Tabulated(TABLE, 4000 * TABLE**-4.0)
-    flat = Tabulated(TABLE, np.append(law.f[:-1], law.f[-2]))  # a last reading as large as the one before is no tail
-    bent = LAWS['table']
-    for table, end, ratio in ((law, 45.0, 300.0), (bent, 45.0, 1.099), (flat, 45.0, 1.099), (bent, 3.0, 1 / 1.099)):
-        beyond = end * np.geomspace(1, ratio, 7)
-        f, a = -table.dphi(end), end * table.d2phi(end) / -table.dphi(end)
-        np.testing.assert_allclose(-table.dphi(beyond), f * (beyond / end) ** -a, rtol=1e-11)
-        np.testing.assert_allclose(table.d2phi(beyond), f * a / beyond * (beyond / end) ** -a, rtol=1e-11)
-        work = f * end / (a - 1) * (1 - (beyond / end) ** (1 - a))  # the integral of the force from the end
-        np.testing.assert_allclose(table.phi(beyond), table.phi(end) - work, rtol=1e-11, atol=1e-14)
-        assert table.phi(table.r[-1]) == 0
-    for table, r in ((law, 3 / 1.11), (flat, 45 * 1.11), (law, np.array([10.0, 2.0])), (flat, 1.11 * 45 + 1e-20j)):
-        with pytest.raises(ValueError, match='outside the table'):
-            table.d2phi(r)
+def test_a_table_goes_on_by_a_tenth_towards_contact_and_at_least_as_steeply_as_dipoles_away_from_it():
+    """Its exponent rises evenly to 4 over an octave, if it is less; also of an end that rises in the noise (-0.5)."""
+    for a in (-0.5, 0.8, 2.9, 4.0, 5.3):
+        x = np.log(TABLE / 45)
+        law = Tabulated(TABLE, np.exp(-a * x + 0.2 * x**3 * (TABLE < 45)))  # bent, and flat towards its end
+        end = 45 * law.d2phi(45.0) / -law.dphi(45.0)  # of the spline, which is known in between
+        steep = max(end, 4.0)
+
+        def exponent(r, end=end, steep=steep):
+            return end + (steep - end) * np.minimum(np.log(r / 45) / np.log(2), 1)
+
+        for r in 45 * np.geomspace(1.01, 9000, 7):
+            fallen = [quad(lambda s: exponent(np.exp(s)), *part, epsabs=0)[0]
+                      for part in pairwise(np.log([45, min(r, 90.0), r]))]
+            assert -law.dphi(r) == pytest.approx(np.exp(-sum(fallen)), rel=1e-10)
+            assert law.d2phi(r) * r / -law.dphi(r) == pytest.approx(exponent(r), rel=1e-10)
+            work = sum(quad(lambda s: -law.dphi(np.exp(s)) * np.exp(s), *part, epsabs=0)[0]  # noqa: B023
+                       for part in pairwise(np.log([45, min(r, 90.0), r])))
+            assert law.phi(r) == pytest.approx(-work, rel=1e-9)
+        first = 3 * law.d2phi(3.0) / -law.dphi(3.0)
+        assert law.dphi(3 / 1.09) == pytest.approx(law.dphi(3.0) * 1.09**first, rel=1e-11)
+        assert law.phi(45.0) == 0
+        for r in (3 / 1.11, 1.1e4 * 45, np.array([10.0, 2.0]), 2 + 1e-20j):
+            with pytest.raises(ValueError, match='outside the table'):
+                law.d2phi(r)
 
 
 def test_laws_are_values():

@@ -119,8 +119,8 @@ def test_the_slider_of_the_spacing_ends_at_a_tenth_of_the_force_and_ten_times_of
 def test_the_slider_of_the_spacing_ends_with_the_table_of_a_law_and_with_contacts():
     r = np.linspace(8, 15, 8)
     table = explored(Tabulated(r, 0.2 * (r / 10) ** -3.0)).spacings.values
-    # a table continues by a tenth below, and above as it falls: (1/10)**(-1/3) = 2.15
-    assert table[[0, -1]] == pytest.approx([0.008 / 1.1, 0.0215], rel=0.02)
+    # a table continues by a tenth below, and above towards dipoles: 3 ln(r/10) + ln(r/15)^2/(2 ln 2) = ln 10 at 21.13
+    assert table[[0, -1]] == pytest.approx([0.008 / 1.1, 0.02113], rel=0.02)
     assert table[0] >= 0.008 / 1.1
     spheres = explored(Overlap.spheres(206 * u.GPa, 0.3, 20 * u.mm), spacing=19.997)
     assert spheres.spacings.values[-1] < 0.02  # a tenth of the force
@@ -131,7 +131,8 @@ def test_two_shells_of_a_table_are_known_at_every_value_of_the_slider():
     r = np.linspace(6, 26, 30)
     lattice = explored(Tabulated(r, 0.2 * (r / 10) ** -0.8), kind='square', shells=2)
     assert np.isfinite(lattice._law()['stiffness_N_per_m']).all()
-    assert 24 < lattice.scales[-1] * 10 * np.sqrt(2) <= 1.1 * 26  # so slowly falling, it continues by a tenth only
+    # beyond its end it falls towards dipoles: 0.8 ln(r/10) + 3.2 ln(r/26)^2/(2 ln 2) = ln 10 at 50.4
+    assert lattice.scales[-1] == pytest.approx(5.04, rel=0.01)
 
 
 def test_what_the_page_cannot_show_is_refused():

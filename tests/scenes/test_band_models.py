@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from ridge_lattices import POINTS, Drawn, L, cantilever
 from scans import scene_text
+from scipy.linalg import eigh
+from structures import few_first
 
 from magphonon import read_scene
 from magphonon.bands import bloch_modes
+from magphonon.cli import bands, frf
 from magphonon.cli.fit_report import band_report
+from magphonon.response import receptance
 from magphonon.scenes import fit_bands
 from magphonon.scenes.band_fits import NEAREST
 from magphonon.scenes.lattices import Pillar
@@ -102,6 +106,82 @@ def test_the_papers_pillars_are_no_springs_at_its_frequencies(tmp_path):
     drawn = Drawn.of([12, 0], heavy=True)[0]
     told = [scene_of(tmp_path, drawn).foundation.doubts(omega) for omega in (drawn.omega([[0.01, 0, 0]]), 1.0)]
     assert [len(one) for one in told] == [0, 1]
+
+
+def finite_elements(pillar, elements=12):
+    """Stiffness and mass matrix in mm and g of a cantilever of Hermite's cubic elements; its last component is the tip."""
+    h, n = 1e3 * pillar.height_m / elements, 2 * elements
+    K, M = np.zeros((n + 2, n + 2)), np.zeros((n + 2, n + 2))
+    bending = 1e6 * pillar.youngs_modulus_Pa * np.pi / 4 * pillar.radius_m**4 / h**3  # EI/h^3
+    share = 1e3 * pillar.density_kg_per_m3 * np.pi * pillar.radius_m**2 * pillar.height_m / elements / 420
+    for k in range(elements):
+        here = slice(2 * k, 2 * k + 4)
+        K[here, here] += bending * np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+                                             [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]])
+        M[here, here] += share * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+                                           [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]])
+    order = [*range(2, n), n + 1, n]  # the foot is clamped
+    return K[np.ix_(order, order)], M[np.ix_(order, order)]
+
+
+def drawn_pillars(folder, rng):
+    """A scene of nearest neighbours on pillars of any material, that weigh 0.3 to 2 magnets, and their finite elements."""
+    f, a, mass = rng.uniform(0.05, 0.5), rng.uniform(3, 6), rng.uniform(0.3e-3, 2e-3)
+    height, k = rng.uniform(0.03, 0.2), rng.uniform(1.0, 5.0) * f / 0.01
+    radius = height / rng.uniform(30, 150)
+    modulus, density = 4 * k * height**3 / (3 * np.pi * radius**4), mass * rng.uniform(0.3, 2) / (np.pi * radius**2 * height)
+    text = scene_text(0.01, mass, f * 0.01**a, a, k)
+    (folder / 'own.toml').write_text(text[: text.index('[foundation]')] + (
+        f'[foundation.pillar]\nyoungs_modulus_Pa = {modulus}\nradius_m = {radius}\nheight_m = {height}\n'
+        f'density_kg_per_m3 = {density}\n[patch]\nkind = "hexagon"\nside_m = 0.02\n[bands]\npath = "GMK"\npoints = 24\n'
+        '[frf]\nfrom_Hz = 5\nto_Hz = 400\npoints = 12\ndamping_per_s = 30\n'
+        'force = {at_m = [0.0, 0.0], direction_deg = 20}\nresponse = {at_m = [0.01, 0.0], direction_deg = 70}\n'))
+    scene = read_scene(folder / 'own.toml')
+    return scene, (f, a, 1e3 * mass), finite_elements(scene.foundation.pillar)
+
+
+def bond(n, f, a, model):
+    """Stiffness of a bond of 10 mm along n in N/mm."""
+    nn = np.multiply.outer(n, n)
+    return a * f / L * nn - (model == 'complete') * f / L * (np.eye(2) - nn)
+
+
+@pytest.mark.parametrize('seed', few_first(range(8), 1))
+def test_bands_and_responses_of_lattices_on_heavy_pillars(seed, tmp_path):
+    """What the commands write against finite elements of a beam under each magnet, in both models."""
+    scene, (f, a, mass), (K, M) = drawn_pillars(tmp_path, np.random.default_rng([47, seed]))
+    pillar, n = scene.foundation.pillar, len(K)
+    M[-1, -1] += mass
+    angles = np.arange(6) * np.pi / 3
+    six = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    found, _ = bands._bands(scene, scene.perfect_cell(), scene.band_path())
+    frf._responses(scene, scene.frf, tmp_path, lambda *_: None)
+    curves = np.genfromtxt(tmp_path / 'frf.csv', delimiter=',', names=True)
+    assert pillar.heaviness(found['complete'].omega.min()) < 5
+    assert pillar.heaviness(scene.frf.omega[-1]) > 5
+    places, far = np.vstack([[0, 0], 10 * six]), scene.cell().cell.reciprocal().array[:, :2] * 2 * np.pi
+    for model in ('complete', 'conventional'):
+        near = [bond(one, f, a, model) for one in six]
+        for q, omega in zip(found[model].path.kpts[::5], found[model].omega[::5], strict=True):
+            whole, tips = np.kron(np.eye(2), K), n * np.arange(1, 3) - 1
+            whole[np.ix_(tips, tips)] += sum(K * (1 - np.cos(10 * one @ (q @ far))) for K, one in zip(near, six, strict=True))
+            squares = eigh(whole, np.kron(np.eye(2), M), eigvals_only=True, subset_by_index=(0, 1))
+            np.testing.assert_allclose(omega, np.sqrt(squares), rtol=1e-5)
+        whole, inertia, tips = np.kron(np.eye(14), K), np.kron(np.eye(14), M), n * np.arange(1, 15).reshape(7, 2) - 1
+        for own, at in zip(tips, places, strict=True):
+            for one, way in zip(near, six, strict=True):
+                whole[np.ix_(own, own)] += one
+                for k in np.flatnonzero(np.linalg.norm(places - at - 10 * way, axis=1) < 1e-3):
+                    whole[np.ix_(own, tips[k])] -= one
+        loss, push, seen = np.zeros((3, len(whole)))
+        loss[tips] = 0.03 * (mass + 1e3 * 33 / 140 * pillar.mass_kg)
+        push[tips[0]], seen[tips[1]] = ([np.cos(t), np.sin(t)] for t in np.radians([20, 70]))
+        omega = 2e-3 * np.pi * curves['frequency_Hz']
+        expected = [seen @ np.linalg.solve(whole - w**2 * inertia + 1j * w * np.diag(loss), push) for w in omega]
+        size, phase = 1e3 * curves[f'{model}_amplitude_m_per_N'], np.radians(curves[f'{model}_phase_deg'])
+        np.testing.assert_allclose(size * np.exp(1j * phase), expected, rtol=0, atol=1e-4 * size.max())
+        springs = receptance(*scene.shaken(model), omega, 0.03).response  # the control: 33/140 of the mass
+        assert abs(springs / expected - 1).max() > 0.03
 
 
 @pytest.mark.slow

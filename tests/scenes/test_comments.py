@@ -7,6 +7,8 @@ import re
 
 import numpy as np
 import pytest
+from ridge_lattices import cantilever
+from scipy.optimize import brentq
 
 from magphonon import read_scene, units as u
 from magphonon.bands.bloch import bloch_modes
@@ -32,6 +34,13 @@ def shear(name):
     return u.hertz(bloch_modes(scene.perfect_cell(), scene.special_points['M'][None])[0][0, 0])
 
 
+def beams():
+    """Lower branch at M on aluminium beams: m w^2 = K - k + k(w), with K on springs and the mass m of magnets alone."""
+    rod, K = 140 / 33 * ROD * MASS, (1 + ROD) * MASS * (2 * np.pi * shear('neighbours')) ** 2
+    w = brentq(lambda w: MASS * w**2 - K + PILLAR * (1 - cantilever(3 * rod * w**2 / PILLAR)), 1, 800)
+    return w / (2 * np.pi)
+
+
 def local_modes():
     """Frequencies of the vacancy between the bands."""
     f = u.hertz(natural_frequencies(read_scene('vacancy').atoms()))
@@ -53,7 +62,7 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
               'above `1.11e-9`': lambda: reference()['layer']['gate'][0] ** 2 * 3.3e-20 / 8e-4**3},
     'neighbours': {'from `58.2`': lambda: hertz((PILLAR + (2 * A - 6) * FORCE / L) / MASS),
                    'to `67.5` Hz': lambda: np.sqrt(1 + ROD) * shear('neighbours'),
-                   '`27` % of a magnet': lambda: 100 * ROD, 'to `59.9` Hz': lambda: shear('neighbours'),
+                   '`27` % of a magnet': lambda: 100 * ROD, 'to `59.7` Hz': beams,
                    'k = `19.6757`': lambda: PILLAR},
     # along y the three bonds have n_y^2 = 1, 1/4, 1/4: D0 = 1.5 a f/L, D* = -1.5 f/L
     'oscillator': {'`212.1` rad/s': lambda: np.sqrt(4.5e4),

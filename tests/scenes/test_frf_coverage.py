@@ -89,7 +89,8 @@ def of_one_spring(folder, kind, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('kind', 'stiff'), [('kx unlike ky', 'y'), ('holes', None)])
+@pytest.mark.parametrize(('kind', 'stiff'), [
+    pytest.param('kx unlike ky', 'y', marks=pytest.mark.long), ('holes', None)])
 def test_two_springs_are_seen_by_a_fit_of_one(kind, stiff, tmp_path):
     fits, true = of_one_spring(tmp_path, kind, 30)
     ratio, sigma = fits.fits['complete'].unlike

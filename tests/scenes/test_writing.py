@@ -49,6 +49,7 @@ def test_titles_and_names(cell, tmp_path):
         assert taken >= 12
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(title=some.text(max_size=30))
 def test_drawn_titles(cell, tmp_path_factory, title):

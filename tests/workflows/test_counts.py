@@ -20,7 +20,7 @@ NO_PART = ('oscillator D0_', 'oscillator D_yy',  # D0 itself, and along bonds in
            'Wigner crystal, energy', 'Yukawa crystals change', 'oblique cuboids', 'ring: mass')  # energies, forces and a mass
 """Numbers of others that D0 alone gives as well."""
 CITED = {'1911.10410': 'jiao2020', 'magcode': 'robertson2011', 'Akoun': 'akoun1984', 'magpylib': 'magpylib',
-         'Bonsall': 'bonsall1977', 'Hamaguchi': 'hamaguchi1997',
+         'Phys. Rev. A 103': 'sosnova2021', 'Bonsall': 'bonsall1977', 'Hamaguchi': 'hamaguchi1997',
          'IonSim.jl': 'ionsim', 'TsgFEM': 'tsgfem', 'matscipy': 'matscipy', 'ASE': 'ase'}
 """Words in the names of sources: entries of the bibliography."""
 COUNTING = re.compile(r'\b\d+ (?:of \d+ )?(?:\w+ )?(?:numbers|references|controls|wrong models|publications)\b')

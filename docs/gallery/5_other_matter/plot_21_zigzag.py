@@ -19,7 +19,7 @@ ax = new_axes()
 for k, line in ((6.0, '-'), (7 * 1.2020569 / 2, '--')):
     chain.calc = AllNeighbours(chain, InversePower(b=1.0, a=2.0), foundation=k)      # Coulomb's law
     across = analytic_bands(chain, q).omega[:, 0]
-    ax.plot(2 * q[:, 0], across, line, label=f'$D^0 + D^*$, k = {k:.3f}')
+    ax.plot(2 * q[:, 0], across, line, label=f'$D^0 + D^{{*}}$, k = {k:.3f}')
     ax.plot(2 * q[:, 0], np.full(len(q), np.sqrt(k)), line, label=f'$D^0$ alone, k = {k:.3f}')
 print(f'the chain is straight above k = {critical_foundation(chain).k:.6f}')
 ax.set(xlabel=r'$q a/\pi$', ylabel=r'$\omega$ across the axis', xlim=(0, 1), ylim=0)

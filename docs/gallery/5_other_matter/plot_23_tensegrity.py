@@ -17,7 +17,7 @@ drawn, ax = figure.add_subplot(121, projection='3d'), figure.add_subplot(122)
 for i, j, t in zip(bonds.i, bonds.j, tensions, strict=True):
     drawn.plot(*prism.positions[[i, j]].T, color='C0' if t > 0 else 'C1', linewidth=1 if t > 0 else 4)
 drawn.set_axis_off()
-for model, mark, name in (('complete', 'o', '$D^0 + D^*$'), ('conventional', 'x', '$D^0$ alone')):
+for model, mark, name in (('complete', 'o', '$D^0 + D^{*}$'), ('conventional', 'x', '$D^0$ alone')):
     prism.calc = prism.calc.about(prism, model=model)
     ax.plot(abs(modes(prism).frequencies_Hz), mark, label=name)
 ax.set(xlabel='mode', ylabel='frequency (Hz)')

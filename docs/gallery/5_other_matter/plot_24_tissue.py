@@ -22,7 +22,7 @@ for model, line in (('complete', '-'), ('conventional', '--')):
     for e in stretch:
         cell.calc = PairCalculator(cell, Spring(k=1.0, L0=1.0 - e))
         speeds.append(sound_speeds(cell, model=model))
-    name = '$D^0 + D^*$' if model == 'complete' else '$D^0$ alone'
+    name = '$D^0 + D^{*}$' if model == 'complete' else '$D^0$ alone'
     ax.plot(stretch, np.array(speeds)[:, 0], line, label=f'shear, {name}')
     ax.plot(stretch, np.array(speeds)[:, 1], line, label=f'longitudinal, {name}')
 t = stretch[2::3]                                                               # stiffness across a bond, tension over length

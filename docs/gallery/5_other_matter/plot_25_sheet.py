@@ -26,7 +26,7 @@ for e in strain:
     frozen.append(np.sqrt(wave.get_forces()[0, 0] / 5e-4 / sheet.get_masses()[0]) * 98.2269 / (2 * np.pi))   # to rad/ps, to THz
 ax = new_axes()
 ax.set(xlabel='strain (%)', ylabel='frequency at M (THz)')
-for k, (name, line) in enumerate((('$D^0 + D^*$', '-'), ('$D^0$ alone', '--'))):
+for k, (name, line) in enumerate((('$D^0 + D^{*}$', '-'), ('$D^0$ alone', '--'))):
     ax.plot(100 * strain, np.array(found)[:, k], line, label=[f'transverse, {name}', f'longitudinal, {name}'])
 ax.plot(100 * strain, frozen, 'ko', fillstyle='none', label='forces of ASE')
 legend_above(ax)

@@ -22,7 +22,7 @@ joined = [(i, i + step) for step, along in ((N + 1, x), (1, y)) for i in np.flat
 cables = net(nodes, [(i, j, Cable(k, L - T / k)) for i, j in joined], dim=3)
 half, figure = np.sin(np.arange(1, N) * np.pi / (2 * N)) ** 2, new_figure(7.0, 2.8)
 drawn, ax = figure.add_subplot(121, projection='3d'), figure.add_subplot(122)
-for model, mark, name in (('conventional', 'x', '$D^0$ alone'), ('complete', '.', '$D^0 + D^*$')):
+for model, mark, name in (('conventional', 'x', '$D^0$ alone'), ('complete', '.', '$D^0 + D^{*}$')):
     cables.calc = cables.calc.about(cables, model=model)
     ax.plot((found := modes(cables)).frequencies_Hz[:81], mark, label=name)     # the others are in its plane
 ax.plot(u.hertz(np.sqrt(4 * T / (m * L) * np.sort(np.add.outer(half, half), None))), 'ko', fillstyle='none', label='closed form')

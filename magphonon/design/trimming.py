@@ -1,0 +1,245 @@
+"""Trim a device after it was built: measured responses say how its parts deviate, and which few magnets to exchange.
+
+The unknowns are the deviations z of all parts in standard deviations of their errors, so that the likeliest copy minimises
+
+    |(h - h(z))/sigma|^2 + |z|^2        dh = -x.(dH - omega^2 dM + i omega gamma dM) y
+
+with the responses x and y to unit forces at the place that is seen and at the source.  There are far fewer responses than
+unknowns, so that Gauss-Newton's step is solved in the space of the responses.  From the device as it was designed it ends in a
+wrong minimum, because peaks are off by many widths. So the force of the batch, which shifts all of them together, is scanned
+first, and then the noise is taken to be much larger than it is and falls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import Unstable, finite, positive, whole
+from ..response.frf import Dof
+from ..response.transfer_functions import TransferFunction
+from ..stiffness.bond import Model
+from .objectives import Objective, soft_minimum
+from .scatter import form, site_slopes
+from .site_designs import COMMON, Errors, Parts, Structure
+
+DAMPING = 0.4  # standard deviation of the logarithm of the damping rate, which nobody knows well
+SCAN = np.linspace(-3, 3, 25)  # deviations of the batch's force, in standard deviations, from which a search may start
+STARTS, ROBUST = 3, 10.0  # the best of them that are tried; residuals far above this count only by their logarithm
+NOISES = 100, 50, 30, 20, 10, 5, 3, 2, 1, 1, 1, 1  # by which factor the noise is taken to be larger, step by step
+SHORTEST = 0.05  # of Gauss-Newton's step, which is halved while it leads up
+MOST_CHI = 2.0  # root of the mean square of residuals over noise above which the copy is not explained
+SOURCES = 3**0.5 * np.array([-1, 0, 1])  # deviations of the source's frequency, in standard deviations: the nodes of a Gaussian
+TAU = 3.0  # width of the soft minimum over targets and these frequencies, in the unit of the objective
+TRIED = 60  # exchanges that are tried for each one that is chosen, by their effect to first order
+
+
+@dataclass(frozen=True, eq=False)
+class Trim:
+    """Magnets to be exchanged in one copy of a device.
+
+    Attributes
+    ----------
+    sites : tuple of int
+    strengths : tuple of float
+        Of the new magnets at these sites, as in the stock.
+    built, expected : float
+        The worst target of the copy as it was identified, for a source that may be off its frequency, before and after.
+    chi : float
+        Root of the mean square of the residuals, in units of their noise.
+    damping : float
+        Factor of the damping rate that was assumed.
+    parts : Parts
+        The deviations of the copy.
+    """
+
+    sites: tuple[int, ...]
+    strengths: tuple[float, ...]
+    built: float
+    expected: float
+    chi: float
+    damping: float
+    parts: Parts
+
+
+def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Sequence[TransferFunction], *, parts: ArrayLike,
+         errors: Errors, damping: float, exchanges: int = 3, model: Model = 'complete') -> Trim:
+    """Which magnets of a copy to exchange for others from a stock, from measured responses of this copy.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        The device as it was designed, such as `SiteDesign.atoms`, not as it was built.
+    objective : Objective or sequence of Objective
+        What is to be made large, as in `optimise`; the source may be off its frequency as `errors` say.
+    measured : sequence of TransferFunction
+        Displacements per force of the copy with `drive`, `answer` and `sigma`; two ports at some twenty frequencies are enough.
+    parts : array_like
+        Strengths of the magnets in stock, in the unit of the strengths of the calculator.
+    errors : Errors
+        How well the device was built.
+    damping : float
+        Damping rate that is expected, in 1/ms; it is fitted.
+    exchanges : int
+        Most magnets that are exchanged.
+    model : {'complete', 'conventional'}
+        Model of the waves.
+
+    Raises
+    ------
+    ValueError
+        If the device with these errors does not explain what was measured: then an exchange would do harm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.design import Contrast, Errors, trim
+    >>> from magphonon.response import Dof, receptance
+    >>> from magphonon.response.transfer_functions import TransferFunction
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=4.0)
+    >>> source, seen, omega = Dof(18, (1.0, 0, 0)), Dof(16, (1.0, 0, 0)), np.linspace(2, 4, 9)
+    >>> built = patch.copy()  # of a stronger batch
+    >>> built.calc = MagneticRepulsion(built, InversePower(1.02, 4.0), foundation=4.0)
+    >>> h = receptance(built, source, seen, omega, 0.1).response
+    >>> left = Contrast(source, loud=[16], quiet=[20], omega=3.0, damping=0.1)
+    >>> found = trim(patch, left, [TransferFunction('16', omega, h, 1e-3, drive=source, answer=seen)], parts=[0.9, 1.0, 1.1],
+    ...              errors=Errors(force_percent=2.0), damping=0.1, exchanges=1)
+    >>> round(found.parts.force, 3), found.expected > found.built + 1
+    (1.02, True)
+    """
+    targets = (objective,) if isinstance(objective, Objective) else tuple(objective)
+    stock = np.unique(np.atleast_1d(finite('parts', parts)))
+    copy = _Copy(Structure(atoms), errors, tuple(measured), positive('damping', damping, '1/ms'), model)
+    z, chi = copy.identified()
+    if chi > MOST_CHI:
+        raise ValueError(f'the device with these errors does not explain the measured responses: chi = {chi:.2g} is their '
+                         f'distance in units of the noise, and above {MOST_CHI:g} an exchange would do harm; check errors, '
+                         'sigma, the places, and the model: it needs all neighbours, D*, and the mass of the pillars')
+    structure, built, factor = copy.structure, errors.parts(z[:-1], *copy.structure.shape), float(np.exp(DAMPING * z[-1]))
+    sources = [one.tuned(float(np.exp(errors.frequency_percent / 100 * off)), factor) for one in targets
+               for off in (SOURCES if errors.frequency_percent else [0.0])]
+    now, chosen = structure.rest(built, copy.near, model), {}
+    before = worst = min(one.value(now) for one in sources)
+    for _ in range(whole('exchanges', exchanges)):
+        best = (worst, None, now, built)
+        for site, strength in _promising(structure, now, sources, built, stock, chosen):
+            other = _with(structure, built, site, strength)
+            try:
+                rest = structure.rest(other, now, model)
+            except Unstable:
+                continue
+            value = min(one.value(rest) for one in sources)
+            if value > best[0]:
+                best = (value, (site, strength), rest, other)
+        if best[1] is None:
+            break
+        worst, (site, chosen[site]), now, built = best
+    return Trim(tuple(chosen), tuple(chosen.values()), before, worst, chi, factor, errors.parts(z[:-1], *structure.shape))
+
+
+def _with(structure, parts, site, strength):
+    """The parts with a magnet of exactly this strength at a site."""
+    factors = np.array(np.broadcast_to(parts.strength, structure.shape[:1]))
+    factors[site] = strength / np.broadcast_to(structure.calc.strengths, factors.shape)[site]
+    return replace(parts, strength=factors)
+
+
+def _promising(structure, rest, sources, parts, stock, chosen):
+    """Sites and strengths of exchanges whose effect on the targets is largest to first order, of either sign."""
+    found = [one.value_and_slope(rest) for one in sources]
+    share = soft_minimum(np.array([value for value, _ in found]), TAU)[1]
+    slope = site_slopes(rest, sum((c * one for c, (_, one) in zip(share, found, strict=True)), 0.0 * found[0][1]))['strength']
+    now = np.log(structure.calc.strengths * parts.strength)
+    change = slope[:, None] * (np.log(stock) - now[:, None])
+    change[~structure.system.mobile] = change[list(chosen)] = 0.0
+    order = np.argsort(-abs(change), axis=None)[:TRIED]
+    return [(int(k // len(stock)), float(stock[k % len(stock)])) for k in order if change.flat[k]]
+
+
+@dataclass(eq=False)
+class _Copy:
+    """One copy of a device whose responses were measured."""
+
+    structure: Structure
+    errors: Errors
+    measured: tuple[TransferFunction, ...]
+    damping: float
+    model: Model
+
+    def __post_init__(self) -> None:
+        for one in self.measured:
+            if not (isinstance(one.drive, Dof) and isinstance(one.answer, Dof)) or one.sigma is None:
+                raise ValueError(f'{one.name}: a measured response needs drive and answer as Dof, and sigma, its noise')
+        if not self.measured:
+            raise ValueError('measured holds no response; give those of a port or two')
+        self.near = self.structure.rest(model=self.model)
+        self.responses = np.concatenate([one.response for one in self.measured])
+        self.sigma = np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in self.measured])
+
+    def off(self, z: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Residuals over noise, real parts first; None if the structure buckles."""
+        try:
+            rest = self.structure.rest(self.errors.parts(z[:-1], *self.structure.shape), self.near, self.model)
+        except Unstable:
+            return None
+        return self._split(self.responses - self._responses(rest, z)[0])
+
+    def _split(self, h):
+        return np.concatenate([h.real, h.imag]) / np.tile(self.sigma, 2).reshape(-1, *[1] * (h.ndim - 1))
+
+    def _responses(self, rest, z, with_slopes=False):
+        """The responses, and their derivatives by z, shape (responses, unknowns)."""
+        (n, dim), gamma, h, slopes = self.structure.shape, self.damping * np.exp(DAMPING * z[-1]), [], []
+        feet = self.structure.feet * self.errors.parts(z[:-1], n, dim).spacing
+        for one in self.measured:
+            force, seen = one.drive.force(n)[:, :dim], one.answer.force(n)[:, :dim]
+            for omega in one.omega:
+                y = rest.response(force, omega, gamma)
+                h.append((seen * y).sum())
+                if with_slopes:
+                    x, inertia = rest.response(seen, omega, gamma), 1j * omega * gamma - omega**2
+                    slope = form(rest.frame.bonds, -x[..., None], y[..., None], inertia)
+                    by_damping = 1j * omega * gamma / inertia * (rest.masses @ slope.masses)
+                    by_parts = self.errors.slopes(rest, site_slopes(rest, slope), feet)
+                    slopes.append(np.append(by_parts, DAMPING * by_damping))
+        return np.array(h), np.array(slopes)
+
+    def identified(self) -> tuple[NDArray[np.float64], float]:
+        """The likeliest deviations z, the logarithm of the damping last, and chi."""
+        (n, dim), starts, found = self.structure.shape, [], []
+        for force in SCAN if self.errors.force_percent else SCAN[:1] * 0:
+            z = np.zeros(COMMON + (3 + dim) * n + 1)
+            z[0] = force
+            r = self.off(z)
+            if r is not None:
+                starts.append((np.log1p((r / ROBUST) ** 2).sum() + force**2, force, z))
+        for *_, z in sorted(starts, key=lambda one: one[:2])[:STARTS]:
+            for noise in NOISES:
+                z = self._stepped(z, noise)
+            r: Any = self.off(z)
+            found.append((r @ r + z @ z, float(np.sqrt(np.mean(r**2))), z))
+            if found[-1][1] < MOST_CHI**0.5:
+                break
+        _, chi, z = min(found, key=lambda one: one[0])
+        return z, chi
+
+    def _stepped(self, z, noise):
+        """One step of Gauss and Newton, for noise that is so many times larger."""
+        rest = self.structure.rest(self.errors.parts(z[:-1], *self.structure.shape), self.near, self.model)
+        h, slopes = self._responses(rest, z, with_slopes=True)
+        r, J = self._split(self.responses - h), self._split(slopes)
+        down = J.T @ np.linalg.solve(J @ J.T + noise**2 * np.eye(len(r)), r + J @ z) - z
+        before, share = r @ r / noise**2 + z @ z, 1.0
+        while share > SHORTEST:
+            now = self.off(z + share * down)
+            if now is not None and now @ now / noise**2 + (z + share * down) @ (z + share * down) < before:
+                return z + share * down
+            share /= 2
+        return z
