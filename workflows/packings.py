@@ -3,7 +3,7 @@
 Discs of two sizes, 1 to 1.4, half and half, are packed at pressures from 1e-1 to 1e-4 of an energy per mean diameter squared, and
 so are discs with Hertz' law, and spheres.  Standard errors over the seeds are in brackets.  C. C. Sartor, S. A. Ridout and E. I.
 Corwin, arXiv:2006.09592, print that pressures (times the mean volume of a particle, over eps of `U = eps (1 - r/d)^2`) rise by
-1.23/dim with the share of space beyond jamming, and that contacts beyond the fewest are 0.74 dim 2^(dim/2) times their root in space.
+1.23/dim with the share of space beyond jamming, and that contacts beyond the fewest are 0.74 dim 2^(dim/2) times their root.
 """
 
 import argparse
@@ -107,9 +107,10 @@ def exponents(every):
 def printed(every, dim):
     """A line of text: the numbers that others have printed."""
     phi, P = each(every, 'fraction'), 2 * PRESSURES * each(every, 'volume')  # eps is half of the energy here
-    rise, root = np.diff(P)[:, -1] / np.diff(phi)[:, -1], (each(every, 'excess') / np.sqrt(P))[:, 4] / dim / 2 ** (dim / 2)
+    rise, root = np.diff(P)[:, -1] / np.diff(phi)[:, -1], (each(every, 'excess') / np.sqrt(P))[:, -3] / dim / 2 ** (dim / 2)
     return (f'pressure over the share of space beyond jamming, times dim: {told(dim * rise)} (printed: 1.23); contacts at 1e-3 '
-            f'over the root of the pressure: {told(root)} (printed in space: 0.74); jamming at {told(phi[:, -1] - P[:, -1] / rise)}')
+            f'over the root of the pressure: {told(root)} (printed from three dimensions on: 0.74); jamming at '
+            f'{told(phi[:, -1] - P[:, -1] / rise)}')
 
 
 def onsets(every):
