@@ -13,7 +13,7 @@ limit omega dt < 2 remains: rotations, too, conserve the quadratic form of posit
     v <- v + dt/2 f(t + dt)/m
     v <- E v
 
-Without damping, gyration and drives it is ASE's VelocityVerlet, bit for bit.
+Without damping, gyration and drives short runs are ASE's VelocityVerlet bit for bit, and compiled blocks are up to round-off.
 """
 
 from __future__ import annotations

@@ -112,10 +112,16 @@ def _bands(scene: Scene) -> None:
     if bands is not None and bands.supercell is not None and len(bands.supercell) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(bands.supercell)}')
     if bands is not None and bands.path is not None:
-        known, legs = scene.special_points, parse_path_string(bands.path)
-        if not all(len(leg) > 1 and set(leg) <= set(known) and all(a != b for a, b in pairwise(leg)) for leg in legs):
+        known, meant = scene.special_points, bands.path.upper().translate({ord('Γ'): 'G', ord('-'): None, ord(' '): None})
+        if not _joins(bands.path, known):
             raise ValueError(f'bands.path of the {kind} lattice must join different ones of the points {", ".join(known)}, '
-                             f'not {bands.path!r}')
+                             f'not {bands.path!r}' + f'; did you mean {meant!r}?' * _joins(meant, known))
+
+
+def _joins(path, known):
+    """Whether each leg of a path joins different special points."""
+    return all(len(leg) > 1 and set(leg) <= set(known) and all(a != b for a, b in pairwise(leg))
+               for leg in parse_path_string(path))
 
 
 def _frf(scene: Scene) -> None:

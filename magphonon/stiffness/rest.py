@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 from ase import Atoms
-from ase.constraints import FixAtoms, FixedLine, FixedPlane
+from ase.constraints import FixAtoms, FixCartesian, FixedLine, FixedPlane
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
@@ -430,8 +430,10 @@ def _blocked(constraint, dim):
     """The projector on the directions, of the first `dim` ones, that a constraint blocks."""
     if isinstance(constraint, FixAtoms):
         return np.eye(dim)
+    if isinstance(constraint, FixCartesian):
+        return np.diag(constraint.mask[:dim].astype(float))
     if type(constraint) not in (FixedLine, FixedPlane):
-        raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are supported, not {constraint!r}')
+        raise ValueError(f'only FixAtoms, FixCartesian, FixedLine and FixedPlane are supported, not {constraint!r}')
     d = np.where(abs(constraint.dir) > TILT, constraint.dir, 0.0)
     if d[:dim].any() and d[dim:].any():
         raise ValueError(f'{constraint!r} guides a particle out of the plane')
@@ -447,7 +449,7 @@ def refuse_held(forces: NDArray[Any], atoms: Atoms, what: str) -> None:
     """
     left = np.array(forces)
     for constraint in atoms.constraints:
-        if isinstance(constraint, FixAtoms | FixedLine | FixedPlane):
+        if isinstance(constraint, FixAtoms | FixCartesian | FixedLine | FixedPlane):
             constraint.adjust_forces(atoms, left)
     largest = abs(forces).max(initial=0)
     if largest and abs(left).max() <= HELD * largest:
