@@ -21,17 +21,17 @@ hypothesis.settings.load_profile('everywhere')  # the same draws in every run, o
 if 'PYTEST_XDIST_WORKER' in os.environ:
     os.environ['NUMBA_CACHE_DIR'] = str(Path(tempfile.gettempdir(), f'magphonon-numba-{os.environ["PYTEST_XDIST_WORKER"]}'))
 
-COMPILED = 'tests/dynamics/', 'tests/test_differential.py', 'tests/stiffness/test_packings.py'  # where most is compiled
+COMPILED = 'tests/dynamics/', 'tests/test_differential.py'  # where most steps are compiled, which takes a minute
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """One worker runs all tests of compiled code, since each would compile them again; any worker runs any other test."""
+    """One worker runs all tests of compiled steps, since each would compile them again; any worker runs any other test."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            return 'compiled code' if nodeid.startswith(COMPILED) else nodeid
+            return 'compiled steps' if nodeid.startswith(COMPILED) else nodeid
 
     return Scheduling(config, log)
 

@@ -80,7 +80,7 @@ def test_triangular_holds_itself_above_a_of_3(a, stable):
     assert growth(cell_of('triangular', law, model='conventional', repeat=(2, 1, 1)), expected)[1] < BOUNDED
 
 
-@pytest.mark.parametrize('name', few_first(['triangular', 'honeycomb', 'chain', 'square', 'kagome'], 2))
+@pytest.mark.parametrize('name', few_first(['triangular', 'honeycomb', 'chain', 'square', 'kagome'], 1))
 @pytest.mark.parametrize('share', [0.99, 1.01])
 def test_foundation_that_just_holds(name, share):
     a, needed, repeat = LATTICES[name]

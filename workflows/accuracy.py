@@ -90,8 +90,6 @@ class Chart:
         Checks of errors and counts, which are the same on all machines.  Times vary; they belong in the reading.
     error : str
         What the error is.
-    draw : function, optional
-        Function from the chart to a figure, if the default (error against wall time, one panel for each question) does not suit.
     """
 
     title: str
@@ -99,7 +97,6 @@ class Chart:
     reading: str
     checks: list[Check] = field(default_factory=list)
     error: str = 'error'
-    draw: Callable | None = None
 
 
 def measure(candidates, error, repeats=5, patience=1.0):
@@ -267,5 +264,4 @@ def spoken(number):
 def save_chart(chart, out, name):
     """Write `name`.png and `name`.csv into the directory `out`; returns the entry for `Outcome.pictures`."""
     write_table(out / f'{name}.csv', chart.measurements, notes=[chart.title, chart.reading])
-    figure = (chart.draw or work_precision)(chart)
-    return save_picture(figure, out / f'{name}.png', f'{chart.title}; the conclusion is at the end of {name}.csv.')
+    return save_picture(work_precision(chart), out / f'{name}.png', f'{chart.title}; the conclusion is at the end of {name}.csv.')

@@ -100,7 +100,7 @@ def bursts(gaps):
     return [Check('burst, D0 alone: share of its energy that does not run to the right', 1 - there, 0, 0.16),
             Check('burst, D0 alone: share of its energy that runs to the left', back, 0, 1e-3),
             Check('energy that travels with D* / energy that enters with D0 alone', travels, 0, 1e-3),
-            Check('control: D0 alone: share of its energy that travels', there + back, 0, 0.5, control='D0')]
+            Check('control: D0 alone: share of its energy that travels', there + back, 0, 0.4, control='D0')]
 
 
 def burst(patch, omega, model):

@@ -75,7 +75,7 @@ def _prototype(known):
     return [
         *pairs('prototype M, all neighbours (Hz)', at_M(everyone), known['prototype_M_Hz'], 1e-9, BRANCHES),
         Check('M shear, direct sum over 30 spacings (Hz)', shear[2], known['prototype_M_Hz'][0], 1e-4),
-        Check('control: M shear of nearest neighbours (Hz)', shear[0], known['prototype_M_Hz'][0], 0.1,
+        Check('control: M shear of nearest neighbours (Hz)', shear[0], known['prototype_M_Hz'][0], 0.05,
               control='nearest neighbours'),
         Check('moving mass of the pillar / mass of the magnet', share, known['pillar_share'], 1e-3),
         *(Reported(f'{branch} at M, all neighbours and the pillars\' mass / the paper\'s model', ratio, 1)

@@ -215,7 +215,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: M
 
 def _dynamic(system, omega, damping):
     """The matrices omega^2 + i omega B, with damping and gyroscopic forces in B; real if there is neither."""
-    gamma, one = site_damping(damping, len(system)), np.eye(system.directions)
+    gamma, one = site_damping(damping, len(system), system.calc), np.eye(system.directions)
     if not (gamma.any() or system.turning):
         return (omega * abs(omega))[:, None, None] * one
     for w in omega[omega < 0][:1]:

@@ -129,11 +129,17 @@ def _no_silent_overflow():
     """Turn an overflow, a division by zero or a NaN in a formula of the package into an error that ends the command; other
     warnings are sentences, without the line of the program.
     """
-    before = warnings.formatwarning
+    before, told = warnings.formatwarning, set()
+
+    def sentence(message, *_, **__):
+        odd = getattr(message, 'what', None)  # of a unit, which users of commands mend in the scene
+        words = _said(f'warning: {odd + "; check the units of the scene, which its keys name" if odd else message}') + '\n'
+        return '' if words in told else told.add(words) or words
+
     with warnings.catch_warnings():
         warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
         warnings.filterwarnings('ignore', message='Glyph .* missing from')  # letters of a title that the font lacks
-        warnings.formatwarning = lambda message, *_, **__: _said(f'warning: {message}') + '\n'
+        warnings.formatwarning = sentence
         try:
             yield
         finally:

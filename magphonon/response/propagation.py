@@ -31,6 +31,7 @@ from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive, refuse_memory
 from ..stiffness.plausibility import site_damping, warn_of_amplitude, warn_of_speed, warn_of_times
 from ..stiffness.rest import LinearSystem, components, static_forces
+from ..stiffness.sites import refuse_motion_out_of_the_plane
 from ..traits import LINEAR, takes
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, products_of, sizes, stable_interval, whole_interval
 from .first_order import NODES, POINTS, WEIGHTS, FirstOrder
@@ -220,6 +221,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     rates, tolerance = site_damping(damping, len(atoms), atoms.calc), positive('tolerance', tolerance)
     drives = list(drives)
     check_drives(drives, atoms)
+    if atoms.calc.dim == 2:
+        refuse_motion_out_of_the_plane(atoms.calc, atoms)
     push = constant_push(drives, len(atoms))
     system = LinearSystem.nearest(atoms).moving()
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step

@@ -72,7 +72,7 @@ SLIPS = {r'=\s*[-+]?\d+,\d': 'numbers take a decimal point, as in 0.01',
 def _units_told_by_keys():
     """Suppress warnings of calculators about units, because `consistency` has already checked them by the keys of the scene."""
     with warnings.catch_warnings():
-        warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N')
+        warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N|a mass of .* every')
         yield
 
 

@@ -237,7 +237,6 @@ def _idle(atoms, radii, law, most):
     return (np.bincount(ends, minlength=len(atoms)) <= atoms.pbc.sum()) & (largest < most)
 
 
-@njit(cache=True)
 def descend(x, v, fire, i, j, shift, D, energy, power, pressure, balance, steps, roam):
     """Steps of FIRE, until the forces balance or a sphere has moved by `roam` past the cell: their number, and whether they do.
 
@@ -253,9 +252,9 @@ def descend(x, v, fire, i, j, shift, D, energy, power, pressure, balance, steps,
         F[n:] = ((F[n:] + F[n:].T) / 2 - pressure * abs(np.linalg.det(x[n:])) * one) / inertia
         if np.abs(F).max() < balance * pressure:
             return step, True
-        if (F * v).sum() > 0:
+        if np.vdot(F, v) > 0:
             v *= 1 - fire[1]
-            v += fire[1] / (1 - fire[1]) * np.sqrt((v**2).sum() / (F**2).sum()) * F
+            v += fire[1] / (1 - fire[1]) * np.linalg.norm(v) / np.linalg.norm(F) * F
             fire[2] += 1
             if fire[2] > 5:
                 fire[0], fire[1] = min(1.1 * fire[0], 0.4), 0.99 * fire[1]

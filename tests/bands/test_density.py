@@ -181,6 +181,7 @@ def test_ases_density_holds_hertz_and_all_modes():
     assert np.trapezoid(theirs.get_weights(), f) == pytest.approx(4.0, rel=1e-2)  # modes of a cell
 
 
+@pytest.mark.slow
 def test_ases_density_of_a_patch_has_equal_steps_and_all_modes():
     patch = lattices.hexagon(lattices.triangular(L0, M), 4 * L0)
     patch.calc = MagneticRepulsion(patch, LAW, foundation=0.2)

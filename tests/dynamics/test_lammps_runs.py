@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scene_files import ready_scene
-from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
 from magphonon.cli.main import main
@@ -50,7 +49,7 @@ def drawn_patch(seed):
 def by_magphonon(atoms, drive, records, damping=DAMPING):
     moving = atoms.copy()
     moving.calc = atoms.calc
-    dyn = DrivenVerlet(moving, DT, [drive], damping, engine='ase')
+    dyn = DrivenVerlet(moving, DT, [drive], damping, engine='compiled')
     recorders = [Recorder(dyn, particles, interval) for particles, interval in records]
     dyn.run(STEPS)
     return recorders
@@ -62,7 +61,8 @@ def apart(found, expected):
                for a, b in zip(found, expected, strict=True))
 
 
-@pytest.mark.parametrize('ranks', few_first([1, 2], 1))
+@pytest.mark.slow
+@pytest.mark.parametrize('ranks', [1, 2])
 def test_each_particle_moves_as_with_driven_verlet(tmp_path, ranks):
     atoms, drive, records = drawn_patch(ranks)
     expected = by_magphonon(atoms, drive, records)

@@ -185,6 +185,7 @@ def report_of(forces):
     return force_report('f.csv', None, forces, fit, ERRORS)
 
 
+@pytest.mark.slow
 def test_faults_of_the_load_cell_are_named():
     """Saturated, warming, and short tables; good ones make no alarm (30 were tried)."""
     for seed in range(4):

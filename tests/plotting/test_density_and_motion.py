@@ -99,6 +99,7 @@ def patch_without_periods(sheet):
     return alone
 
 
+@pytest.mark.slow
 def test_a_film_has_all_frames_on_one_scale(tmp_path):
     atoms = patch(6)
     decaying = np.exp(-np.arange(5))[:, None, None] * mode_frames(modes(atoms).shapes[0], 0.01)[:1]

@@ -134,6 +134,7 @@ def test_unstable_structures_are_refused_however_weakly(seed):
             assert float(str(refused.value).split('the rate ')[1].split()[0]) == pytest.approx(1e3 * growth, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_vectors_that_grow_betray_strong_instability_only():
     # the control: what was looked at before; a series ends long before a weak instability has doubled its vectors
     patch = Patch(0)

@@ -62,6 +62,7 @@ def held(fits, drawn, q, part=None):
     return hits | {'bands': np.mean(abs(omega - drawn.omega(q)) <= 1.96 * sigma * abs(omega))}
 
 
+@pytest.mark.slow
 def test_the_interval_does_not_depend_on_the_shells_of_the_scene_nor_on_its_start(tmp_path):
     drawn, rng = Drawn.of([7, 2])
     points = measured(drawn, rng)

@@ -155,6 +155,7 @@ def lost(K, b=1.6209e-10, a=4.5824, L=0.01, n=4):
     return abs(minimize(energy, start, jac=True, method='L-BFGS-B', options=options).x).max()
 
 
+@pytest.mark.slow
 def test_a_hole_that_does_not_hold_names_the_foundation_that_holds_it(tmp_path):
     """In the paper's own lattice; with the weaker of the two a magnet falls into the hole, by a relaxation of its own."""
     file = tmp_path / 'hole.toml'

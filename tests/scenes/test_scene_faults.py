@@ -123,6 +123,7 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'bands.path': 'GXMG'},
      "bands.path of the triangular lattice must join different ones of the points G, M, K, not 'GXMG'"),
     ({'bands.path': 'GG'}, 'must join different ones of the points'),
+    *(({'bands.path': path}, "did you mean 'GMKG'?") for path in ('gmkg', 'G-M-K-G', 'ΓMKΓ')),
     ({'bands.supercell': [3, 3, 1]}, 'must hold 2 whole numbers, not [3, 3, 1]'),
     ({'law': {'kind': 'table', 'shells': 1, 'distances_m': [0.01], 'forces_N': [1.0]}}, 'at least 4 points'),
     ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy"),

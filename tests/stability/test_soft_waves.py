@@ -137,6 +137,7 @@ def test_two_hundred_lattices_beside_their_limits(seed):
     assert not misjudged(seed)
 
 
+@pytest.mark.slow
 def test_rhombic_dipoles_buckle_in_long_waves():
     """At 73 degrees no point of the mesh is unstable: the control."""
     angle = np.deg2rad(73)

@@ -11,6 +11,7 @@ from scipy import sparse
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.stiffness import AllNeighbours
+from magphonon.stiffness.plausibility import UnitWarning
 
 # As a part of ASE
 
@@ -143,7 +144,7 @@ def test_a_calculator_made_of_another_does_not_warn_again():
     cell = lattices.triangular(10.0, 0.7)
     with pytest.warns(UserWarning, match='mm, g, ms and N') as told:
         calc = MagneticRepulsion(cell, InversePower(b=1.6209e-10, a=4.5824))
-    [warning] = [one for one in told if one.category is UserWarning]
+    [warning] = [one for one in told if one.category is UnitWarning]
     assert warning.filename == __file__  # the line that made it, not one of the package
     calc.about(cell, foundation=0.0)
     calc.on(cell.repeat((2, 2, 1)))

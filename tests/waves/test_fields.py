@@ -131,6 +131,7 @@ def test_intervals_of_fitted_lattices_hold_the_truth_and_with_nearest_neighbours
     assert np.mean(control) < 0.8
 
 
+@pytest.mark.slow
 def test_one_component_tells_the_branches_that_it_shows_purely(tmp_path):
     rng, scene = np.random.default_rng(3), scene_of(tmp_path)
     lab, modes, vectors = specimen(1, 0.2, 0.2)

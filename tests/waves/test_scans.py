@@ -350,6 +350,7 @@ def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
     assert (tmp_path / 'out' / 'spectrum_scan_measured.png').exists()
 
 
+@pytest.mark.slow
 def test_several_scans_are_analysed_in_one_call_as_each_alone(tmp_path, capsys):
     names = []
     for seed, folder in ((3, '.'), (4, '.'), (3, 'other')):

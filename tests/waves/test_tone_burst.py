@@ -143,6 +143,7 @@ def test_the_ridge_of_each_model_lies_on_its_own_branch(source, model, ideal):
     assert strongest.misfits[model, 'longitudinal'].bins > 1
 
 
+@pytest.mark.slow
 def test_a_row_driven_evenly_misses_the_branch_where_one_that_fades_hits_it(ideal):
     patch = patch_of(ideal, 60)
     where = burst_setup(ideal, patch, 'row')
@@ -286,7 +287,7 @@ def advance(frames):
     return -(power * np.sign(np.outer(omega, k))).sum() / power.sum()
 
 
-@pytest.mark.parametrize('carrier_Hz', few_first([35, 40, 45], 1))
+@pytest.mark.parametrize('carrier_Hz', few_first([35, 40, 45], 0))
 def test_in_a_film_crests_move_away_from_the_source(prototype, carrier_Hz):
     """Waves of the prototype go forward; in 24 frames of half a second, 0.73 to 0.94 of a period apart, they seem to go back."""
     patch = lattices.half_hexagon(prototype, side=200.0)

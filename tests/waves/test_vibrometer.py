@@ -40,6 +40,7 @@ def test_noise_has_its_size_and_its_seed():
     assert not sampled(still, rate=1.0).displacements.any()
 
 
+@pytest.mark.slow
 def test_a_measured_table_is_analysed_like_a_simulated_record(tmp_path):
     omega_m = OMEGA_M['shear', 'complete']
     along = driven_row(omega_m, CARRIER['shear'], points=30, duration=1000, dt=2.0)

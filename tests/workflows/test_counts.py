@@ -62,7 +62,7 @@ def rows(tmp_path_factory):
 @pytest.mark.long
 def test_every_number_of_others_has_its_control_unless_dstar_has_no_part_in_it(rows):
     of_others = [row['quantity'] for row in rows if row['kind'] in ('printed', 'open code or data')]
-    controls = {row['quantity']: row['control'] for row in rows if row['control']}
+    controls = {row['quantity']: row['control'] for row in rows if row.get('control')}
     alone = [quantity for quantity in of_others if controls.get(f'control: D0 alone, {quantity}') == 'D0']
     forces = [quantity for quantity in of_others if f'control: point dipoles, {quantity}' in controls]
     assert len(alone) >= 40
@@ -75,3 +75,17 @@ def test_the_sentences_have_the_numbers_of_a_run(rows):
     for file in ('paper/paper.md', 'docs/measured.md'):
         (said,) = SENTENCE.findall(text(file))
         assert [int(number) for number in said] == [counted[kind] for kind in KINDS]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('quantity', 'sentence'), [
+    (r'\w+ burst, \w+ simulation: distance to its own branch \(bins\)', 'ridges of tone bursts.*?{} off the branch'),
+    (r'control: transverse burst, .*: distance to the \w+ branch \(bins\)', 'shear ridges are {} off the branch'),
+    (r'vibrometer \d+ Hz, .*: distance to its own shear branch', 'of the virtual vibrometer.*?{} off the branch of their own'),
+    (r'control: vibrometer \d+ Hz, .*: distance to the \w+ shear branch', '{} off the branch of the other model \\|'),
+    ('frf amplitude, error against the closed form', 'the amplitude differs by {} over'),
+])
+def test_measured_ranges_are_those_of_a_run(rows, quantity, sentence):
+    found = [row['here'] for row in rows if re.match(quantity, row['quantity'])]
+    told = re.findall(sentence.format(r'([\d.e-]+) to ([\d.e-]+)'), text('docs/measured.md'))[-1]
+    assert list(map(float, told)) == pytest.approx([min(found), max(found)], rel=0.1)  # rounded to one or two digits

@@ -10,7 +10,6 @@ import pytest
 import workflows
 from workflows import frf, rows, stability, vibrometer
 from workflows.__main__ import NAMES, main
-from workflows.report import typeset
 from workflows.rows import Check
 
 
@@ -43,28 +42,14 @@ def test_every_number_of_a_workflow_passes(tmp_path, name):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures('small')
-def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
-    names = ['chain', 'phonopy_comparison']
-    assert main([*names, '-o', str(tmp_path)]) == 0
-    summary = json.loads((tmp_path / 'summary.json').read_text())
-    assert list(summary) == names
-    assert any(row['control'] for row in summary['phonopy_comparison'])
-    html, table = (tmp_path / 'report.html').read_text(), capsys.readouterr().out
-    drawn = {file.stem for file in tmp_path.glob('*.png')}
-    assert html.count('data:image/png;base64,') == len(drawn) > 0
-    assert {file.stem for file in tmp_path.glob('*.pdf')} == drawn
-    for found in summary.values():
-        assert all(typeset(row['quantity']) in html and row['quantity'] in table for row in found)
-    assert 'FAIL' not in table
-
-
-@pytest.mark.slow
 def test_the_command_itself(tmp_path):
     done = subprocess.run([sys.executable, '-m', 'workflows', 'prototype_bands', 'chain', '-o', str(tmp_path)], check=True,
                           cwd=Path(workflows.__file__).parents[1], capture_output=True, text=True)
     assert '0 rows fail' in done.stdout
     assert list(json.loads((tmp_path / 'summary.json').read_text())) == ['prototype_bands', 'chain']
+    drawn = {file.stem for file in tmp_path.glob('*.png')}
+    assert (tmp_path / 'report.html').read_text().count('data:image/png;base64,') == len(drawn) > 0
+    assert {file.stem for file in tmp_path.glob('*.pdf')} == drawn
 
 
 def test_a_wrong_reference_fails_the_run(tmp_path, monkeypatch, capsys):

@@ -30,6 +30,7 @@ def test_steps_converge_with_their_order(burst):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_every_method_of_the_response_answers_alike():
     shaken = accuracy_frf.patch(10)
     cost = Counter()
