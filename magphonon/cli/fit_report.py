@@ -276,6 +276,8 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
         (value, _), (known, sigma) = values[name], found.priors[name]
         lines.append(f'The data give {_with_unit(name)} = {value:.4g}, {sigmas:.1f} sigma from the {known:.4g} +- {sigma:.2g} '
                      'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
+    if feet := found.scene.foundation:
+        lines += feet.doubts(max(one.omega[-1] for one in found.functions), beams=False)
     apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
     wide = found.fitted(better.model).frf.damping_per_s / (2 * np.pi)
     if better.follows and apart > wide:
