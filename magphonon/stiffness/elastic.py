@@ -245,7 +245,6 @@ def elastic_moduli(atoms: Atoms, model: Model = 'complete') -> Moduli:
     return Moduli(_along_periods(atoms, dim), density, stress / V, clamped / V, (clamped - following) / V)
 
 
-@takes('radii')
 def internal_strain(atoms: Atoms) -> NDArray[np.float64]:
     """How the particles of a cell at rest follow a strain, beyond the strain itself, in the complete model.
 

@@ -264,7 +264,7 @@ def test_unsuitable_files_and_scenes_are_refused(tmp_path):
         scene({'file': 'bare.traj'}, uncertainty={'mass_percent': 1.0})
     bare.set_constraint(FixBondLength(0, 1))
     ase.io.write(tmp_path / 'rods.traj', bare)
-    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are supported'):
+    with pytest.raises(ValueError, match='only FixAtoms, FixCartesian, FixedLine and FixedPlane are supported'):
         scene({'file': 'rods.traj'})
     with pytest.raises(ValueError, match=r'belongs to lattice\.kind = "file"'):
         Scene.model_validate({'title': 'mine', 'law': {'kind': 'saved'},
