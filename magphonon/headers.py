@@ -109,7 +109,7 @@ class Asked:
                              f'{shown(",".join(head.name for head in heads))}){layout}')
         for head in heads:
             if head.quantity is None:
-                if not others:
+                if not others and head.name:  # a column without a name numbers the rows
                     near = did_you_mean(head.name, [name for quantity in self.columns for name in self.names(quantity)])
                     raise ValueError(f'{path}: this kind of table has no column {shown(head.name)}{near or layout}')
                 continue

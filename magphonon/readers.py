@@ -68,6 +68,7 @@ def _workbook(path):
     """The one sheet that is not empty, as a text with tabs."""
     import openpyxl
 
+    _refuse_packed(path)
     with open(path, 'rb') as file:
         sheets = [[['' if cell is None else ' '.join(str(cell).split()) for cell in row]
                    for row in sheet.iter_rows(values_only=True)] for sheet in openpyxl.load_workbook(
@@ -85,10 +86,15 @@ def _refuse_many(path, count):
                          'read; export the columns of the measurement alone')
 
 
-def numpy_file(path: str | PathLike[str]) -> dict[str, Any]:
-    """The arrays of a .npz file."""
+def _refuse_packed(path):
+    """Raise ValueError for a file of packed members that are too large, at 8 bytes a number."""
     with zipfile.ZipFile(path) as packed:
         _refuse_many(path, sum(one.file_size for one in packed.infolist()) // 8)
+
+
+def numpy_file(path: str | PathLike[str]) -> dict[str, Any]:
+    """The arrays of a .npz file."""
+    _refuse_packed(path)
     with open(path, 'rb') as file:  # np.load leaves it open where it fails
         return dict(np.load(file, allow_pickle=False).items())
 
@@ -147,7 +153,7 @@ def as_text(path: Any, arrays: Mapping[str, Any]) -> str:
     shapes = {values.shape for values in columns.values()}
     if len(shapes) > 1 or any(len(shape) > 1 for shape in shapes):
         raise ValueError(f'{path} holds arrays of the shapes {", ".join(map(str, sorted(shapes)))}; give columns of one length, '
-                         'or arrays (frames, points) with the times of the frames and the positions of the points')
+                         'or arrays (frames, points), not square, with the times of the frames and the positions of the points')
     out = io.StringIO()
     csv.writer(out).writerows([[*columns], *zip(*(_listed(path, *one) for one in columns.items()), strict=True)])
     return out.getvalue()

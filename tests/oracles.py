@@ -173,7 +173,9 @@ def allowed_motion(atoms, dim):
     for constraint in atoms.constraints:
         d = getattr(constraint, 'dir', np.zeros(3))[:dim]
         along = np.outer(d, d)
-        own = {'FixAtoms': 0 * along, 'FixedLine': along, 'FixedPlane': np.eye(dim) - along}[type(constraint).__name__]
+        blocked = getattr(constraint, 'mask', np.zeros(3))[:dim]
+        own = {'FixAtoms': 0 * along, 'FixedLine': along, 'FixedPlane': np.eye(dim) - along,
+               'FixCartesian': np.diag(1.0 - blocked)}[type(constraint).__name__]
         allowed[constraint.index] = own @ allowed[constraint.index]
     return allowed
 

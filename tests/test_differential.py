@@ -14,7 +14,7 @@ from oracles import neighbour_vectors, verlet
 from structures import few_first
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, relaxed
-from magphonon.dynamics import Harmonic, engine, memory_layout
+from magphonon.dynamics import Harmonic, memory_layout
 
 pytestmark = pytest.mark.filterwarnings('ignore:the foundation of')  # stiff on purpose: strains stay small
 
@@ -225,7 +225,7 @@ def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_
 
 @pytest.mark.slow
 def test_threads_change_nothing_of_that(monkeypatch):
-    monkeypatch.setattr(engine, 'PIECE', 16)  # so that drives and holes lie in several pieces, strips in part of one
+    monkeypatch.setattr(memory_layout, 'RUN', 16)  # so that drives and holes lie in several runs, strips in part of one
     for seed in range(520, 530):
         case = drawn(seed, most=1000, **SIMILAR)
         u = case.run('compiled grid')

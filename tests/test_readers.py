@@ -37,6 +37,8 @@ TABLE = rows(R, F)
 FORCES = {  # and R, or None where the file is refused
     'r [mm],F [N]\n' + TABLE: R,
     'Distance (mm),Force (mN)\n' + rows(R, 1e3 * F): R,
+    '"Distance [mm]","Force [newton]"\n' + rows(R, F): R,  # Maxwell
+    'd [mm],Force_x [newton],Force_z [newton]\n' + rows(R, F, F): None,  # which is along the line between the magnets?
     'r / cm;F / N\n' + rows(R / 10, F, sign=';'): R,
     'Abstand in mm;Kraft in N\n' + rows(R, F, sign=';', comma=True): R,
     'Kraft [N];Abstand [mm]\n' + rows(F, R, sign=';', comma=True): R,
@@ -449,12 +451,19 @@ def test_a_refusal_names_the_cause_in_one_line(name, tmp_path):
     assert '\n' not in words
 
 
-def test_small_files_of_large_arrays_are_refused_before_they_are_unpacked(tmp_path):
-    """Zeros of 160 MB, packed into 160 kB; in each format the sizes stand before the numbers."""
-    zeros = np.zeros(20_000_000)
+def test_small_files_of_large_arrays_are_refused_before_they_are_unpacked(tmp_path, monkeypatch):
+    """Zeros that packed take a hundredth of their size; in each format the sizes stand before the numbers."""
+    openpyxl, zeros = pytest.importorskip('openpyxl'), np.zeros(4000)
     np.savez_compressed(tmp_path / 'f.npz', r_mm=zeros)
     savemat(tmp_path / 'f.mat', {'r_mm': zeros}, do_compression=True)
     hdf5(tmp_path / 'f.h5', lambda file: file.create_dataset('r_mm', data=zeros, compression='gzip'))
-    for file in tmp_path.iterdir():
-        with pytest.raises(ValueError, match='20 million numbers, more than the 10 million'):
-            read_forces(file)
+    book = openpyxl.Workbook(write_only=True)
+    sheet = book.create_sheet()
+    for _ in range(300):  # cells of some 24 bytes
+        sheet.append([0] * 4)
+    book.save(tmp_path / 'f.xlsx')
+    for most, refused in ((1000, True), (100_000, False)):
+        monkeypatch.setattr(readers, 'MOST_NUMBERS', most)
+        for file in tmp_path.iterdir():
+            with pytest.raises(ValueError, match='lacks the column' if not refused else 'million numbers, more than the 0.001'):
+                read_forces(file)

@@ -240,7 +240,11 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
     alike = Atoms(cell=atoms.cell.array / atoms.cell.lengths()[atoms.pbc].max(), pbc=atoms.pbc)
     try:
         path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc.tolist())
-    except (RuntimeError, KeyError) as error:
+    except KeyError as error:
+        known = ', '.join(alike.cell.get_bravais_lattice(pbc=alike.pbc.tolist()).get_special_points())
+        raise ValueError(f'this lattice has no special point {error}; a path joins some of {known}, without signs between them'
+                         ) from None
+    except RuntimeError as error:
         raise ValueError(f'ASE finds no path {points or "of its own"} through the zone of {atoms.cell.array.tolist()} mm '
                          f'({error}); use the primitive cell, with more digits if its vectors are rounded, or put '
                          'your own wavevectors into a BandPath') from None

@@ -131,6 +131,8 @@ def _refuse_unknown(scene: Scene) -> None:
     if scene.lattice.kind == 'file':
         raise ValueError('lattice.kind = "file": positions from a file may lose their balance when the spacing or the exponent '
                          'changes; the explorer needs a lattice given by its name, such as kind = "triangular"')
+    if scene.turns:
+        raise ValueError('lattice.gyration_rad_per_s: the explorer shows lattices that do not turn; use "magphonon bands"')
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
         raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; omit this table, or use '
                          '"magphonon bands"')

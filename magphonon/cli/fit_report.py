@@ -16,7 +16,7 @@ from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, Fit, SharedError
 from ..interactions.force_tables import Forces
 from ..interactions.pair_laws import local_exponent
 from ..scenes.band_fits import ALL, KEYS, NEAREST, TELLS, BandFits
-from ..scenes.frf_fits import UNITS, FrfFits
+from ..scenes.frf_fits import UNITS, FrfFits, missing_magnet
 from ..scenes.scene import Scene
 from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
@@ -266,13 +266,21 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
         strengths = 100 * better.site_scatter[0]
         why = (f'the data would need strengths that scatter by {strengths:.0f} % from site to site' if np.isfinite(strengths) else
                f'the residual is {better.misfit:.3g} times the noise, even if each site has its own strength and springs')
-        lines.append(f'The lattice does not follow this model: {why}, so no intervals are given. Check mass, spacing, shells, '
-                     'units, and the positions and directions of the points.')
+        hole = missing_magnet(found)
+        lines.append(f'The lattice does not follow this model: {why}, so no intervals are given. ' + (
+            'Check mass, spacing, shells, units, and the positions and directions of the points.' if hole is None else
+            'It follows far better if a magnet is missing at [{:.4g}, {:.4g}] m: look there, and give [defects] vacancies_m.'
+            .format(*hole)))
     values = found.values(better.model)
     for name, sigmas in found.contradicted.items():
         (value, _), (known, sigma) = values[name], found.priors[name]
         lines.append(f'The data give {_with_unit(name)} = {value:.4g}, {sigmas:.1f} sigma from the {known:.4g} +- {sigma:.2g} '
                      'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
+    apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
+    wide = found.fitted(better.model).frf.damping_per_s / (2 * np.pi)
+    if better.follows and apart > wide:
+        lines.append(f'The points are {apart:.2g} Hz apart, farther than the peaks are wide ({wide:.2g} Hz at half of their '
+                     'energy), so most peaks are seen by their flanks only. Measure more densely around the peaks.')
     ratio, sigma = better.unlike
     if abs(ratio) >= UNLIKE * sigma:
         stiff, soft = 'xy' if ratio > 0 else 'yx'

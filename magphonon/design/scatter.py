@@ -42,7 +42,6 @@ from ..traits import LIKE, takes
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
-FULL = 0.1  # share of nonzero entries above which LAPACK is faster than sparse factors
 STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
@@ -252,12 +251,7 @@ class Rest:
         if self.solve is None:
             P = self.frame.free
             Phi = sparse.csr_array(P.T @ hessian(self.frame.bonds, self.K('complete'), self.springs) @ P)
-            Phi = sparse.csr_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(Phi.shape[0]))
-            if Phi.nnz > FULL * Phi.shape[0] ** 2:
-                factors = linalg.lu_factor(Phi.toarray())
-                self.solve = lambda b: linalg.lu_solve(factors, b)
-            else:
-                self.solve = inverse(Phi)
+            self.solve = inverse(sparse.csr_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(Phi.shape[0])))
         if np.iscomplexobj(forces):
             return self.solve(forces.real) + 1j * self.solve(forces.imag)
         return self.solve(forces)

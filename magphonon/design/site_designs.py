@@ -10,7 +10,7 @@ are frozen one by one.  Without errors SciPy's L-BFGS-B finds the maximum.  `ver
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from os import PathLike
@@ -189,7 +189,7 @@ class Structure:
             raise ValueError('a design needs forces along the bonds between particles; upright magnets that leave their plane '
                              'have others: hold them in the plane')
         self.law: PairLaw = law
-        self.feet = calc.anchors[:, : calc.dim]
+        self.feet, self.strengths = calc.anchors[:, : calc.dim], np.broadcast_to(calc.strengths, len(atoms))
         self.spans = calc.bond_vectors - self.frame.stretch(calc.slack[:, : calc.dim])  # of the feet
         self.kept = float(calc.bonds.lengths.min())
 
@@ -211,9 +211,7 @@ class Structure:
         calc, frame, bonds = self.calc, self.frame, self.calc.bonds
         n, dim = self.shape
         strength = np.broadcast_to(parts.strength, n)
-        law: Any = force_change(self.law, parts.force * strength[bonds.i] * strength[bonds.j])
-        if parts.exponent:
-            law = steeper(law, parts.exponent, self.kept)
+        law: Any = steeper(force_change(self.law, parts.force * strength[bonds.i] * strength[bonds.j]), parts.exponent, self.kept)
         vectors = calc.bond_vectors + (parts.spacing - 1) * self.spans
         k = self.springs * np.broadcast_to(parts.spring, n)[:, None]
         foot = np.broadcast_to(parts.foot, self.shape)
@@ -275,6 +273,9 @@ class Structure:
 
 def steeper(law: Any, exponent: float, length: float) -> LawDerivative:
     """A law whose exponent -d ln f/d ln r is larger, with the same force at a distance `length`."""
+    if not exponent:
+        return law
+
     def less(r):
         return (r / length) ** -exponent
 
@@ -434,29 +435,17 @@ class SiteDesign:
         return self.variables.values(self.x)
 
     @property
-    def at_bounds(self) -> int:
-        """Number of parameters at a bound, apart from those of parts that are bought."""
-        free = np.concatenate([np.full(s.stop - s.start, name not in self.variables.grades)
-                               for name, s in self.variables._slices.items()])
-        return int((1 - abs(self.x[free]) < AT_BOUND).sum())
-
-    @property
     def words(self) -> list[str]:
         """What limits the design, in words."""
-        found = []
-        if self.at_bounds:
-            found.append(f'{self.at_bounds} of {len(self.x)} parameters lie at a bound; wider bounds may give a better design.')
-        if self.buckled:
-            found.append(f'{self.buckled} trial designs buckled and were discarded.')
         rest = Rest.of(self.atoms)
-        return found + [words for target in self.targets for words in target.doubts(rest)]
+        return [f'{self.buckled} trial designs buckled and were discarded.'] * bool(self.buckled) + [
+            words for target in self.targets for words in target.doubts(rest)]
 
 
 def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Mapping[str, tuple[float, float]], *,
              parts: Mapping[str, ArrayLike] | None = None, errors: Errors | None = None, model: Model = 'complete',
              sites: ArrayLike | None = None, rod_mass: float = 0.0, steps: int = 100, draws: int = 8, tau: float = 4.0,
-             seed: int = 0, start: ArrayLike | None = None,
-             report: Callable[[NDArray[np.float64], float], Any] | None = None) -> SiteDesign:
+             seed: int = 0) -> SiteDesign:
     """Maximise an objective of a structure, or the worst of several.
 
     Parameters
@@ -486,10 +475,6 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
         Width of the soft minimum over targets and copies, in the unit of the objective.
     seed : int
         Seed of the copies and of the small random change from which the search starts.
-    start : array_like, shape (parameters,), optional
-        Parameters to start from, such as `SiteDesign.x`; errors then have their full size from the first step on.
-    report : function, optional
-        Called at each step with the parameters and their value, for example to save them.
 
     Raises
     ------
@@ -516,13 +501,11 @@ def optimise(atoms: Atoms, objective: Objective | Sequence[Objective], over: Map
     variables = Variables(Structure(atoms), over, parts, sites, rod_mass)
     task = _Task(variables, targets, model, positive('tau', tau))
     rng, whole_steps = np.random.default_rng(seed), whole('steps', steps)
-    near = variables.present + FIRST * rng.normal(size=len(variables))
-    x = np.clip(near if start is None else finite('start', start, near.shape), -1, 1)
+    x = np.clip(variables.present + FIRST * rng.normal(size=len(variables)), -1, 1)
     if errors is None and not variables.grades:
-        x, history = _Ascent(task, x, report).run(whole_steps)
+        x, history = _Ascent(task, x).run(whole_steps)
     else:
-        grown = 0.0 if start is None else 1.0
-        x, history = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1, report, grown)
+        x, history = _drifted(task, x, errors, rng, whole_steps, whole('draws', draws) if errors else 1)
     structure, chosen = variables.structure, variables.parts(x)
 
     def of(x, model):
@@ -582,10 +565,10 @@ def _refuse_flat(slope):
                          'influence it; change the targets, or let something else vary')
 
 
-def _drifted(task, x, errors, rng, steps, draws, report, grown):
+def _drifted(task, x, errors, rng, steps, draws):
     """Adam's steps up the mean slope of copies that are drawn afresh, while parts are frozen; the parameters and the history.
 
-    Errors grow from LEAST, or the part that has `grown`, to their full size.
+    Errors grow from LEAST to their full size.
     """
     v, frozen = task.variables, np.zeros(len(x), bool)
     errors, mean, square, history = errors or Errors(), 0 * x, 0 * x, []
@@ -594,15 +577,13 @@ def _drifted(task, x, errors, rng, steps, draws, report, grown):
         if v.grades:
             x = v.freeze(x, frozen, min(1.0, max(0.0, (done - FREEZE[0]) / (FREEZE[1] - FREEZE[0]))))
         try:
-            value, slope = task.copies(x, errors, rng, draws, min(1.0, max(LEAST, grown, done / GROW)))
+            value, slope = task.copies(x, errors, rng, draws, min(1.0, max(LEAST, done / GROW)))
         except Unstable:
             x = np.where(frozen, x, BACK * x)
             continue
         if not history:
             _refuse_flat(slope)
         history.append(float(value))
-        if report is not None:
-            report(x, value)
         slope[frozen] = 0.0
         mean, square = (MEMORY * mean + (1 - MEMORY) * slope, LONG_MEMORY * square + (1 - LONG_MEMORY) * slope**2)
         mean[frozen] = 0.0
@@ -620,8 +601,8 @@ def _drifted(task, x, errors, rng, steps, draws, report, grown):
 class _Ascent:
     """An ascent by L-BFGS-B, with the best design so far."""
 
-    def __init__(self, task, x, report=None):
-        self.task, self.report, self.best, self.value, self.history = task, report, x, -np.inf, []
+    def __init__(self, task, x):
+        self.task, self.best, self.value, self.history = task, x, -np.inf, []
         self.progress = tqdm(desc='designs', delay=2, disable=None, leave=False)
 
     def run(self, steps):
@@ -654,8 +635,6 @@ class _Ascent:
         if value > self.value:
             self.best, self.value = x.copy(), value
             self.progress.set_postfix(value=f'{value:.4g}')
-            if self.report is not None:
-                self.report(x, value)
         self.history.append(self.value)
         return -value, -slope
 

@@ -25,7 +25,7 @@ from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import Model
 from .objectives import Objective, soft_minimum
-from .scatter import form, site_slopes
+from .scatter import Slope, form, site_slopes
 from .site_designs import COMMON, Errors, Parts, Structure
 
 DAMPING = 0.4  # standard deviation of the logarithm of the damping rate, which nobody knows well
@@ -118,49 +118,53 @@ def trim(atoms: Atoms, objective: Objective | Sequence[Objective], measured: Seq
     stock = np.unique(np.atleast_1d(finite('parts', parts)))
     copy = _Copy(Structure(atoms), errors, tuple(measured), positive('damping', damping, '1/ms'), model)
     z, chi = copy.identified()
-    if chi > MOST_CHI:
-        raise ValueError(f'the device with these errors does not explain the measured responses: chi = {chi:.2g} is their '
-                         f'distance in units of the noise, and above {MOST_CHI:g} an exchange would do harm; check errors, '
-                         'sigma, the places, and the model: it needs all neighbours, D*, and the mass of the pillars')
-    structure, built, factor = copy.structure, errors.parts(z[:-1], *copy.structure.shape), float(np.exp(DAMPING * z[-1]))
+    identified, factor = copy.parts(z), float(np.exp(DAMPING * z[-1]))
     sources = [one.tuned(float(np.exp(errors.frequency_percent / 100 * off)), factor) for one in targets
                for off in (SOURCES if errors.frequency_percent else [0.0])]
-    now, chosen = structure.rest(built, copy.near, model), {}
-    before = worst = min(one.value(now) for one in sources)
+    now, chosen = _State.of(copy.structure, identified, sources, copy.near), {}
+    before = now.worst
     for _ in range(whole('exchanges', exchanges)):
-        best = (worst, None, now, built)
-        for site, strength in _promising(structure, now, sources, built, stock, chosen):
-            other = _with(structure, built, site, strength)
-            try:
-                rest = structure.rest(other, now, model)
-            except Unstable:
-                continue
-            value = min(one.value(rest) for one in sources)
-            if value > best[0]:
-                best = (value, (site, strength), rest, other)
-        if best[1] is None:
+        tried = [(now.exchanged(copy.structure, site, strength, sources), site, strength)
+                 for site, strength in now.promising(copy.structure, sources, stock, chosen)]
+        best, site, strength = max(tried, key=lambda one: one[0].worst, default=(now, 0, 0.0))
+        if best.worst <= now.worst:
             break
-        worst, (site, chosen[site]), now, built = best
-    return Trim(tuple(chosen), tuple(chosen.values()), before, worst, chi, factor, errors.parts(z[:-1], *structure.shape))
+        now, chosen[site] = best, strength
+    return Trim(tuple(chosen), tuple(chosen.values()), before, now.worst, chi, factor, identified)
 
 
-def _with(structure, parts, site, strength):
-    """The parts with a magnet of exactly this strength at a site."""
-    factors = np.array(np.broadcast_to(parts.strength, structure.shape[:1]))
-    factors[site] = strength / np.broadcast_to(structure.calc.strengths, factors.shape)[site]
-    return replace(parts, strength=factors)
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A copy with some parts, at rest, and the worst of its targets."""
 
+    parts: Parts
+    rest: Any
+    worst: float
 
-def _promising(structure, rest, sources, parts, stock, chosen):
-    """Sites and strengths of exchanges whose effect on the targets is largest to first order, of either sign."""
-    found = [one.value_and_slope(rest) for one in sources]
-    share = soft_minimum(np.array([value for value, _ in found]), TAU)[1]
-    slope = site_slopes(rest, sum((c * one for c, (_, one) in zip(share, found, strict=True)), 0.0 * found[0][1]))['strength']
-    now = np.log(structure.calc.strengths * parts.strength)
-    change = slope[:, None] * (np.log(stock) - now[:, None])
-    change[~structure.system.mobile] = change[list(chosen)] = 0.0
-    order = np.argsort(-abs(change), axis=None)[:TRIED]
-    return [(int(k // len(stock)), float(stock[k % len(stock)])) for k in order if change.flat[k]]
+    @classmethod
+    def of(cls, structure, parts, sources, near):
+        """The copy at rest; -inf if it buckles."""
+        try:
+            rest = structure.rest(parts, near, near.model)
+        except Unstable:
+            return cls(parts, None, -np.inf)
+        return cls(parts, rest, min(one.value(rest) for one in sources))
+
+    def exchanged(self, structure, site, strength, sources):
+        """The copy with a magnet of exactly this strength at a site."""
+        factors = np.array(np.broadcast_to(self.parts.strength, structure.shape[:1]))
+        factors[site] = strength / structure.strengths[site]
+        return self.of(structure, replace(self.parts, strength=factors), sources, self.rest)
+
+    def promising(self, structure, sources, stock, chosen):
+        """Sites and strengths of exchanges whose effect on the targets is largest to first order, of either sign."""
+        found = [one.value_and_slope(self.rest) for one in sources]
+        share = soft_minimum(np.array([value for value, _ in found]), TAU)[1]
+        slope = site_slopes(self.rest, sum((c * one for c, (_, one) in zip(share, found, strict=True)), Slope()))['strength']
+        change = slope[:, None] * np.log(stock / (structure.strengths * self.parts.strength)[:, None])
+        change[~structure.system.mobile] = change[list(chosen)] = 0.0
+        order = np.argsort(-abs(change), axis=None)[:TRIED]
+        return [(int(k // len(stock)), float(stock[k % len(stock)])) for k in order if change.flat[k]]
 
 
 @dataclass(eq=False)
@@ -183,10 +187,14 @@ class _Copy:
         self.responses = np.concatenate([one.response for one in self.measured])
         self.sigma = np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in self.measured])
 
+    def parts(self, z: NDArray[np.float64]) -> Parts:
+        """The parts of the copy with these deviations."""
+        return self.errors.parts(z[:-1], *self.structure.shape)
+
     def off(self, z: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Residuals over noise, real parts first; None if the structure buckles."""
         try:
-            rest = self.structure.rest(self.errors.parts(z[:-1], *self.structure.shape), self.near, self.model)
+            rest = self.structure.rest(self.parts(z), self.near, self.model)
         except Unstable:
             return None
         return self._split(self.responses - self._responses(rest, z)[0])
@@ -197,9 +205,10 @@ class _Copy:
     def _responses(self, rest, z, with_slopes=False):
         """The responses, and their derivatives by z, shape (responses, unknowns)."""
         (n, dim), gamma, h, slopes = self.structure.shape, self.damping * np.exp(DAMPING * z[-1]), [], []
-        feet = self.structure.feet * self.errors.parts(z[:-1], n, dim).spacing
+        feet = self.structure.feet * self.parts(z).spacing
         for one in self.measured:
-            force, seen = one.drive.force(n)[:, :dim], one.answer.force(n)[:, :dim]
+            ends: Any = one.drive, one.answer
+            force, seen = (end.force(n)[:, :dim] for end in ends)
             for omega in one.omega:
                 y = rest.response(force, omega, gamma)
                 h.append((seen * y).sum())
@@ -228,11 +237,15 @@ class _Copy:
             if found[-1][1] < MOST_CHI**0.5:
                 break
         _, chi, z = min(found, key=lambda one: one[0])
+        if chi > MOST_CHI:
+            raise ValueError(f'the device with these errors does not explain the measured responses: chi = {chi:.2g} is their '
+                             f'distance in units of the noise, and above {MOST_CHI:g} an exchange would do harm; check errors, '
+                             'sigma, the places, and the model: it needs all neighbours, D*, and the mass of the pillars')
         return z, chi
 
     def _stepped(self, z, noise):
         """One step of Gauss and Newton, for noise that is so many times larger."""
-        rest = self.structure.rest(self.errors.parts(z[:-1], *self.structure.shape), self.near, self.model)
+        rest = self.structure.rest(self.parts(z), self.near, self.model)
         h, slopes = self._responses(rest, z, with_slopes=True)
         r, J = self._split(self.responses - h), self._split(slopes)
         down = J.T @ np.linalg.solve(J @ J.T + noise**2 * np.eye(len(r)), r + J @ z) - z

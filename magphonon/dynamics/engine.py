@@ -26,7 +26,7 @@ from ..traits import LINEAR, all_but, refuse, takes
 from .bond_increments import RANGES, TOLERANCE, Increments
 from .cages import Cages
 from .drives import Constant, constant_push, forces_and_walls
-from .memory_layout import LINE, aligned_zeros, arrange
+from .memory_layout import LINE, aligned_zeros, arrange, runs_of
 from .splittings import SPLITTINGS, Splitting
 
 LAW_SHARE = 0.1
@@ -41,7 +41,6 @@ STEPS_TRIED = 24  # number of time steps at which motion held by gyration alone 
 MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
-PIECE = 2048  # slots that a thread does at a time
 SAME_VECTOR = 1e-11
 """Largest difference, in shortest bonds, of rest vectors that count as one: far above the round-off of positions."""
 SAME_KIND = 1e-12  # relative difference of lengths up to which bonds that are not alike share coefficients
@@ -278,11 +277,9 @@ class Blocks:
         self.layout = layout = arrange(calc.reference, calc.bonds, calc.dim)
         self._pad = 0 if layout.offset is None else int(layout.offset.max() + -layout.offset.max() % LINE)
         self._at, self._wide = layout.slot + self._pad, layout.length + self._pad + 3 * LINE
-        some = np.unique(self._at // PIECE)
-        self._pieces = np.column_stack([some, some + 1]) * PIECE
-        self._pieces = self._pieces.clip(self._pad, self._at.max(initial=0) + 1).astype(np.uint64)
-        self._threads = max(1, min(threads, len(some)))
-        self._parts = np.linspace(0, len(some), self._threads + 1).astype(int)
+        self._runs = runs_of(self._at).astype(np.uint64)
+        self._threads = max(1, min(threads, len(self._runs)))
+        self._parts = np.linspace(0, len(self._runs), self._threads + 1).astype(int)
         size, directions = np.linalg.eigh(self._barred)
         away = size > 0.5  # a projector has the eigenvalues 0 and 1
         self._normals = directions.transpose(0, 2, 1)[away][None]
@@ -307,7 +304,7 @@ class Blocks:
         """The order of some particles by slot; their slots, and the first of each thread."""
         order = np.argsort(self._at[particles], kind='stable')
         slots = self._at[particles][order]
-        borders = [0, *self._pieces[self._parts[1:-1], 0].tolist(), self._wide]
+        borders = [0, *self._runs[self._parts[1:-1], 0].tolist(), self._wide]
         return order, slots.astype(np.uint64), np.searchsorted(slots, borders)
 
     def _sort_bonds(self):
@@ -333,7 +330,9 @@ class Blocks:
         """Make all arrays of the kernel in this precision."""
         sites = self._sites_of(dtype)
         self._given, self._dtype = (self._bonds_of(dtype), sites), dtype
-        self._flow = self._flow_of(sites.decay is not None)
+        self._flow, self._rhythms = self._flow_of(sites.decay is not None), {}
+        nothing = [np.zeros((1, len(order), self.calc.dim)) for order, _, _ in self._special]
+        self._none = self._some(0, nothing[0]), self._some(1, self._normals), self._some(2, nothing[2])
 
     def _bonds_of(self, dtype):
         from .kernel import Bonds
@@ -341,7 +340,7 @@ class Blocks:
         layout, law, kind = self.layout, self._increments, self._kind
         if layout.offset is not None:  # both ends of a bond read the same numbers
             place, count, ends = (layout.group, layout.i + self._pad), len(layout.offset), 1
-            near = tuple(np.array([int(o) % 2**64 for offset in layout.offset for o in (offset, -offset)], np.uint64))
+            near = tuple(layout.offset.astype(np.uint64))
         else:
             *place, far = layout.columns()
             count, ends = int(place[0].max()) + 1, 2
@@ -355,7 +354,10 @@ class Blocks:
             rows[..., *place] = np.concatenate([values, back * values][:ends], axis=-1)
             return rows
 
-        self._at_bonds = each
+        self._at_bonds, columns = each, count * (layout.offset is not None)
+        longest = int(np.ptp(self._runs, axis=1).max())
+        room = self._pad + longest * -(-self._pad // longest)
+        self._pulls = [aligned_zeros((columns, self.calc.dim, room), dtype) for _ in range(self._threads)]
         if self._alike and layout.offset is not None:
             R, unit, g = (x.astype(dtype) for x in (layout.R[self._first].T, 1 / law.r0**2, law.g))
             strength, mine = each(np.ones(len(layout.i))), self._at[self._mobile[:, 0]]
@@ -406,7 +408,8 @@ class Blocks:
             self._arrange(dtype)
             self._laws = {}
             if self._state.dtype != dtype:
-                self._state, self._spare = (self._state.astype(dtype) for _ in range(2))
+                before, (self._state, self._spare) = self._state, aligned_zeros((2, *self._state.shape), dtype)
+                self._state[:] = before
                 self.write()  # otherwise the atoms would seem to have been changed
             self._fit(self._level)
 
@@ -455,30 +458,49 @@ class Blocks:
         self._state, self._spare, self._extent = self._spare, self._state, extent
         return True
 
-    def _run(self, times):
-        """Fill the spare state with the state at the end of the block; returns whether a bond was beyond the law."""
-        from .kernel import Some, stages
+    def _rhythm(self, stages):
+        """Factors (keep, kick, drift) of the stages of a block, and their rows of damping."""
+        if stages not in self._rhythms:
+            first, between, last = self._flow
+            flow = np.vstack([first, np.tile(between, (stages // len(between), 1))[: stages - 2], last]).astype(self._dtype)
+            rows = np.ones(stages, np.uint64) * (self._given[1].decay is not None)
+            rows[0], rows[-1] = 0, 2 * rows[-1]
+            self._rhythms[stages] = flow, rows
+        return self._rhythms[stages]
 
-        dtype, dim, (first, between, last) = self._dtype, self.calc.dim, self._flow
-        flow = np.vstack([first, np.tile(between, (len(times) // len(between), 1))[: len(times) - 2], last]).astype(dtype)
-        rows = np.ones(len(times), np.uint64) * (self._given[1].decay is not None)
-        rows[0], rows[-1] = 0, 2 * rows[-1]
+    def _pushes(self, times, rows):
+        """Changes of the velocities of driven particles by unit kicks, shape (stages, particles, dim)."""
         forces = np.repeat(self._static[None], len(times), axis=0)
         if len(self._to):
-            forces[:, self._to] += components(self._varying.forces(times), dim)[:, self._from]
+            forces[:, self._to] += components(self._varying.forces(times), self.calc.dim)[:, self._from]
         push = self._push[rows][..., None]
         pushed = push.real * forces
-        if np.iscomplexobj(push):
-            pushed += push.imag * forces[..., ::-1] * (-1, 1)
-        course = components(self._walls.forces(np.append(times[1:], times[-1])), dim)
-        special = [Some(slots, first, values[:, order].astype(dtype)) for (order, slots, first), values in
-                   zip(self._special, (pushed, self._normals, course), strict=True)]
+        return pushed + push.imag * forces[..., ::-1] * (-1, 1) if np.iscomplexobj(push) else pushed
+
+    def _some(self, n, values):
+        """Values, shape (stages, particles, dim), of the driven, guided or moving particles (n = 0, 1, 2) by slot."""
+        from .kernel import Some
+
+        order, slots, first = self._special[n]
+        return Some(slots, first, values[:, order].astype(self._dtype))
+
+    def _run(self, times):
+        """Fill the spare state with the state at the end of the block; returns whether a bond was beyond the law."""
+        from .kernel import stages
+
+        dtype, (flow, rows), (pushed, guided, led) = self._dtype, self._rhythm(len(times)), self._none
+        if len(self._driven):
+            pushed = self._some(0, self._pushes(times, rows))
+        if len(self._walls.particles):
+            led = self._some(2, components(self._walls.forces(np.append(times[1:], times[-1])), self.calc.dim))
         self._spare[:2] = self._state[:2]
         u, v, w = map(tuple, self._spare)
+        if alone := self._threads == 1 and self.layout.offset is not None:
+            w = u  # no slot is read after it has moved
 
         def work(me, some):
-            given = self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]), self._pieces, self._parts
-            return stages(u, w, v, *given, special[0], special[1], special[2], me, some)
+            given = self._given[0], self._law, self._given[1], flow, rows, dtype(RANGES[self._level]), self._runs, self._parts
+            return stages(u, w, v, self._pulls[me], *given, np.uint64(self._pad), pushed, guided, led, me, some)
 
         if self._threads == 1:
             beyond = work(0, (0, len(times)))
@@ -486,7 +508,7 @@ class Blocks:
             self._pool = self._pool or ThreadPoolExecutor(self._threads)
             all_of = range(self._threads)
             beyond = any(any(list(self._pool.map(work, all_of, [(n, n + 1)] * self._threads))) for n in range(len(times)))
-        if len(times) % 2:
+        if len(times) % 2 and not alone:
             self._spare[0] = self._spare[2]
         return beyond
 
@@ -539,8 +561,9 @@ class Blocks:
         v = self._mobile * v
         v[self._guided] -= np.einsum('gxy,gy->gx', self._barred, v[self._guided])
         dtype = np.float64 if self._law is None else self._dtype
-        self._state, self._anchors = np.stack([self._put(x.astype(dtype)) for x in (u, v, 0 * u)]), anchors
-        self._spare = self._state.copy()  # displacements, velocities, and room for other displacements
+        self._state, self._spare = aligned_zeros((2, 3, u.shape[1], self._wide), dtype)
+        self._state[0], self._state[1], self._anchors = self._put(u.astype(dtype)), self._put(v.astype(dtype)), anchors
+        self._spare[:] = self._state  # displacements, velocities, and room for other displacements
         self._extent = [np.sqrt(u.shape[1]) * largest(x) for x in (u, v)]  # bounds of the largest displacement and speed
         level = int(np.searchsorted(RANGES, self._strain(u)))  # no kernel is made for less, as compiling takes its time
         if self._rough < 0:

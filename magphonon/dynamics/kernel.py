@@ -1,15 +1,16 @@
 """Stages of time steps on displacements from rest, compiled by numba for what a structure has.
 
-A stage is a kick and the drift that follows it.  Every slot sums the forces of its own bonds, so that each bond is evaluated
-twice and no two slots write to one place. A stage reads displacements u and writes those after the drift into w; then u and w
-change places.  So the slots may be done in any order.
+A stage is a kick and the drift that follows it.  It goes over the slots in runs.  On a grid it first keeps the forces of the
+bonds that lead to higher slots in h, a buffer of the last of them; then each slot sums the forces of its bonds from there.  Where
+neighbours are looked up, each slot computes the forces of all of its bonds.  A stage reads displacements u and writes those after
+the drift into w; then u and w change places.  One thread on a grid takes u for both: no slot is read after it has moved.
 
     F = h - k u + sum_bonds s (H R + (g + t H) du)        H = e (c0 + c1 e + ...)        e = (2 R.du + t |du|^2)/r0^2
     v <- keep C v + kick P F        w <- u + drift v
 
 C and P are the damping, the gyration and the mobility of each slot, and zero for held particles; t is one in the complete model,
-else zero.  Slots are done in pieces with fixed borders, since what vector units leave over is rounded differently: results are
-the same bit by bit for any number of threads, each of which has its own pieces.
+else zero.  Runs have fixed borders, since what vector units leave over is rounded differently: results are the same bit by bit
+for any number of threads, each of which has its own runs.
 
 `piece` is written out as text for the types of its arguments, so that whatever a structure lacks is left out, and all loops over
 bonds, coefficients and dimensions are unrolled.  It contains no literal numbers (`R + R` instead of `2 * R`), whose type would
@@ -117,15 +118,13 @@ class Bonds(NamedTuple):
     Attributes
     ----------
     near : tuple of uint64, or of ndarray of uint32, shape (slots,)
-        For each column the offset of the neighbour of every slot, or its slot.  On a grid every second column has the offset of
-        the one before with the other sign: its bonds are those of the neighbours, and are stored once.
+        For each column the offset of the higher neighbour of every slot, or the slot of any neighbour.
     R : tuple of ndarray
-        Components of the rest vectors in mm: shape (groups,), or (groups, slots) if each bond has its own, where a group is a
-        column, or two columns of a grid.
+        Components of the rest vectors in mm: shape (columns,), or (columns, slots) if each bond has its own.
     unit, g : ndarray
         1/r0^2, and the static force by length where it turns with the bond, in the same shape.
-    strength : ndarray, shape (groups, slots), or None
-        Factors of the law of each bond; or if the bonds of a group are alike, 0 where one is missing and 1 elsewhere.
+    strength : ndarray, shape (columns, slots), or None
+        Factors of the law of each bond; or if the bonds of a column are alike, 0 where one is missing and 1 elsewhere.
     complete : tuple of None, or empty
         Not empty for the complete model.
     """
@@ -185,8 +184,10 @@ def _bits(x):
     return lambda x: np.float64(x).view(np.int64)
 
 
-def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
-    """Do a stage for the slots from lo to hi; returns whether an increment is beyond the reach of the law."""
+def piece(u, w, v, h, bonds, c, sites, row, keep, kick, drift, reach, lo, hi, base, own):
+    """Do a stage for the slots from lo to hi, or only their bonds if they are not `own`; returns whether an increment is beyond
+    the reach of the law.
+    """
 
 
 def there(kind):
@@ -195,23 +196,18 @@ def there(kind):
 
 
 def bond(n, axes, bonds, c):
-    """The lines of text that add the force of the bond of column n to f, for these types of arguments."""
+    """The lines of text that compute the force p of the bond of column n, for these types of arguments."""
     near, R, _, _, strength, complete = bonds
     each, listed = R[0].ndim == 2, isinstance(near[0], types.Array)
-    if listed:
-        j, place, back = f'near[{n}][i]', f'[{n}, i]', False
-    else:  # every second bond is that of the neighbour, seen from its other end
-        j, back = f'i + near[{n}]', n % 2 == 1
-        place = f'[{n // 2}, {"ij"[back]}]'
-    at = place if each else f'[{n // 2}]'
+    place = f'[{n}, i]'
+    at = place if each else f'[{n}]'
     s = f's{place} * ' * there(strength)
     law = [f'c{q}' + at * isinstance(one, types.Array) for q, one in enumerate(c)]
     quotient = reduce(lambda higher, one: f'({higher} * e + {one})', law[::-1])
-    apart = ('u{0}[j] - x{0}', 'x{0} - u{0}[j]')[back]
     squares = [f'(R{x}{at} + R{x}{at}{f" + d{x}" * len(complete)}) * d{x}' for x in axes]
-    return [f'j = {j}', *(f'd{x} = {s * (not each)}({apart.format(x)})' for x in axes), f'e = unit{at} * ({" + ".join(squares)})',
-            f'H = {s * each}e * {quotient}', *['far = max(far, abs(e))'] * (not back),
-            *(f'f{x} {"-+"[back]}= H * R{x}{at}{f" + (g{at} + H) * d{x}" * len(complete)}' for x in axes)]
+    return [f'j = near[{n}][i]' if listed else f'j = i + near[{n}]', *(f'd{x} = {s * (not each)}(u{x}[j] - x{x})' for x in axes),
+            f'e = unit{at} * ({" + ".join(squares)})', f'H = {s * each}e * {quotient}',
+            *(f'p{x} = H * R{x}{at}{f" + (g{at} + H) * d{x}" * len(complete)}' for x in axes)]
 
 
 def kicked(axes, sites):
@@ -227,24 +223,77 @@ def kicked(axes, sites):
 
 
 @overload(piece, jit_options=FAST)
-def _piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):
-    axes, loaded = range(len(u)), there(sites.types[1])
-    unpacked = 'uwvRk' + 'h' * loaded
-    head = ['near, R, unit, g, s, _ = bonds', 'k, h, C, P, T = sites', f'{"".join(f"c{q}, " for q in range(len(c)))} = c',
-            *(f'{"".join(f"{a}{x}, " for x in axes)} = {a}' for a in unpacked), 'none = drift - drift', 'top = bits(none)']
+def _piece(u, w, v, h, bonds, c, sites, row, keep, kick, drift, reach, lo, hi, base, own):
+    axes, columns, loaded = range(len(u)), range(len(bonds.types[0])), there(sites.types[1])
+    grid = not isinstance(bonds.types[0][0], types.Array)
+    head = ['near, R, unit, g, s, _ = bonds', 'k, l, C, P, T = sites', f'{"".join(f"c{q}, " for q in range(len(c)))} = c',
+            *(f'{"".join(f"{a}{x}, " for x in axes)} = {a}' for a in 'uwvRk' + 'l' * loaded), 'none = drift - drift',
+            'top = bits(none)']
     spring = 'k{}[i]' if isinstance(sites.types[0][0], types.Array) else 'k{}'
-    body = [*(f'x{x} = u{x}[i]; f{x} = {f"h{x}[i] " * loaded}-{spring.format(x)} * x{x}' for x in axes), 'far = none']
-    for n in range(len(bonds.types[0])):
-        body += bond(n, axes, bonds.types, c)
-    body += [*kicked(axes, sites.types), 'top = max(top, bits(far))']
-    text = '\n    '.join(['def piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, lo, hi):', 'vectorise()', *head,
-                          'for i in range(lo, hi):', *(f'    {line}' for line in body), 'return top > bits(reach)'])
+    here = '; '.join(f'x{x} = u{x}[i]' for x in axes)
+    body = [here, *(f'f{x} = {f"l{x}[i] " * loaded}-{spring.format(x)} * x{x}' for x in axes)]
+    if grid:  # the force of a bond is kept for its far end
+        for n in columns:
+            kept = [f'h[{n}, {x}, i - base] = p{x}' for x in axes]
+            lines = here, *bond(n, axes, bonds.types, c), *kept, 'top = max(top, bits(abs(e)))'
+            head += ['for i in range(lo, hi):', *(f'    {line}' for line in lines)]
+        head += ['if not own:', '    return top > bits(reach)']
+        body += [f'f{x} += h[{n}, {x}, i - base - near[{n}]] - h[{n}, {x}, i - base]' for n in columns for x in axes]
+    else:
+        body += ['far = none', *(line for n in columns for line in (*bond(n, axes, bonds.types, c), 'far = max(far, abs(e))', *(
+            f'f{x} -= p{x}' for x in axes))), 'top = max(top, bits(far))']
+    body += kicked(axes, sites.types)
+    text = '\n    '.join(['def piece(u, w, v, h, bonds, c, sites, row, keep, kick, drift, reach, lo, hi, base, own):',
+                          'vectorise()', *head, 'for i in range(lo, hi):', *(f'    {line}' for line in body),
+                          'return top > bits(reach)'])
     return written_out(text, 'piece', vectorise=vectorise, bits=bits)
 
 
+@njit(no_cpython_wrapper=True, **OPTIONS)
+def sweep(u, w, v, h, bonds, c, sites, row, keep, kick, drift, reach, runs, first, last, pad):
+    """Do a stage for the runs from `first` to `last`; returns whether an increment was beyond the reach of the law."""
+    beyond, start = False, first
+    while start > 0 and runs[start - 1, 1] + pad > runs[first, 0]:  # bonds that come from slots before
+        start -= 1
+    base, end = runs[start, 0] - pad, runs[start, 0]
+    h[:, :, :pad] = reach - reach
+    for p in range(start, last):
+        lo, hi = runs[p, 0], runs[p, 1]
+        if lo > end or hi - base > h.shape[2]:  # the last forces move to the front; from a gap come none
+            for k in range(len(h)):
+                for x in range(len(u)):
+                    for m in range(pad):
+                        h[k, x, m] = h[k, x, m + lo - pad - base] if m + lo < end + pad else reach - reach
+            base = lo - pad
+        end = hi
+        beyond |= piece(u, w, v, h, bonds, c, sites, row, keep, kick, drift, reach, lo, hi, base, p >= first)
+    return beyond
+
+
+@njit(no_cpython_wrapper=True, **OPTIONS)
+def correct(u, w, v, kick, drift, n, pushed, guided, led, me):
+    """Push driven particles in the stage n, take from guided ones what is barred, and move the walls."""
+    for m in range(pushed.first[me], pushed.first[me + 1]):
+        i = pushed.slots[m]
+        for x in range(len(u)):
+            change = kick * pushed.values[n, m, x]
+            v[x][i] += change
+            w[x][i] += drift * change
+    for m in range(guided.first[me], guided.first[me + 1]):
+        i, barred, along = guided.slots[m], guided.values[0, m], drift - drift
+        for x in range(len(u)):
+            along += barred[x] * v[x][i]
+        for x in range(len(u)):
+            v[x][i] -= along * barred[x]
+            w[x][i] -= drift * (along * barred[x])
+    for m in range(led.first[me], led.first[me + 1]):
+        for x in range(len(u)):
+            w[x][led.slots[m]] = led.values[n, m, x]
+
+
 @kept
-def stages(u, w, v, bonds, c, sites, flow, rows, reach, pieces, parts, pushed, guided, led, me, some):
-    """Do some stages of a block, from some[0] to some[1], for the pieces of a thread `me`.
+def stages(u, w, v, h, bonds, c, sites, flow, rows, reach, runs, parts, pad, pushed, guided, led, me, some):
+    """Do some stages of a block, from some[0] to some[1], for the runs of a thread `me`.
 
     Returns whether an increment was beyond the reach of the law.  Stages of even numbers leave displacements in w, others in u.
     """
@@ -252,23 +301,8 @@ def stages(u, w, v, bonds, c, sites, flow, rows, reach, pieces, parts, pushed, g
     if some[0] % 2:
         u, w = w, u
     for n in range(some[0], some[1]):
-        row, keep, kick, drift = rows[n], flow[n, 0], flow[n, 1], flow[n, 2]
-        for p in range(parts[me], parts[me + 1]):
-            beyond |= piece(u, w, v, bonds, c, sites, row, keep, kick, drift, reach, pieces[p, 0], pieces[p, 1])
-        for m in range(pushed.first[me], pushed.first[me + 1]):
-            i = pushed.slots[m]
-            for x in range(len(u)):
-                v[x][i] += kick * pushed.values[n, m, x]
-                w[x][i] = u[x][i] + drift * v[x][i]
-        for m in range(guided.first[me], guided.first[me + 1]):
-            i, barred, along = guided.slots[m], guided.values[0, m], reach - reach
-            for x in range(len(u)):
-                along += barred[x] * v[x][i]
-            for x in range(len(u)):
-                v[x][i] -= along * barred[x]
-                w[x][i] = u[x][i] + drift * v[x][i]
-        for m in range(led.first[me], led.first[me + 1]):
-            for x in range(len(u)):
-                w[x][led.slots[m]] = led.values[n, m, x]
+        keep, kick, drift = flow[n, 0], flow[n, 1], flow[n, 2]
+        beyond |= sweep(u, w, v, h, bonds, c, sites, rows[n], keep, kick, drift, reach, runs, parts[me], parts[me + 1], pad)
+        correct(u, w, v, kick, drift, n, pushed, guided, led, me)
         u, w = w, u
     return beyond

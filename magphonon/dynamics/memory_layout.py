@@ -23,6 +23,10 @@ that much longer."""
 SPREAD = 4  # largest ratio of slots to particles of a grid
 OFF_PLACE = 0.3
 """Largest difference, in shortest bonds, between a rest vector and a sum of base vectors times whole numbers, on a grid."""
+RUN = 512  # slots that are done at a time, so that forces of their bonds stay in the cache
+GAP = 64
+"""Largest number of holes in a run of slots that are cheaper to fill than to skip; more than two lines, so that runs do not
+overlap."""
 LINE = 16  # slots to which rows are padded: a cache line of single, two of double precision
 
 
@@ -180,3 +184,15 @@ def _numbered(places, steps):
     order = np.argsort(places.max(axis=0))
     widths = (places.max(axis=0) + 1 + abs(steps).max(axis=0).astype(int))[order]
     return places[:, order] @ np.append(1, np.cumprod(widths)[:-1])
+
+
+def runs_of(slot: NDArray[np.int_]) -> NDArray[np.int_]:
+    """First and last + 1 slot of stretches of particles that do not overlap, shape (runs, 2).
+
+    Holes of up to GAP slots are included.  Runs consist of whole cache lines, and of at most RUN slots.
+    """
+    occupied = np.sort(slot)
+    breaks = np.flatnonzero(np.diff(occupied) > GAP)
+    first = occupied[np.append(0, breaks + 1)] // LINE * LINE
+    last = -(-(occupied[np.append(breaks, len(occupied) - 1)] + 1) // LINE) * LINE
+    return np.array([(s, min(s + RUN, b)) for a, b in zip(first, last, strict=True) for s in range(a, b, RUN)])

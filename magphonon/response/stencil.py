@@ -22,7 +22,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from ..dynamics.kernel import OPTIONS, kept, vectorise, written_out
-from ..dynamics.memory_layout import LINE, aligned_zeros, arrange
+from ..dynamics.memory_layout import LINE, RUN, aligned_zeros, arrange, runs_of
 from ..stiffness.bloch_bound import multiples, no_wave_grows
 
 if TYPE_CHECKING:
@@ -32,9 +32,6 @@ MOST_GROUPS = 9  # three shells of the triangular lattice; each number of groups
 ALIKE = 1e-14
 """Bonds of a group count as equal if their stiffness differs by less than this fraction times the length of the structure in
 bonds plus ten. Round-off of positions gives 2e-15 per bond, in patches of up to a million particles."""
-RUN = 512  # slots processed at a time
-GAP = 32
-"""Largest number of holes in a run of slots that are cheaper to fill than to skip."""
 CACHE = 2**20  # bytes of the vectors and coefficients that the products which go over the slots together have in hand
 
 
@@ -159,20 +156,6 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     R = layout.R[[(layout.group == g).argmax() for g in range(len(offsets))]]
     return Stencil(places, free, runs.astype(np.uint64), lag, tuple(map(int, offsets)), float(row_sum), R,
                    *(shared or (D, K, np.inf)))
-
-
-def runs_of(slot: NDArray[np.int_]) -> NDArray[np.int_]:
-    """First and last + 1 slot of stretches of particles that do not overlap, shape (runs, 2).
-
-    Holes of up to GAP slots are included.  Runs start on a cache line and have at most RUN slots, a whole number of cache lines,
-    so that the next run starts on one too.
-    """
-    occupied = np.sort(slot)
-    breaks = np.flatnonzero(np.diff(occupied) > GAP)
-    first = occupied[np.append(0, breaks + 1)]
-    first -= first % LINE
-    last = occupied[np.append(breaks, len(occupied) - 1)] + 1
-    return np.array([(s, min(s + RUN, b)) for a, b in zip(first, last, strict=True) for s in range(a, b, RUN)])
 
 
 def _shared(D, A, free, offsets, error):

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from ase import Atoms
-from ase.constraints import FixAtoms
 from ase.io.jsonio import encode
 from numpy.typing import ArrayLike, NDArray
 
@@ -38,7 +37,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     Parameters
     ----------
     structures : sequence of ase.Atoms
-        With their PairCalculator, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may be at the same place or be
+        With their PairCalculator, and no constraints but those that `modes` takes.  They may be at the same place or be
         the same object, because only bonds within each structure act. Periodic structures must have the same cell.
 
     Returns
@@ -101,7 +100,7 @@ def _joined(constraints, first):
     held = {}
     for shift, own in zip(first, constraints, strict=False):
         for c in own:
-            held.setdefault((type(c), () if isinstance(c, FixAtoms) else tuple(c.dir)), []).extend(c.index + shift)
+            held.setdefault((type(c), tuple(getattr(c, 'dir', getattr(c, 'mask', ())))), []).extend(c.index + shift)
     return [kind(particles, *([direction] if direction else ())) for (kind, direction), particles in held.items()]
 
 

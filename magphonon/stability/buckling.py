@@ -14,6 +14,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
@@ -35,6 +36,7 @@ FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond
 SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among which a stable one is searched for
 STRETCH = 1e-4  # relative, at which forces must still balance
 STEPS = 12  # number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`
+FEW = 12  # degrees of freedom of a cell up to which all waves are searched for the one that collapses first
 TURNED = 24  # wavevectors along each reciprocal vector at which B must hold what stiffness alone does not
 
 
@@ -339,15 +341,18 @@ class PrestressReserve:
     factor : float
         Above 1 for a stable structure; infinite if static forces only stiffen it.
     mode : ndarray, shape (particles, dim)
-        The motion without stiffness at this factor; the largest displacement is 1.
+        The motion without stiffness at this factor, complex for a wave; the largest displacement is 1.
+    q : ndarray, shape (3,)
+        Its wavevector in fractions of the reciprocal vectors; zero for a finite structure.
     """
 
     factor: float
     mode: np.ndarray
+    q: np.ndarray
 
 
-@takes('constraints', 'radii')
-def prestress_reserve(atoms: Atoms) -> PrestressReserve:
+@takes(*LIKE)
+def prestress_reserve(atoms: Atoms | LinearSystem) -> PrestressReserve:
     """The factor f at which a structure with the stiffness `D0 + f D*` collapses; its positions stay.
 
     The force of every bond is multiplied by f while its spring constant phi'' stays: in a packing or a lattice far from contact
@@ -355,9 +360,9 @@ def prestress_reserve(atoms: Atoms) -> PrestressReserve:
 
     Parameters
     ----------
-    atoms : ase.Atoms
-        A structure that D0 holds, with its PairCalculator.  In a periodic one motion that is equal in all cells counts: repeat a
-        small cell.
+    atoms : ase.Atoms or LinearSystem
+        A structure that D0 holds, with its PairCalculator.  In a periodic cell of up to 12 degrees of freedom every wave counts,
+        in a larger one only motion that is equal in all cells.
 
     Raises
     ------
@@ -368,22 +373,56 @@ def prestress_reserve(atoms: Atoms) -> PrestressReserve:
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.stability import prestress_reserve
-    >>> row = lattices.chain(1.0, 1.0).repeat((2, 1, 1))
+    >>> row = lattices.chain(1.0, 1.0)
     >>> row.calc = MagneticRepulsion(row, InversePower(1.0, 4.0), foundation=6.0)
     >>> round(prestress_reserve(row).factor, 9)  # zigzag: k/(4 f/L0)
     1.5
     """
     system = LinearSystem.of(atoms)
+    waves = system.atoms.pbc.any() and system.free.shape[1] <= FEW
+    factor, y, q = _reserve_of_waves(system) if waves else _reserve_of_one_cell(system)
+    if factor < VERGE:
+        raise ValueError('springs alone, D0, do not hold this structure, so no factor on D* makes it collapse: hold its rim, '
+                         'give it a foundation, or look at its modes')
+    mode = y.reshape(len(system), system.dim)
+    return PrestressReserve(factor, mode / (np.linalg.norm(mode, axis=1).max() or 1.0), q)
+
+
+def _reserve_of_one_cell(system):
+    """The factor on D* and the motion, equal in all cells, by an eigenvalue of -D* over D0; a factor 0 if D0 does not hold it."""
     calc, free = system.calc, system.free
-    if atoms.pbc.any() and not calc.tied and system.mobile.all():
+    if system.atoms.pbc.any() and not calc.tied and system.mobile.all():
         free = free[:, calc.dim :]  # one particle stands for the lattice as a whole
     springs = free.T @ calc.rest_hessian('conventional') @ free
     turning = springs - free.T @ calc.rest_hessian('complete') @ free  # -D*
-    lowest, highest, _ = lowest_mode(springs)
+    lowest, highest, y = lowest_mode(springs)
     if lowest < ROUND_OFF * highest:
-        raise ValueError('springs alone, D0, do not hold this structure, so no factor on D* makes it collapse: hold its rim, '
-                         'give it a foundation, or look at its modes')
-    solve = LinearOperator(springs.shape, inverse(springs))
-    share, y = eigsh(turning, 1, springs, Minv=solve, which='LA', v0=np.cos(np.arange(springs.shape[0])))
-    mode = (free @ y[:, 0]).reshape(len(system), calc.dim)
-    return PrestressReserve(float(1 / share[0]) if share[0] > ROUND_OFF else np.inf, mode / np.linalg.norm(mode, axis=1).max())
+        return 0.0, free @ y, np.zeros(3)
+    if springs.shape[0] <= DENSE:
+        shares, y = eigh(turning.toarray(), springs.toarray())
+    else:
+        solve = LinearOperator(springs.shape, inverse(springs))
+        shares, y = eigsh(turning, 1, springs, Minv=solve, which='LA', v0=np.cos(np.arange(springs.shape[0])))
+    return float(1 / shares[-1]) if shares[-1] > ROUND_OFF else np.inf, free @ y[:, -1], np.zeros(3)
+
+
+def _reserve_of_waves(system):
+    """The factor on D*, the motion and the wavevector: the least of `u.D0.u/-(u.D*.u)` over all waves u.
+
+    Each step takes the softest wave at the last factor, at which its own quotient is smaller (Dinkelbach).
+    """
+    calc, free = system.calc, system.free
+    D0 = calc.rest_stiffness('conventional')
+    Dstar, P = calc.rest_stiffness('complete') - D0, free.toarray()
+    factor, y, q = np.inf, np.zeros(free.shape[1]), np.zeros(3)
+    soft = softest(calc.bonds, Dstar, free, system.atoms, steps=STEPS)
+    while soft.needed and factor > VERGE:
+        q = soft.q
+        springs = P.T @ bloch_matrix(calc.bonds, D0, q[None], calc.foundation)[0] @ P
+        static = P.T @ bloch_matrix(calc.bonds, Dstar, q[None])[0] @ P
+        y = np.linalg.eigh(static if factor == np.inf else springs + factor * static)[1][:, 0]
+        last, factor = factor, float((y.conj() @ springs @ y).real / -(y.conj() @ static @ y).real)
+        soft = softest(calc.bonds, D0 + factor * Dstar, free, system.atoms, calc.foundation, steps=STEPS)
+        if not factor < (1 - VERGE) * last:
+            break
+    return factor, P @ y, q

@@ -114,6 +114,29 @@ def free_motions(system: LinearSystem, free: sparse.csr_array, softest: NDArray[
                        bool(counted(calc.rest_stiffness('conventional'), q) < here), tuple(waves[most].tolist()))
 
 
+def self_stresses(system: LinearSystem) -> tuple[int, int]:
+    """Number of states of self-stress of the bonds that act, and of floppy modes, motions that stretch none of them.
+
+    By Maxwell and Calladine bonds less states are directions of motion less floppy modes; of a lattice both are those that are
+    equal in all cells, and motion as a whole is a floppy mode.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stability.mechanisms import self_stresses
+    >>> from magphonon.stiffness import LinearSystem
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> self_stresses(LinearSystem.of(cell))  # two rows, each tight without the other
+    (2, 2)
+    """
+    calc, free = system.calc, system.free
+    n = calc.bond_vectors / calc.bonds.lengths[:, None]
+    acting = calc.rest_stiffness('complete').any(axis=(1, 2))
+    floppy = int(_count(calc.bonds, acting[:, None, None] * n[:, :, None] * n[:, None], 0.0, free, np.zeros((1, 3)))[0])
+    return int(acting.sum()) - free.shape[1] + floppy, floppy
+
+
 def _waves(pbc, size, softest):
     """The wavevectors at which motions are counted, shape (waves, 3), q = 0 first."""
     along = [np.arange(n) / n for n in np.where(pbc, 2 if size > DENSE else WAVES, 1)]

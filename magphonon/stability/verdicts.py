@@ -33,6 +33,7 @@ from ..stiffness.rest import LinearSystem, freedom
 from ..traits import LINEAR, all_but, refuse, takes
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
+    FEW,
     VERGE,
     SoftMode,
     common_spring,
@@ -44,17 +45,19 @@ from .buckling import (
     highest_squared,
     lowest_across,
     on_the_verge,
+    prestress_reserve,
     softest_of,
     softest_out_of_plane,
     z_of,
 )
-from .mechanisms import FreeMotions, free_motions
+from .mechanisms import FreeMotions, free_motions, self_stresses
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
 SPACED = 2000
 """Largest number of degrees of freedom of a finite structure for which a stable spacing is searched; it needs about thirty lowest
 modes."""
+SOLID = 30_000  # largest number of degrees of freedom for which self-stress and reserve are computed, in about a second
 SAME = 1e-9  # relative difference of two stiffnesses that is round-off
 
 
@@ -102,8 +105,8 @@ class Verdict:
 
     `verdict[name]` is the result of one check in mm, g and ms, and `finding(name)` (Finding) says it in words: 'residual' (N),
     'buckling' and 'out_of_plane' (Buckling), 'guided' (N/mm), 'timestep_limit' (ms), 'away' (mm), 'contact', 'supports'
-    (Supports), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was not computed.  A check
-    runs when it is first asked for.
+    (Supports), 'rigidity' (Rigidity), 'amplitude' (mm).  The result is None if the check does not apply to the structure, or was
+    not computed.  A check runs when it is first asked for.
     """
 
     case: Case
@@ -380,6 +383,14 @@ class Supports(NamedTuple):
     central: float  # of every wave, if the force is central
 
 
+class Rigidity(NamedTuple):
+    """How bonds hold a structure, and how much more static force it bears."""
+
+    self_stresses: int  # states of self-stress
+    floppy: int  # motions that stretch no bond, motion as a whole included
+    factor: float | None  # on D*, at which it collapses; infinite if D* only stiffens it, None if springs alone do not hold it
+
+
 # --- the checks ----------------------------------------------------------------------------------------------------------------
 
 @check
@@ -566,6 +577,27 @@ def _support(found):
         return f'{need}{_stiffness(found.central)}.'
     return (f'{need}{_stiffness(found.wave)} for upright magnets ({_stiffness(found.alone)} if only one of them can move). '
             f'For particles whose forces are along the lines between them {_stiffness(found.central)} is enough.')
+
+
+@remark
+def rigidity(case: Case) -> Finding:
+    """States of self-stress, floppy modes, and the factor on D* at which the structure collapses."""
+    if case.layer is not None or case.gyrating is not None or not (case.balanced and case.listed):
+        return Finding()
+    if case.large > SOLID:
+        return Finding(unjudged='states of self-stress and the reserve of static forces')
+    try:
+        factor = prestress_reserve(case.system).factor
+    except ValueError:
+        factor = None
+    found = Rigidity(*self_stresses(case.system), factor)
+    if factor is None or not np.isfinite(factor):
+        return Finding(found)
+    bears = (f'It would collapse if its static forces were {_times(factor)} what they are now' if factor > 1 else
+             f'It would be stable if its static forces were less than {factor:.3g} of these')
+    cells = ' by motion that is equal in all cells' if case.atoms.pbc.any() and case.system.free.shape[1] > FEW else ''
+    return Finding(found, f'{bears}, with the same spring constants{cells}. States of self-stress: {found.self_stresses}; '
+                   f'motions that stretch no bond: {found.floppy}.')
 
 
 @remark

@@ -35,6 +35,30 @@ def test_scenes_are_listed_and_printed(capsys, tmp_path):
         assert copy == scene or (beside and copy.atoms() == scene.atoms())
 
 
+NOT_FOR = {  # commands that cannot show what is in a ready scene, and why
+    'demultiplexer': {'bands': 'is a finite structure', 'burst': 'is a finite structure'},
+    'gyro': {'explore': 'lattice.gyration_rad_per_s'},
+    'layer': {'explore': 'foundation.out_of_plane'},
+    'oscillator': dict.fromkeys(['bands', 'burst', 'explore', 'modes'], 'is one particle'),
+    'prism': dict.fromkeys(['bands', 'burst', 'explore'], 'finite structure')}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ready_scenes())
+@pytest.mark.parametrize('what', ['bands', 'burst', 'check', 'explore', 'frf', 'modes'])
+def test_each_command_takes_each_ready_scene_or_says_why_not(name, what, tmp_path, monkeypatch, capsys):
+    """Warnings are errors here."""
+    monkeypatch.chdir(tmp_path)
+    status, why = main([what, name]), NOT_FOR.get(name, {}).get(what)
+    if why is None and what in ('burst', 'frf') and getattr(read_scene(name), what) is None:
+        why = f'has no table [{what}]; add one, as in'
+    said = capsys.readouterr()
+    assert status == (2 if why else 0)
+    assert (why or '') in said.err
+    assert bool(said.out) != bool(said.err)
+    assert bool([*tmp_path.iterdir()]) == (not why and what != 'check')
+
+
 # --- how it fails ----------------------------------------------------------------------------------------------------
 
 MISTAKES = {

@@ -10,6 +10,7 @@ from magphonon.design import BandEdge, Contrast, Errors, Level, optimise, verify
 from magphonon.design.site_designs import Structure, Variables
 from magphonon.errors import Unstable
 from magphonon.response import Dof, harmonic_response
+from magphonon.scenes.tolerances import Uncertainty
 from magphonon.stability import critical_foundation
 
 LAW = InversePower(b=6200.0, a=4.5824)
@@ -117,6 +118,7 @@ def test_copies_are_those_of_the_errors():
         assert logs.std(axis=1).mean() == pytest.approx(each, rel=0.03)
         assert logs.mean(axis=1).std() == pytest.approx(np.hypot(common, each / 50**0.5), rel=0.25)
     assert np.std([one.foot for one in copies]) == pytest.approx(0.2, rel=0.05)
+    assert vars(Errors()).keys() >= Uncertainty.model_fields.keys() - {'correlation_force_exponent', 'stiffness_y_percent'}
     alone = Errors(each_foot_mm=0.2).draw(np.random.default_rng(3), 50, 2)
     np.testing.assert_array_equal(alone.foot, copies[0].foot)
     assert (alone.strength == 1).all()
@@ -236,8 +238,8 @@ def test_sites_and_parameters_that_are_none():
     for wrong in ([1.5], [len(atoms)], [-1], mask, [np.nan]):
         with pytest.raises(ValueError, match=r'sites'):
             Variables(Structure(atoms), over, None, wrong)
-    for wrong in ({'start': [0.0, 0.0]}, {'steps': 0}, {'tau': 0.0}, {'errors': Errors(force_percent=1.0), 'draws': 0}):
-        with pytest.raises(ValueError, match=r'shape|whole number|positive'):
+    for wrong in ({'steps': 0}, {'tau': 0.0}, {'errors': Errors(force_percent=1.0), 'draws': 0}):
+        with pytest.raises(ValueError, match=r'whole number|positive'):
             optimise(atoms, objective, over, **wrong)
     with pytest.raises(ValueError, match='each_foot_mm'):
         Errors(each_foot_mm=-0.1)

@@ -8,7 +8,7 @@ from ase.build import bulk
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
-from magphonon.dynamics import Constant, Harmonic, PrescribedMotion, ToneBurst, engine
+from magphonon.dynamics import Constant, Harmonic, PrescribedMotion, ToneBurst, memory_layout
 from magphonon.interactions import Yukawa
 
 L0, MASS, STEPS = 10.0, 0.7, 70  # mm, g; three blocks, the last one cut short
@@ -152,10 +152,11 @@ def test_another_motion_is_noticed(change):
     assert misfit(drawn.run('ase'), expected) > 1e3 * EXACT
 
 
-@pytest.mark.parametrize('seed', [0, 3])
-def test_the_bits_are_the_same_for_any_number_of_threads(seed, monkeypatch):
-    monkeypatch.setattr(engine, 'PIECE', 16)  # so that drives lie in several pieces
-    drawn = Drawn(seed, ONE_KERNEL | {'drives': True, 'guided': True})
+@pytest.mark.parametrize(('seed', 'traits'), [(0, ONE_KERNEL), (3, ONE_KERNEL), *(
+    pytest.param(seed, {}, marks=pytest.mark.slow) for seed in range(20))])
+def test_the_bits_are_the_same_for_any_number_of_threads(seed, traits, monkeypatch):
+    monkeypatch.setattr(memory_layout, 'RUN', 16)  # so that drives and holes lie in several runs
+    drawn = Drawn(seed, traits | {'drives': True, 'guided': True})
     expected = drawn.run('compiled')
     for threads in (2, 3, 5):
         assert np.array_equal(drawn.run('compiled', threads=threads), expected)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms, FixCom, FixedLine
+from ase.constraints import FixAtoms, FixCartesian, FixCom, FixedLine
 from oracles import Gaussian, neighbour_vectors, verlet
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
@@ -93,8 +93,11 @@ def test_other_cells_constraints_and_calculators_are_refused():
     replicas([patch(), patch(stretched=1.1)])  # nothing repeats
     held = patch()
     held.set_constraint(FixCom())
-    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are supported'):
+    with pytest.raises(ValueError, match='only FixAtoms, FixCartesian, FixedLine and FixedPlane are supported'):
         replicas([held])
+    held.set_constraint(FixCartesian([1], (True, False, False)))
+    (joined,) = replicas([held, held]).constraints
+    assert joined.todict()['kwargs'] == {'a': [1, 1 + len(held)], 'mask': [True, False, False]}
     lattice = lattices.square(L0, 1.0)
     lattice.calc = AllNeighbours(lattice, InversePower(b=3e3, a=4.6), foundation=2.0)
     with pytest.raises(ValueError, match='AllNeighbours does not have'):

@@ -123,6 +123,7 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'bands.path': 'GXMG'},
      "bands.path of the triangular lattice must join different ones of the points G, M, K, not 'GXMG'"),
     ({'bands.path': 'GG'}, 'must join different ones of the points'),
+    *(({'bands.path': path}, "did you mean 'GMKG'?") for path in ('gmkg', 'G-M-K-G', 'ΓMKΓ')),
     ({'bands.supercell': [3, 3, 1]}, 'must hold 2 whole numbers, not [3, 3, 1]'),
     ({'law': {'kind': 'table', 'shells': 1, 'distances_m': [0.01], 'forces_N': [1.0]}}, 'at least 4 points'),
     ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy"),
@@ -222,8 +223,10 @@ def test_devices_and_pipes_do_not_hang(tmp_path):
 
 @pytest.mark.parametrize(('changes', 'words'), [
     ({'lattice.mass_kg': 0.707}, 'lattice.mass_kg = 0.707 and lattice.spacing_m = 0.01 make 7.1e[+]02 g/cm3'),
+    *(({f'foundation.pillar.{key}': value}, 'would buckle under .* check the units of its keys') for key, value in (
+        ('youngs_modulus_Pa', 71.0), ('youngs_modulus_Pa', 71e3), ('height_m', 15.0), ('height_m', 150.0))),
 ])
-def test_a_mass_in_another_unit(changes, words, scene_file):
+def test_a_number_in_another_unit(changes, words, scene_file):
     with pytest.warns(UserWarning, match=words):
         read_scene(scene_file(changes))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms, FixBondLength, FixedLine, FixedPlane
+from ase.constraints import FixAtoms, FixBondLength, FixCartesian, FixedLine, FixedPlane
 from numpy.testing import assert_allclose
 from oracles import allowed_motion, free_basis, lattice, small_cluster
 
@@ -32,7 +32,8 @@ def drawn(seed):
         angle = rng.uniform(0, 2 * np.pi)
         direction = [(np.cos(angle), np.sin(angle), 0), (np.cos(angle), np.sin(angle), 0), (1, 0, 0), (0, 0, 1)][rng.integers(4)]
         direction = direction + 1e-17 * rng.normal(size=3)  # turned by a matrix
-        yield [FixAtoms([particle]), FixedLine(particle, direction), FixedPlane(particle, direction)][rng.integers(3)]
+        yield [FixAtoms([particle]), FixedLine(particle, direction), FixedPlane(particle, direction),
+               FixCartesian([particle], rng.random(3) < 0.5)][rng.integers(4)]
     if seed % 3 == 2:
         yield from plane
 
@@ -56,7 +57,7 @@ def test_free_directions_span_what_the_constraints_allow(seed):
     ([FixedLine(2, (1, 0, 1))], 'guides a particle'),
     ([FixedPlane(2, (0, 1, 0.5))], 'guides a particle'),
     ([FixedLine([2, 3], (1, 0, 0)), FixedPlane([3, 4], (0, 1, 0))], 'guides a particle'),
-    ([FixBondLength(0, 1)], 'only FixAtoms, FixedLine and FixedPlane are supported'),
+    ([FixBondLength(0, 1)], 'only FixAtoms, FixCartesian, FixedLine and FixedPlane are supported'),
     ([FixAtoms(range(9))], 'hold every particle'),
 ])
 def test_other_constraints_are_refused(constraints, message):

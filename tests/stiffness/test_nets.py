@@ -11,10 +11,11 @@ from ase.calculators.emt import EMT
 from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, analytic_bands, lattices, modes, verdict
+from magphonon import InversePower, analytic_bands, lattices, modes, relaxed, verdict
 from magphonon.errors import NotAtRest
 from magphonon.interactions import Attraction, Cable, Spring, Yukawa
-from magphonon.stiffness import PairCalculator, net, self_stress, split
+from magphonon.lattices.bonds import pairs_within
+from magphonon.stiffness import PairCalculator, elastic_moduli, net, self_stress, split
 
 OWN = {  # slope and curvature of each law, written again
     Spring: lambda law, r: (law.k * (r - law.L0), law.k),
@@ -236,3 +237,26 @@ def test_nothing_that_is_said_of_ions_and_nets_speaks_of_magnets(said):
     assert isinstance(words, str)
     assert words
     assert not re.search('(?i)magnet(?!o)', words), words
+
+
+@pytest.mark.parametrize('seed', [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 7))])
+def test_nets_that_only_their_tension_holds_relax_and_have_no_stiffness_by_springs(seed):
+    """A honeycomb of springs of several lengths; triangular nets without 40 % of their members, whose nodes come near others."""
+    kind = 'diluted' if seed else 'honeycomb'
+    rng = np.random.default_rng(seed)
+    atoms = (lattices.honeycomb if kind == 'honeycomb' else lattices.triangular)(1.0, 1.0).repeat((8, 8, 1))
+    i, j, shift, r = pairs_within(atoms, 1.1)
+    kept = rng.permutation(len(i))[: len(i) if kind == 'honeycomb' else round(1.8 * len(atoms))]
+    while (loose := np.bincount(np.r_[i[kept], j[kept]], minlength=len(atoms))[[i[kept], j[kept]]].min(axis=0) < 2).any():
+        kept = kept[~loose]  # ends that hang down
+    held, place = np.unique(np.r_[i[kept], j[kept]], return_inverse=True)
+    atoms, ends = atoms[held], place.reshape(2, -1).tolist()
+    atoms.set_cell(atoms.cell.array * [[1.1], [1.1], [1.0]], scale_atoms=True)
+    springs = [Spring(1.0, L) for L in (r[kept] * rng.uniform(0.9, 1.1, len(kept))).tolist()]
+    members = [*zip(*ends, map(tuple, shift[kept].tolist()), springs, strict=True)]
+    rest = relaxed(net(atoms, members, dim=2)).atoms
+    F, K = oracle(rest, members, np.zeros(3), rest.positions, 2)
+    assert abs(F).max() < 1e-12
+    assert_allclose(rest.calc.rest_hessian().toarray(), K, atol=1e-13)
+    taut, alone = (elastic_moduli(rest, model).shear for model in ('complete', 'conventional'))
+    assert abs(alone) < (1e-3 if kind == 'honeycomb' else 0.3) * taut
