@@ -48,6 +48,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
     page = [_effect(bands) + ('' if buckles else f' {stability}')]
+    page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
     if verbose:
         page += _lattice(scene, atoms)
         page += _frequencies(atoms, bands)
@@ -115,8 +116,7 @@ def _lattice(scene, atoms):
     else:
         line = (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
                 f'f(L0) = {units.in_words("N", repulsion(atoms.calc.law, given.spacing_m * units.m))}')
-    perfect = 'These are the bands of the perfect lattice; "magphonon modes" includes [defects].'
-    return [scene.title, line, *([perfect] if scene.defects else [])]
+    return [scene.title, line]
 
 
 def _frequencies(atoms, bands):

@@ -374,6 +374,10 @@ class PairCalculator(Repulsion):
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
         return hessian(self.bonds, K, self.foundation if part in ('all', 'foundation') else 0.0)
 
+    def forces_beyond_rest(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Change of the forces due to displacements `u` from rest: N, both of shape (particles, dim)."""
+        return self.bond_forces[0] - self.bonds.net(self._repulsion(u)[1]) - self.foundation * u
+
 
 MagneticRepulsion = PairCalculator
 """Another name of `PairCalculator`, for the magnets of the paper."""
