@@ -48,7 +48,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
     page = [_effect(bands) + ('' if buckles else f' {stability}')]
-    page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
+    page += _without_defects(scene)
     if verbose:
         page += _lattice(scene, atoms)
         page += _frequencies(atoms, bands)
@@ -105,6 +105,10 @@ def _effect(bands):
           f'{units.in_words("Hz", f0)} to below zero: the lattice buckles')
     kind = mode_names(bands['complete'])[here, branch]
     return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.'
+
+
+def _without_defects(scene):
+    return ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
 
 
 def _lattice(scene, atoms):
