@@ -85,13 +85,13 @@ class Drawn:
             if 2.8 < one.a < 7 and ends.min() > 0.05 * np.sqrt(one.k / 0.7) and 3 * one.pillar * ends.max() ** 2 < 150 * one.k:
                 return one, rng
 
-    def squares(self, q):
-        """Eigenvalues of the stiffness of the magnets in N/mm, shape (wavevectors, 2), without their pillars."""
+    def squares(self, q, springs=(0.0, 0.0)):
+        """Eigenvalues of the stiffness of magnets in N/mm, shape (wavevectors, 2), with springs along x and y for pillars."""
         n = self.R / np.linalg.norm(self.R, axis=1)[:, None]
         nn = n[:, :, None] * n[:, None]
         K = self.stiffness[:, None, None] * nn - self.tension[:, None, None] * (np.eye(2) - nn)
         D = np.einsum('bq,bxy->qxy', 1 - np.cos(2 * np.pi * self.shifts @ np.transpose(q)[:2]), K)
-        return np.linalg.eigvalsh(D)
+        return np.linalg.eigvalsh(D + np.diag(springs))
 
     def omega(self, q):
         """Frequencies, shape (wavevectors, 2); negative where the lattice is unstable."""

@@ -140,7 +140,6 @@ def test_balance_of_all_neighbours_is_judged_alike_in_all_units(units):
         critical_foundation(moved(3 * BALANCED / slope)[0], steps=2)
 
 
-@pytest.mark.filterwarnings('ignore:a mass of')
 @pytest.mark.parametrize('units', UNITS)
 def test_a_plane_is_judged_alike_in_all_units(units):
     L, s, m = units

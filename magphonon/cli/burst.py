@@ -26,7 +26,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_style(parser)
     parser.add_argument('--engine', choices=('ase', 'compiled', 'lammps'),
                         help="what makes the time steps: ASE's VelocityVerlet, compiled blocks of its steps, or LAMMPS (complete "
-                             'model only); by default ASE, and for long runs compiled blocks')
+                             'model only); by default the exact linear motion where nonlinear forces change it by less than the '
+                             'tolerance, and otherwise ASE, or for long runs compiled blocks')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
     parser.add_argument('--files', metavar='DIR', help="directory for LAMMPS's files, a folder with submit.sh for each burst; "
                                                        'a burst that has already run there, on this machine or on a cluster, is '
@@ -47,7 +48,7 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.perfect_cell()
     with answering(options, scene, 'row.csv', 'ridges.*', *(f'{name}_*' for name in plan.names)) as (folder, save, told):
-        records, largest, patches = {}, {}, {model: scene.patch_atoms(model) for model in MODELS}
+        records, largest, methods, patches = {}, {}, {}, {model: scene.patch_atoms(model) for model in MODELS}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
             passages = {model: _send(scene, k, cell, patch, engine(name, model)) for model, patch in patches.items()}
             found = {model: _seen(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
@@ -55,13 +56,15 @@ def run(options: Namespace) -> None:
             _draw(save, name, plan.carriers_Hz[k], passages, found)
             records |= {f'{name}_{model}': found[model] for model in MODELS}
             largest |= {f'{name}_{model}': passage.largest for model, (*_, passage) in passages.items()}
+            methods |= {f'{name}_{model}': passage for model, (*_, passage) in passages.items()}
         patch, site, _ = passages['complete']
         places = patch.calc.reference.positions[site.row, :2].T / units.m
         write_columns(folder / 'row.csv', ['step', 'particle', 'x_m', 'y_m'], [range(len(site.row)), site.row, *places])
         write_ridges(folder / 'ridges.csv', records)
         warnings, everything = _report(scene, cell, records, largest)
         (folder / 'ridges.txt').write_text('\n'.join(everything) + '\n', encoding='utf-8')
-        told += [*_conclusion(records), *(everything if options.verbose else warnings), *omission(scene, options.verbose)]
+        told += [*_conclusion(records), *_methods(methods, plan.tolerance)]
+        told += [*(everything if options.verbose else warnings), *omission(scene, options.verbose)]
 
 
 def _report(scene, cell, records, largest):
@@ -74,6 +77,21 @@ def _report(scene, cell, records, largest):
     return warnings, [scene.title, *([] if found is None else [str(found)]), '', report(records), '', *quiet, *warnings]
 
 
+def _methods(passages, tolerance):
+    """A line that says which bursts are linear motion and which are time steps, and why; none if the user has chosen."""
+    from ..scenes.plans import TOLERANCE
+
+    changes, limit = {name: one.nonlinear for name, one in passages.items()}, tolerance or TOLERANCE
+    if any(one.steps and np.isnan(one.nonlinear) for one in passages.values()):
+        return []
+    stepped = [name for name, one in passages.items() if one.steps]
+    linear = max((changes[name] for name in passages.keys() - stepped), default=0.0)
+    return [f'{len(passages) - len(stepped)} of {len(passages)} bursts are exact linear motion, which nonlinear forces change by '
+            f'less than the tolerance of {limit:g} (by at most {linear:.1g})'
+            + (f'; {len(stepped)} take time steps, as nonlinear forces change them by up to '
+               f'{max(changes[name] for name in stepped):.1g}' if stepped else '')]
+
+
 def _engine(options):
     """A function that returns the engine of a burst, as keywords of `send`, for the name of the burst and the model."""
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
@@ -82,7 +100,7 @@ def _engine(options):
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS has no other model
-            return {'engine': options.engine if options.engine in ('ase', 'compiled') else 'auto', 'film': options.animation}
+            return {'engine': options.engine if options.engine in ('ase', 'compiled') else 'least', 'film': options.animation}
         return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name),
                 'film': options.animation}
 

@@ -281,6 +281,17 @@ def fit_transfer(build: Callable[[dict[str, float]], ParametricLattice], names: 
     return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, float(np.sqrt(square / free)) / noise, square)
 
 
+def roughly_left(build: Callable[[dict[str, float]], ParametricLattice], names: tuple[str, ...],
+                 functions: Sequence[TransferFunction], priors: Mapping[str, tuple[float, float]] | None = None) -> float:
+    """What a fit leaves of the functions with peaks so wide that they overlap: says which of some lattices is the most likely.
+
+    The arguments are those of `fit_transfer`.
+    """
+    rate = max(np.ptp(one.omega) for one in functions) / WIDEST
+    wide = [with_wide_peaks(one, rate) for one in functions]
+    return _solved(build, names, wide, np.zeros(len(names)), ROUGH, before=Before.of(names, priors), widened=2 * rate).cost
+
+
 def _solved(build, names, functions, start, tolerance, *, before, widened=0.0):
     """Least-squares solution, starting at the logarithms `start`; rows of the prior `before` come after those of the data."""
     weight, measured = weights(functions), np.concatenate([one.response for one in functions])

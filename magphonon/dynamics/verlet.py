@@ -342,11 +342,11 @@ class DrivenVerlet(VelocityVerlet):
             for order in longest:
                 if self.dt <= longest[order]:
                     return order
-        raise self._too_long('')
+        raise self._too_long(max(longest.values()))
 
-    def _too_long(self, why):
+    def _too_long(self, longest, why=''):
         return StepsTooLong(f'time steps of {self.dt:.6g} ms are too long for an error of {self.tolerance:g} after '
-                            f'{self.max_steps * self.dt:.6g} ms{why}', max(self._longest().values()))
+                            f'{self.max_steps * self.dt:.6g} ms{why}', longest)
 
     def _add_error(self, u):
         """Add the error of the steps since the last time, at the frequency that waves have at the displacements `u`."""
@@ -360,7 +360,8 @@ class DrivenVerlet(VelocityVerlet):
         self._error += error(x, x * steps) - error(x, 0.0)
         if not self._error + error(x, 0.0) <= LEEWAY * self.tolerance:
             self._omega *= faster
-            raise self._too_long(f', as strains make waves {faster:.3g} times faster at {self.get_time():.6g} ms')
+            longest = next(self._longest()[order] for order, one in SPLITTINGS.items() if one is self.splitting)
+            raise self._too_long(longest, f', as strains make waves {faster:.3g} times faster at {self.get_time():.6g} ms')
 
     def _one_step(self):
         """Do a step of ASE's loop; if the bonds are no longer valid, go back to the last state in which they were, and raise."""

@@ -28,6 +28,7 @@ from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stab
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
+    from ..dynamics.drives import ToneBurst
     from .chebyshev import Products
 
 EPS = np.finfo(float).eps
@@ -38,6 +39,10 @@ MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share i
 FACTORISATION = 6.0
 """Number of products with a sparse matrix that take as long as its factors, divided by the root of its size: measured from 2000
 to 190 000 free directions, within a factor of 2."""
+CAUTION, WIDTH, STILL, LARGE = 3.0, 0.3, 1e-3, 0.1
+"""By how much a true change by nonlinear forces may exceed its estimate; half the width of the spectrum of a burst times its
+cycles, as a fraction of its carrier; the fraction of the carrier that counts as zero; the displacement, in shortest bonds, from
+which on no motion counts as linear."""
 ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
 
 
@@ -451,3 +456,36 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     scale = -root * interval.radius
     u = (shapes @ (y / scale[:, None]).T).T.reshape(len(z), len(particles), system.dim)
     return u, (left + round_off) * length / abs(scale), (n + 1) * BLOCK
+
+
+def nonlinear_change(system: LinearSystem, drive: ToneBurst, damping: float, largest: float) -> float:
+    """Change of the motion of a burst by nonlinear forces, as a fraction of its largest displacement `largest` (mm).
+
+    A steady wave u1 of the carrier, with so much more damping that it fades as far from the source as the burst is long, has the
+    forces F(u1) + H u1 beyond linear ones.  To second order they move the mean positions and add a harmonic, whose frequency is
+    taken over the width of the burst; to third order they change the wave.  The sum of the three linear responses is CAUTION
+    times too small at most (200 drawn bursts, `tests/scenes/test_least_engine.py`), and is returned multiplied by that.
+    """
+    calc, dim = system.calc, system.dim
+    if largest > LARGE * calc.bonds.shortest:
+        return np.inf
+    rates, spread = damping + drive.omega / (2 * np.pi * drive.cycles), WIDTH / drive.cycles
+
+    def respond(force, *multiples):
+        pushed = np.zeros((len(system), 3), complex)
+        pushed[system.mobile, :dim] = force[system.mobile]
+        return frequency_response(system, pushed, drive.omega * np.array(multiples), rates, tolerance=1e-3).response[..., :dim]
+
+    push, H = np.zeros((len(system), dim)), calc.rest_hessian()
+    push[drive.particles] = np.outer(drive.amplitude, drive.direction[:dim])
+    wave = respond(push, 1.0)[0]
+    wave *= largest / _size(wave)
+    motion = [np.real(wave * turn) for turn in np.exp(1j * np.pi / 4 * np.arange(8))]
+    beyond = np.fft.fft([calc.forces_beyond_rest(u) + (H @ u.ravel()).reshape(u.shape) for u in motion], axis=0) / 8
+    mean, same = respond(beyond[0], STILL), respond(beyond[1], 1.0)
+    second = respond(beyond[2], 2 - 2 * spread, 2.0, 2 + 2 * spread)
+    return CAUTION * (_size(mean) + 2 * _size(same) + 2 * _size(second)) / largest
+
+
+def _size(u):
+    return np.sqrt((abs(u) ** 2).sum(axis=-1)).max()

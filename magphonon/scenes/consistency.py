@@ -150,22 +150,20 @@ def _sizes(scene: Scene, calc: Repulsion) -> None:
     if not abs(calc.law.d2phi(calc.bonds.lengths)).max() > LEAST_SHARE * k:
         raise ValueError(f'{lattice.spacing_given} is so large, or the law of so short a range ({numbers}), that no force acts '
                          f'beside [foundation], {k / (u.N / u.m):.3g} N/m; check their units and exponents (lengths in m)')
+    pillar = scene.foundation and scene.foundation.pillar
+    if pillar and 2 * pillar.radius_m > lattice.spacing_m:
+        raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
+                         f'{lattice.spacing_given}; radii are in metres')
+    _weights(lattice, pillar)
+
+
+def _weights(lattice, pillar):
+    """Warn of masses denser than metals, and of pillars that buckle under theirs, by Euler at pi^2 E I/4 H^2."""
     mass = lattice.cell().get_masses().min() / u.kg
-    if scene.foundation and scene.foundation.pillar:
-        _pillar(scene.foundation.pillar, lattice, mass)
-    density = mass / lattice.spacing_m**3
-    if density > DENSEST_kg_per_m3:
+    if (density := mass / lattice.spacing_m**3) > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {mass:.6g} and {lattice.spacing_given} make {density / 1e3:.2g} g/cm3, denser than any '
                       'metal; check their units, which are kg and m'
                       + ' (g and mm in files that ASE reads)' * isinstance(lattice, FileLattice), stacklevel=2)
-
-
-def _pillar(pillar, lattice, mass):
-    """Refuse pillars that overlap, and warn of those that buckle under their magnets, by Euler at pi^2 E I/4 H^2."""
-    if 2 * pillar.radius_m > lattice.spacing_m:
-        raise ValueError(f'foundation.pillar.radius_m = {pillar.radius_m!r}: such pillars would overlap, since '
-                         f'{lattice.spacing_given}; radii are in metres')
-    carried = np.pi**2 / 12 * pillar.stiffness_N_per_m * pillar.height_m
-    if carried < GRAVITY_m_per_s2 * mass:
+    elif pillar and (carried := np.pi**2 / 12 * pillar.stiffness_N_per_m * pillar.height_m) < GRAVITY_m_per_s2 * mass:
         warnings.warn(f'[foundation.pillar] would buckle under {carried:.2g} N, less than the weight of lattice.mass_kg = '
                       f'{mass:.6g}; check the units of its keys, unless it hangs', stacklevel=2)

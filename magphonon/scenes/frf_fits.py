@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from .. import units as u
 from ..design.least_squares import MOST_FACTOR
 from ..design.misreadings import misreading
 from ..design.site_unknowns import with_site_unknowns
-from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses
-from ..errors import not_negative, one_of
+from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer, responses, roughly_left
+from ..errors import PhysicsError, not_negative, one_of
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
 from ..stiffness.bond import MODELS, Model
-from ..stiffness.rest import LinearSystem
+from ..stiffness.rest import LinearSystem, freedom
 from . import band_fits
 from .plans import Pick
 from .scene import Scene
+from .structures import Defects
 
 UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
 KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
@@ -34,6 +37,9 @@ CLEARLY = 1.5
 """Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
 
 
+LIKELY, MOST_SITES, EXPLAINS = 4, 100, 2.0
+"""Number of places of a missing magnet that are tried in a whole fit, largest number of places, and factor by which the residual
+falls without it."""
 EVIDENCE = 3.0  # sigmas between the models from which on data with a stated noise decide, where no sites scatter
 
 
@@ -183,6 +189,38 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         if worse or model in stated:
             fits[model] = fit.refused if worse else with_site_unknowns(fit, build[model], own, relative)
     return FrfFits(scene, own, fits, priors)
+
+
+def missing_magnet(found: FrfFits) -> NDArray[np.float64] | None:
+    """The place in m of a magnet without which the better model follows the data clearly better; None if there is none.
+
+    Each free magnet at which nothing is measured is left out in turn, first with wide peaks, and the `LIKELY` ones in a fit.
+    """
+    scene, better = found.scene, found.better
+    atoms, *_ = scene.shaken(better.model, bench=True)
+    measured = {dof.particle for one in found.functions for dof in (one.answer, one.drive) if isinstance(dof, Dof)}
+    sites = [k for k in np.flatnonzero(freedom(atoms)[0]).tolist() if k not in measured]
+    if scene.single or scene.finite or len(sites) > MOST_SITES:
+        return None
+    fixed = [name for name in (*band_fits.parameters_in(scene), 'damping') if name not in better.names]
+    relative = {name: prior if name == 'gain' else band_fits.relative_prior(name, value_of(scene, name), *prior, fixed)
+                for name, prior in found.priors.items()}
+    before = scene.defects or Defects.model_construct()
+    places, left = atoms.calc.reference.positions[:, :2] / u.m, {}
+
+    def without(k):
+        own = before.model_copy(update={'vacancies_m': (*before.vacancies_m, places[k].tolist())})
+        functions = [replace(one, **{name: replace(dof, particle=dof.particle - (dof.particle > k))
+                                     for name in ('answer', 'drive') if isinstance(dof := getattr(one, name), Dof)})
+                     for one in found.functions]
+        return partial(_built, scene.model_copy(update={'defects': own}), better.model), better.names, functions
+
+    for k in tqdm(sites, desc='missing magnets', disable=None, leave=False):
+        with suppress(PhysicsError):  # nothing holds the others
+            left[k] = roughly_left(*without(k), relative)
+    likely = {k: fit_transfer(*without(k), better.model, relative).misfit for k in sorted(left, key=left.__getitem__)[:LIKELY]}
+    best = min(likely, key=likely.__getitem__, default=None)
+    return None if best is None or likely[best] > better.misfit / EXPLAINS else places[best]
 
 
 def responses_of(scene: Scene, model: Model, functions: Sequence[TransferFunction],

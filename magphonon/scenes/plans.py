@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +15,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from .. import units as u
 from ..errors import one_of
 from ..response.frf import Dof
-from ..stiffness.rest import freedom
+from ..stiffness.rest import LinearSystem, freedom
 from ..waves.ridge_tables import DRIVEN
 from .fields import (
     Angle,
@@ -35,6 +37,9 @@ from .fields import (
 
 if TYPE_CHECKING:
     from ..waves.wave_source import Burst, BurstRecord, BurstSetup
+
+
+TOLERANCE = 1e-3  # of a burst, as a fraction of its largest displacement, where a scene gives none
 
 
 class Damped(Table):
@@ -164,7 +169,9 @@ class BurstPlan(Table):
     def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[BurstSetup, BurstRecord]:
         """Send burst number k through a patch; returns its BurstSetup and BurstRecord.
 
-        `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.run_burst`.
+        `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.run_burst`; the engine 'least' is the
+        exact linear motion where nonlinear forces change it by less than the tolerance (1e-3 if none is given), and time steps
+        where they change it by more, or the patch is unstable.
         """
         from ..waves.spectrum import FEWEST
         from ..waves.wave_source import burst_setup, run_burst
@@ -173,5 +180,32 @@ class BurstPlan(Table):
         if len(where.row) < FEWEST:
             raise ValueError(f'the row along R2 has {len(where.row)} particles inside the rim, and a map of waves needs at least '
                              f'{FEWEST}; make [patch] {FEWEST / max(len(where.row) - 1, 1):.2g} times as large')
-        burst = self.burst(k, where)
-        return where, run_burst(patch, where, burst.drive, burst.damping, burst.duration, tolerance=self.tolerance, **engine)
+        burst, tolerance, change = self.burst(k, where), self.tolerance, np.nan
+        if engine.get('engine') == 'least':
+            engine, tolerance = engine | {'engine': 'auto'}, tolerance or TOLERANCE
+            linear, change = _linear(patch, where, burst, engine.get('film', False))
+            if change <= tolerance:
+                return where, linear
+        run = run_burst(patch, where, burst.drive, burst.damping, burst.duration, tolerance=tolerance, **engine)
+        return where, replace(run, nonlinear=change)
+
+
+def _linear(patch, where, burst, film):
+    """Exact linear motion of a burst, and its change by nonlinear forces in largest displacements; infinite if it is unstable."""
+    from ..dynamics.motion import Motion
+    from ..response.frf import nonlinear_change
+    from ..response.propagation import propagate
+    from ..waves.wave_source import SNAPSHOTS, frame_of, recorded
+
+    frame, system = frame_of(patch, burst.drive, burst.duration), LinearSystem.of(patch, 'gyration')
+    if not system.stable:
+        return None, np.inf
+    times, seen = frame * np.arange(int(burst.duration / frame) + 1), np.union1d(where.row, where.driven)
+    few = times[:: 1 if film else max(1, len(times) // SNAPSHOTS)]
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', UserWarning)  # about large motion, which is asked about next
+        found = [propagate(patch, at, [burst.drive], burst.damping, particles, 1e-6)
+                 for at, particles in ((times, seen), (few, None))]
+    run = recorded(where, [Motion(one.times, one.particles, one.displacements) for one in found])
+    change = nonlinear_change(system, burst.drive, burst.damping, run.largest)
+    return replace(run, nonlinear=change, steps=False), change

@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
-from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
+from ..lattices.bonds import Bonds, bonds_of, image_of, lengths_of, repeat_bonds
 from .bond import BROKEN_BOND, MODELS, Model, displaced, interaction_along, model_stiffness
 from .matrices import bloch_gradient, bloch_matrix, bloch_series, hessian
 from .plausibility import refuse_infinite, warn_of_units
@@ -275,6 +275,20 @@ class PairCalculator(Repulsion):
         return self.interaction.forces(self.bond_vectors)[0]
 
     @cached_property
+    def bond_forces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sums over the bonds of each particle at rest, in N: of gradients, shape (particles, dim), and sizes, (particles, 1).
+
+        Its own images push a particle from both sides alike.
+        """
+        bonds = self.bonds
+        if (bonds.i == bonds.j).all():
+            return np.zeros((bonds.particles, self.dim)), np.zeros((bonds.particles, 1))
+        gradient = self.interaction.forces(self.bond_vectors)[1]
+        strength = lengths_of(gradient)
+        sizes = np.bincount(bonds.i, strength, bonds.particles) + np.bincount(bonds.j, strength, bonds.particles)
+        return bonds.net(gradient), sizes[:, None]
+
+    @cached_property
     def slack(self) -> NDArray[np.float64]:
         """Extension of the foundation springs at rest: vectors from anchor to rest in mm, shape (particles, 3)."""
         rest = self.reference.positions
@@ -362,8 +376,7 @@ class PairCalculator(Repulsion):
 
     def forces_beyond_rest(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change of the forces due to displacements `u` from rest: N, both of shape (particles, dim)."""
-        gradient = self._repulsion(u)[1] - self._repulsion(0 * u)[1]
-        return -self.bonds.net(gradient) - self.foundation * u
+        return self.bond_forces[0] - self.bonds.net(self._repulsion(u)[1]) - self.foundation * u
 
 
 MagneticRepulsion = PairCalculator

@@ -43,8 +43,9 @@ IMPOSSIBLE = 1e8  # N/mm^2, which no slip of a length explains, but a b that was
 LOSSY = 5.0
 """A damping above this multiple of the frequency of the stiffest bond and spring, which lets no wave oscillate, was probably
 typed in 1/s, if it is below that frequency once converted."""
-SHORT = 0.04, 2e-4  # radians of the stiffest bond and spring in a whole run, and in a time step, below which s was meant
-HASTY = 3.0  # such radians in the time in which a particle would move by a bond, whose inverse shows velocities typed in mm/s
+SHORT = (4e-6, 0.04), (5e-6, 2e-4)
+"""Radians of the stiffest bond and spring in a whole run, and in a time step, between which s was meant: 1000 times as many."""
+HASTY = 3.0  # bonds passed in the time of such a radian, up to a thousand times which velocities were typed in mm/s
 UNEQUAL = 1e9  # ratio of masses from which frequencies lose digits (4e-8 at 1e9, 4e-5 at 1e12): D holds K/sqrt(m m')
 FAST = 30.0, 5.0
 """A frequency above the first multiple of that of the stiffest bond and spring was probably typed in Hz, if it is below the
@@ -183,8 +184,8 @@ def warn_of_damping(calc: Any, damping: NDArray[np.float64]) -> None:
 
 def warn_of_times(calc: Any, last: float, timestep: bool = False) -> None:
     """Warn of a duration, or of a time step, in ms that was probably typed in s."""
-    radians = _scale(calc) * last
-    if 0 < radians < SHORT[timestep] < 10 * units.s * radians:
+    radians, (least, most) = _scale(calc) * last, SHORT[timestep]
+    if least < radians < most:
         _warn(f'{"time steps of" * timestep or "times up to"} {last:.6g} ms are {radians:.2g} radians of the fastest motion',
               f'if {last:.6g} s was meant, give {last:.6g} * units.s')
 
@@ -192,7 +193,7 @@ def warn_of_times(calc: Any, last: float, timestep: bool = False) -> None:
 def warn_of_speed(calc: Any, velocities: NDArray[np.float64]) -> None:
     """Warn of velocities in mm/ms that would move a particle beyond a bond, and were probably typed in mm/s."""
     fastest, scale = float(np.sqrt((velocities**2).sum(axis=-1).max(initial=0.0))), _scale(calc)
-    if scale and fastest > HASTY * scale * calc.bonds.lengths.min():
+    if scale and HASTY < fastest / (scale * calc.bonds.lengths.min()) < HASTY * units.s:
         _warn(f'a velocity of {fastest:.4g} mm/ms would move a particle by {fastest / scale:.3g} mm, beyond its neighbours',
               f'if {fastest:.4g} mm/s was meant, give {fastest:.4g} * units.mm / units.s')
 

@@ -9,6 +9,7 @@ Static forces are the same in all models: the force of a bond at its present len
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
@@ -138,9 +139,13 @@ class LinearSystem:
         calc = repulsion_of(atoms)
         calc = calc if same_cell(calc, atoms) else calc.about(atoms)
         calc = calc if push is None else calc.about(calc.reference, calc.load + push)
-        reference, away = cls.about(calc, atoms), abs(calc.displacements(atoms)).max(initial=0.0)
-        if not reference.left.any() and away <= ELSEWHERE * calc.bonds.lengths.min():
-            return reference
+        reference, u = cls.about(calc, atoms), calc.displacements(atoms)
+        if not reference.left.any():
+            if abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.shortest:
+                return reference
+            with suppress(ValueError):  # of bonds out of range
+                if calc.model == 'complete' and reference.unbalanced(reference.static + calc.forces_beyond_rest(u)).any():
+                    return reference
         here = cls.about(calc.about(atoms), atoms)
         return here if here.left.max(initial=0.0) <= reference.left.max(initial=0.0) else reference
 
@@ -214,8 +219,13 @@ class LinearSystem:
             return np.zeros(1)  # by symmetry
         else:
             forces = calc.get_forces(self.atoms)[:, : self.dim]
+        return self.unbalanced(forces)
+
+    def unbalanced(self, forces: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The part of `forces` (N) along free directions, shape (particles,), and zero if less than BALANCED."""
         if not forces.any():
             return np.zeros(len(self))
+        calc: Any = self.atoms.calc
         mobile, guided, barred = self._freedom
         left = lengths_of(mobile[:, None] * forces)
         if len(guided):
@@ -377,14 +387,8 @@ def static_forces(calc: PairCalculator, push: Any = 0.0) -> NDArray[np.float64]:
     The round-off of forces that cancel is set to zero; a load or push (N, shape (particles, 3)) on balanced particles is kept,
     however small.
     """
-    bonds, springs = calc.bonds, calc.spring_forces
-    total, size = springs.copy(), 2 * abs(springs).max(axis=1)[:, None]
-    if (bonds.i != bonds.j).any():  # its own images push a particle from both sides alike
-        gradient = calc.interaction.forces(calc.bond_vectors)[1]
-        total -= bonds.net(gradient)
-        strength = lengths_of(gradient)
-        for end in (bonds.i, bonds.j):
-            size += np.bincount(end, strength, bonds.particles)[:, None]
+    (pull, strength), springs = calc.bond_forces, calc.spring_forces
+    total, size = springs - pull, 2 * abs(springs).max(axis=1)[:, None] + strength
     total[abs(total) <= ROUND_OFF * size] = 0
     for given in (calc.load, push) if np.ndim(push) else (calc.load,):
         if not given.any():

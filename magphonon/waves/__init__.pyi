@@ -7,7 +7,6 @@ from .ridge_tables import read_ridges as read_ridges
 from .scan_tables import read_scan as read_scan, write_scan as write_scan
 from .scans import Scan as Scan, sampled as sampled
 from .spectrum import ridge as ridge, wavenumber_frequency as wavenumber_frequency
-from .thermal import thermal_bands as thermal_bands
 from .wave_analysis import branch as branch, compare as compare, scan_waves as scan_waves, waves as waves
 from .wave_report import report as report
 from .wave_source import (

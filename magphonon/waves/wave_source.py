@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -26,6 +27,9 @@ from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
 from .ridge_tables import DRIVEN
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 NEAR = 0.1
 """Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
@@ -183,6 +187,8 @@ class BurstRecord:
     row: Motion  # that of the measured row
     field: Motion  # that of all particles at a few moments
     largest: float  # displacement in mm that no particle exceeds where it is driven, along the row and at these moments
+    nonlinear: float = np.nan  # change of the motion by nonlinear forces, of `largest`, where it decided on the method
+    steps: bool = True  # whether time steps were taken; else this is the exact linear motion
 
 
 def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto',
@@ -232,16 +238,11 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
     """
     not_negative('damping', damping, '1/ms')
     patch = _at_rest(patch)
-    top = highest_frequency(patch)
-    highest = fastest(top**2, patch.calc.turning)
-    _refuse_above(drive.omega, highest, patch.calc.parameters.model)
-    frame, dt = 2 * np.pi / drive.omega / SAMPLES, STEP_FRACTION * 2 / top
+    frame, dt = frame_of(patch, drive, duration), STEP_FRACTION * 2 / highest_frequency(patch)
+    seen = np.union1d(site.row, site.driven)
     if tolerance is not None:
         only = engine == 'lammps' or patch.calc.turning
-        dt, _ = step_within(tolerance, highest, duration, frame, (2,) if only else tuple(SPLITTINGS))
-    if not positive('duration', duration, 'ms') > drive.end:
-        raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
-    seen = np.union1d(site.row, site.driven)
+        dt, _ = step_within(tolerance, _highest(patch), duration, frame, (2,) if only else tuple(SPLITTINGS))
 
     def moved(dt):
         """Motion of the row and of the whole patch in time steps of `dt`."""
@@ -249,21 +250,36 @@ def run_burst(patch: Atoms, site: BurstSetup, drive: ToneBurst, damping: float, 
         wanted = [(seen, interval), (None, interval if film else max(1, steps // SNAPSHOTS))]
         if engine == 'lammps':
             return run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks, directory=directory)
-        atoms = _at_rest(patch)
-        dyn = DrivenVerlet(atoms, dt, [drive], damping, engine, threads=threads, tolerance=tolerance)
+        dyn = DrivenVerlet(_at_rest(patch), dt, [drive], damping, engine, threads=threads, tolerance=tolerance)
         recorders = [Recorder(dyn, particles, every) for particles, every in wanted]
         dyn.run(steps)
         return [recorder.motion for recorder in recorders]
 
     while True:
         try:
-            near, field = moved(dt)
-            break
+            return recorded(site, moved(dt))
         except StepsTooLong as error:  # strains make waves faster than they are at rest
             dt = frame / np.ceil(frame / error.longest)
-    largest = max(np.linalg.norm(frame, axis=1).max() for record in (near, field) for frame in record.displacements)
-    row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(seen, site.row)])
+
+
+def recorded(site: BurstSetup, motions: Sequence[Motion]) -> BurstRecord:
+    """The record of a burst, from the motion of driven particles and of those of the row, in ascending order, and of all."""
+    near, field = motions
+    largest = max(np.linalg.norm(frame, axis=1).max() for motion in motions for frame in motion.displacements)
+    row = Motion(near.times, site.row, near.displacements[:, np.searchsorted(near.particles, site.row)])
     return BurstRecord(row, field, float(largest))
+
+
+def frame_of(patch: Atoms, drive: ToneBurst, duration: float) -> float:
+    """Time in ms between two frames of the record of a burst; ValueError if no wave has its carrier, or the record is short."""
+    _refuse_above(drive.omega, _highest(patch), patch.calc.parameters.model)
+    if not positive('duration', duration, 'ms') > drive.end:
+        raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
+    return 2 * np.pi / drive.omega / SAMPLES
+
+
+def _highest(patch):
+    return fastest(highest_frequency(patch) ** 2, patch.calc.turning)
 
 
 def _refuse_above(carrier, highest, model):

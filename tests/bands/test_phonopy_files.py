@@ -86,7 +86,7 @@ def of_any_size(seed):
     return cell, q, np.linalg.eigvalsh(D / np.sqrt(m * m[:, None]))
 
 
-@pytest.mark.filterwarnings('ignore:a mass of')  # sizes are drawn over decades
+@pytest.mark.filterwarnings('ignore:a mass of', 'ignore:a force of')  # sizes are drawn over decades
 @pytest.mark.parametrize('seed', range(8))
 def test_files_keep_the_digits_of_lattices_of_any_size(seed, tmp_path):
     cell, q, squares = of_any_size(seed)

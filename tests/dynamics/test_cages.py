@@ -19,8 +19,6 @@ from magphonon.dynamics import Diverged
 from magphonon.dynamics.cages import Cages, pairs_without_bond
 from magphonon.lattices.bonds import explicit_bonds
 
-pytestmark = pytest.mark.filterwarnings('ignore:time steps of', 'ignore:a velocity of')  # of shots that are meant
-
 ENGINES = ['ase', 'compiled']
 WIDE = ['ase', pytest.param('compiled', marks=pytest.mark.slow)]  # strains for which several kernels are compiled
 
@@ -69,6 +67,7 @@ def test_a_magnet_that_turns_back_does_not(degrees):
     assert nearest_without_bond(shot(3.5, degrees, 'compiled')) > L0
 
 
+@pytest.mark.filterwarnings('ignore:a velocity of')
 @pytest.mark.parametrize('engine', WIDE)
 def test_a_shot_at_the_second_neighbour_is_stopped(engine):
     # the weak square lattice: nothing is in the way along the diagonal, and 0.0019 spacings were reached without a word

@@ -12,7 +12,7 @@ from magphonon.dynamics.engine import highest_frequency
 from magphonon.dynamics.splittings import SPLITTINGS
 
 pytestmark = [pytest.mark.slow,  # each compiles kernels of its own, which takes seconds
-              pytest.mark.filterwarnings('ignore:a damping of', 'ignore:a velocity of', 'ignore:the stiffest bond')]
+              pytest.mark.filterwarnings('ignore:a damping of')]
 
 
 def test_a_step_over_the_limit_is_refused_with_both_numbers():

@@ -186,6 +186,32 @@ def test_bands_and_responses_of_lattices_on_heavy_pillars(seed, tmp_path):
 
 
 @pytest.mark.slow
+def test_waves_of_a_row_have_no_bias(tmp_path):
+    """20 triangular lattices of magnets on two springs, 9 points of each branch along a row, and a shift that these share."""
+    found = []
+    for k in range(20):
+        drawn, rng = next(pair for pair in (Drawn.of([9, k, j], laws=('discs', 'rings', 'cubes', 'power')) for j in range(99))
+                          if pair[0].kind == 'triangular')
+        springs, xi, ridge = drawn.k * np.array([1, rng.uniform(0.8, 1.25)]), rng.uniform(0.5, 2.9, 18), np.repeat([0, 1], 9)
+        q, one = xi[:, None] / (2 * np.pi) * [1, 0.5, 0], np.ones(18)
+        moved = xi + 0.01 * rng.normal(size=18) + 0.015 * rng.normal(size=2)[ridge]
+        omega = np.sqrt(drawn.squares(q * (moved / xi)[:, None], springs) / drawn.mass)[np.arange(18), ridge]
+        names = 'transverse', 'longitudinal'
+        points = RidgePoints(names, names, ridge, q, xi, 0.01 * one, omega, 1e-4 * omega, one, 0 * one, ('row',) * 2, 0.015 * one)
+        scene_of(tmp_path, drawn, (*rng.uniform(0.8, 1.2, 2), 1.0), '"auto"')
+        with (tmp_path / 'my.toml').open('a') as file:
+            file.write(f'stiffness_y_N_per_m = {1e3 * drawn.k}\n')
+        values = fit_bands(read_scene(tmp_path / 'my.toml'), points).values()
+        truth = {'force': drawn.force, 'a': drawn.a, 'foundation_x': 1e3 * springs[0], 'foundation_y': 1e3 * springs[1]}
+        found.append([(np.log(values[name][0] / true), values[name][1]) for name, true in truth.items()])
+    off, sigma = np.moveaxis(found, -1, 0)
+    low = (off < 0).sum(axis=0)
+    print('low in', low, 'of 20, medians', np.median(off, axis=0), 'held', (abs(off) <= 1.96 * sigma).mean(axis=0))
+    assert (abs(low - 10) < 8).all()  # missed by chance once in 600
+    assert (abs(off) <= 1.96 * sigma).mean() >= 0.9
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'draws'), [('all neighbours', 48), ('nearest neighbours', 24), ('screened laws', 48),
                                              ('heavy pillars', 24)])
 def test_coverage(kind, draws, tmp_path):

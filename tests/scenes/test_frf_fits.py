@@ -17,7 +17,7 @@ from magphonon.response.frf import base_force
 from magphonon.response.stepped import lock_in
 from magphonon.response.transfer_functions import TransferFunction
 from magphonon.scenes import fit_frf
-from magphonon.scenes.frf_fits import responses_of, suspect_units, with_dofs
+from magphonon.scenes.frf_fits import missing_magnet, responses_of, suspect_units, with_dofs
 from magphonon.stiffness import LinearSystem
 
 HEXAGON = '''title = "hexagon"
@@ -478,3 +478,33 @@ def test_what_no_lattice_answers_has_no_verdict(tmp_path):
     assert not fits.better.follows
     assert 'does not follow this model: the residual is' in frf_report(fits, [], verbose=False)
     assert 'with 95 % intervals in brackets' in frf_report(fit_frf(scene, both[:1]), [], verbose=False)  # the control
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', range(2))
+def test_a_magnet_that_nobody_told_is_missing_is_named(seed, tmp_path):
+    """One of the free magnets of a small patch, away from the points; the control has another mass and all its magnets."""
+    rng = np.random.default_rng([47, seed])
+    k, small = rng.uniform(60, 100), ('side_m = 0.06', 'side_m = 0.03')
+    start = scene_of(tmp_path, small, ('19.6757', str(1.07 * k)), ('force_N = 0.2369', 'force_N = 0.22'))
+    lattice = scene_of(tmp_path, small, ('19.6757', str(k)), name='true.toml')
+    x = start.shaken()[0].positions[:, :2] / u.m
+    away = np.linalg.norm(x[:, None] - [[0, 0], *RECEIVERS[:2]], axis=-1).min(axis=1) > 0.005
+    hole = rng.choice(x[away & (np.linalg.norm(x, axis=1) < 0.019)])
+    text = (tmp_path / 'true.toml').read_text()
+    (tmp_path / 'hole.toml').write_text(f'{text}\n[defects]\nvacancies_m = [{hole.tolist()}]\n')
+    omega = 2 * np.pi * np.linspace(20, 160, 140) * u.Hz
+    places = [np.array([*np.multiply(place, u.m), axis * np.pi / 2]) for place in RECEIVERS[:2] for axis in (0, 1)]
+    bare = [TransferFunction(str(k), omega, 0j * omega, None, 0, place) for k, place in enumerate(places)]
+    heavier = lattice.model_copy(update={'lattice': lattice.lattice.model_copy(update={'mass_kg': 8.4e-4, 'spacing_m': 0.0099})})
+    for true, expected in ((read_scene(tmp_path / 'hole.toml'), hole), (heavier, None), (lattice, 'nothing')):
+        h = np.array(responses_of(true, 'complete', with_dofs(true, bare)))
+        noise = 0.01 * abs(h).max()
+        h = h + noise * (rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape))
+        measured = [replace(one, response=own, sigma=noise) for one, own in zip(bare, h, strict=True)]
+        found = fit_frf(start, measured, gain_sigma=0.0, stated=())
+        if true is lattice:
+            assert '1 Hz apart, farther than the peaks are wide (0.6' in frf_report(found, [])
+            continue
+        place = missing_magnet(found)
+        assert place is None if expected is None else np.linalg.norm(place - expected) < 1e-3

@@ -223,8 +223,10 @@ def test_devices_and_pipes_do_not_hang(tmp_path):
 
 @pytest.mark.parametrize(('changes', 'words'), [
     ({'lattice.mass_kg': 0.707}, 'lattice.mass_kg = 0.707 and lattice.spacing_m = 0.01 make 7.1e[+]02 g/cm3'),
+    *(({f'foundation.pillar.{key}': value}, 'would buckle under .* check the units of its keys') for key, value in (
+        ('youngs_modulus_Pa', 71.0), ('youngs_modulus_Pa', 71e3), ('height_m', 15.0), ('height_m', 150.0))),
 ])
-def test_a_mass_in_another_unit(changes, words, scene_file):
+def test_a_number_in_another_unit(changes, words, scene_file):
     with pytest.warns(UserWarning, match=words):
         read_scene(scene_file(changes))
 

@@ -41,7 +41,6 @@ def test_supports_of_a_large_patch(seed):
     assert needed[True] > 1.2 * needed[False]  # the control: another law out of the plane is seen
 
 
-@pytest.mark.filterwarnings('ignore:the stiffest bond')
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_the_linear_amplitude_of_a_large_patch(seed, monkeypatch):
