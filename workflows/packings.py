@@ -3,7 +3,8 @@
 Discs of two sizes, 1 to 1.4, half and half, are packed at pressures from 1e-1 to 1e-4 of an energy per mean diameter squared, and
 so are discs with Hertz' law, and spheres.  Standard errors over the seeds are in brackets.  C. C. Sartor, S. A. Ridout and E. I.
 Corwin, arXiv:2006.09592, print that pressures (times the mean volume of a particle, over eps of `U = eps (1 - r/d)^2`) rise by
-1.23/dim with the share of space beyond jamming, and that contacts beyond the fewest are 0.74 dim 2^(dim/2) times their root.
+1.23/dim with the share of space beyond jamming, and that contacts beyond the fewest, each counted once, are 0.74 dim 2^(dim/2)
+times their root (so the supplement; the main text divides by the power of two, which does not fit its number).
 """
 
 import argparse
@@ -107,7 +108,7 @@ def exponents(every):
 def printed(every, dim):
     """A line of text: the numbers that others have printed."""
     phi, P = each(every, 'fraction'), 2 * PRESSURES * each(every, 'volume')  # eps is half of the energy here
-    rise, root = np.diff(P)[:, -1] / np.diff(phi)[:, -1], (each(every, 'excess') / np.sqrt(P))[:, -3] / dim / 2 ** (dim / 2)
+    rise, root = np.diff(P)[:, -1] / np.diff(phi)[:, -1], (each(every, 'excess') / np.sqrt(P))[:, -3] / 2 / dim / 2 ** (dim / 2)
     return (f'pressure over the share of space beyond jamming, times dim: {told(dim * rise)} (printed: 1.23); contacts at 1e-3 '
             f'over the root of the pressure: {told(root)} (printed from three dimensions on: 0.74); jamming at '
             f'{told(phi[:, -1] - P[:, -1] / rise)}')
@@ -138,7 +139,7 @@ def draw(every, out):
             density = np.histogram(np.concatenate([states[k].omega[m] for states in every]), edges, density=True)[0]
             middle.plot((edges[1:] + edges[:-1]) / 2, density, line[1:], color=colour, alpha=shade)
     left.set(xlabel='pressure (energy/diameter$^2$)', ylabel='per disc; energy/diameter$^2$')
-    middle.set(xlabel='frequency (rad per unit of time)', ylabel='density of states', ylim=(0, None))
+    middle.set(xlabel='frequency (rad per unit of time)', ylabel='density of states', ylim=(0, 0.7))
     middle.annotate('full: 1e-2, pale: 1e-3, 1e-4', (0.03, 0.97), xycoords='axes fraction', va='top', fontsize='small')
     right.semilogx(each(every, 'weak').ravel(), (1 - G[1] / G[0]).ravel(), 'o', color=COLOURS[0], markersize=3)
     across = np.geomspace(3e-5, 0.3, 50)

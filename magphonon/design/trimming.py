@@ -207,7 +207,8 @@ class _Copy:
         (n, dim), gamma, h, slopes = self.structure.shape, self.damping * np.exp(DAMPING * z[-1]), [], []
         feet = self.structure.feet * self.parts(z).spacing
         for one in self.measured:
-            force, seen = one.drive.force(n)[:, :dim], one.answer.force(n)[:, :dim]
+            ends: Any = one.drive, one.answer
+            force, seen = (end.force(n)[:, :dim] for end in ends)
             for omega in one.omega:
                 y = rest.response(force, omega, gamma)
                 h.append((seen * y).sum())

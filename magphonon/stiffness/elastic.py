@@ -14,7 +14,9 @@ softens the lattice: C -> C - Lambda^T Phi^-1 Lambda/V.  Under static stress thr
              B = C + (sigma_ik d_jl + sigma_il d_jk + sigma_jk d_il + sigma_jl d_ik - 2 sigma_ij d_kl)/2
     A(n)     the matrix for sound along n, rho c^2 u = A u:  A_ik = C_ijkl n_j n_l + (n.sigma.n) d_ik
 
-Under hydrostatic pressure A_ik is also B_ijkl n_j n_l.  D. C. Wallace, Thermodynamics of Crystals (1972), chapter 2.
+Under hydrostatic pressure A_ik is also B_ijkl n_j n_l.  Under another stress B lacks the symmetry B_ijkl = B_klij, and under any
+stress the tensor of sound, C_ijkl + sigma_jl d_ik, lacks the minor one, of i and j: a rotation costs energy under stress.
+D. C. Wallace, Thermodynamics of Crystals (1972), chapter 2.
 """
 
 from __future__ import annotations
@@ -153,6 +155,10 @@ class Moduli(Saved, kind='elastic moduli', units={
             words.append(f'shear modulus {self.shear / unit:.6g} {name}{mean}')
         if not np.isnan(self.poisson):
             words.append(f"Poisson's ratio {self.poisson:.4g}")
+        lost = abs(self.birch - self.birch.transpose(2, 3, 0, 1)).max()
+        if lost > ISOTROPIC * abs(self.birch).max():
+            words.append(f'B_ijkl differs from B_klij by up to {lost / unit:.3g} {name}, because the stress is no hydrostatic '
+                         'pressure')
         return ', '.join(words)
 
 

@@ -1,6 +1,7 @@
 """The demultiplexer and designs of the gallery, judged without the package: workflows/built_device.py, and sums of this file."""
 
 import ast
+import csv
 import runpy
 from dataclasses import replace
 from importlib.resources import files
@@ -9,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workflows import built_device
+from workflows import built_device, demultiplexer
 from workflows.built_device import DIAMETER, EXPONENT, MAGNET, ROD, SPRING, B, Device
-from workflows.demultiplexer import SIZES
+from workflows.demultiplexer import SIZES, judged
 
 ROOT = Path(__file__).parents[2]
 RODS = 1.33, 1.50, 1.68, 1.89  # mm
@@ -54,6 +55,36 @@ def test_it_is_built_from_a_list():
     np.testing.assert_array_equal(found.held, np.array(on_the_rim)[away.argmin(1)])
 
 
+def tables():
+    """The tables of the page, by their rows' names."""
+    copies, trims = (list(csv.DictReader(files('magphonon.data').joinpath(name).read_text(encoding='utf-8').splitlines()))
+                     for name in ('demultiplexer_copies.csv', 'demultiplexer_trim.csv'))
+    return {(row['copies'], row['of']): row for row in copies}, trims
+
+
+def test_the_tables_of_the_page_say_what_the_page_says():
+    copies, trims = tables()
+    reached = {name: float(row['reached_dB']) for name, row in copies.items()}
+    as_built = reached['errors', 'all']
+    assert as_built > 28
+    assert float(copies['errors', 'all']['above_30_percent']) >= 80
+    for D in ('D0', 'D0 + D*'):
+        for who in ('nearest', 'all'):
+            if (D, who) != ('D0 + D*', 'all'):
+                assert reached['designed with', f'{D}, {who} neighbours'] < 5
+    assert reached['designed with', 'D0 + D*, all neighbours'] > 15
+    assert reached['all, larger', 'place of each foot: 0.3 mm'] < as_built - 8
+    assert reached['all, and', 'rim 64 times as stiff'] < 20 < reached['all, and', 'rim of beams 256 times as stiff as a rod']
+    kept = [row for row in trims if row['model'] == 'complete']
+    assert len(kept) == 10
+    assert max(float(row['built_dB']) for row in kept) <= 30  # rounded
+    assert sum(float(row['trimmed_dB']) > 30 for row in kept) >= 8
+    assert all(float(row['chi']) < 2 for row in kept)
+    refused = [row for row in trims if row['model'] == 'conventional']
+    assert len(refused) == 3
+    assert all(float(row['chi']) > 10 and not row['trimmed_dB'] for row in refused)
+
+
 @pytest.mark.slow
 def test_unseen_copies():
     """Of the same errors with other numbers; and the tolerance that matters, feet to 0.3 mm."""
@@ -63,6 +94,20 @@ def test_unseen_copies():
     assert np.quantile(fine, 0.2) > 28
     assert fine.min() > 14
     assert np.median(coarse) < np.median(fine) - 6
+    of_page = float(tables()[0]['errors', 'all']['reached_dB'])
+    assert np.quantile(judged(found), 0.2) == pytest.approx(of_page, abs=0.1)  # the row of the page is that of the solver
+
+
+@pytest.mark.slow
+def test_a_copy_of_the_page_is_trimmed_again(monkeypatch):
+    monkeypatch.setattr(demultiplexer, 'TRIMMED', 1)
+    monkeypatch.setattr(demultiplexer, 'REFUSED', 0)
+    [(copy, _, before, after, chi)] = demultiplexer.trim_table(device())
+    row = tables()[1][0]
+    assert copy == int(row['copy'])
+    assert before == float(row['built_dB'])
+    assert after == pytest.approx(float(row['trimmed_dB']), abs=0.3)
+    assert chi == pytest.approx(float(row['chi']), abs=0.05)
 
 
 def page(name, tmp_path, monkeypatch):

@@ -111,6 +111,17 @@ def test_birch_constants_are_the_answer_of_the_stress(name):
         assert abs(answer - np.einsum('ijkl,kl->ij', found.constants, e[:dim, :dim])).max() > 1e-2 * scale  # the control: C
 
 
+def test_a_stress_that_is_no_pressure_takes_a_symmetry_of_birchs_constants_and_the_words_name_it():
+    """B_xxyy - B_yyxx is the difference of the two normal stresses."""
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    assert 'B_ijkl' not in str(elastic_moduli(cell))
+    cell.set_cell(cell.cell.array * [1.05, 1.0, 1.0], scale_atoms=True)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), cutoff=1.3)
+    lost = abs(np.diff(np.diag(cauchy_stress(cell))))[0]
+    assert f'B_ijkl differs from B_klij by up to {lost * 1e3:.3g} N/m' in str(elastic_moduli(cell))
+
+
 @pytest.mark.parametrize('name', BASES)
 def test_sound_of_the_bands(name):
     atoms = drawn(name, 5)[0]
