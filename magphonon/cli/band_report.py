@@ -57,14 +57,19 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
         page += _long_waves(scene, atoms, bands)
         page += _decays(lossy)
         page += _topology(atoms) if gyrates else _by_phonopy(scene, atoms, bands, phonon)
-    page += disagreement(scene, bands)
-    if scene.foundation:
-        page += scene.foundation.doubts(bands['complete'].omega, not (gyrates or lossy or np.ptp(atoms.get_masses())))
-    if not gyrates:
-        page += omission(scene, verbose)
-    if verbose and not gyrates:
-        page += [verdict(atoms).finding('out_of_plane').words] if atoms.calc.layer else []
+    page += disagreement(scene, bands) + _left_out(scene, atoms, bands['complete'], lossy, verbose)
     return [*page, stability] if verbose or buckles else page
+
+
+def _left_out(scene, atoms, bands, lossy, verbose):
+    """What the bands leave out: pillars that are no springs, farther neighbours, motion out of the plane."""
+    gyrates, lines = atoms.calc.turning > 0, []
+    if scene.foundation:
+        lines += scene.foundation.doubts(bands.omega, not (gyrates or lossy or np.ptp(atoms.get_masses())))
+    if gyrates:
+        return lines
+    across = [verdict(atoms).finding('out_of_plane').words] if verbose and atoms.calc.layer else []
+    return lines + omission(scene, verbose) + across
 
 
 def _stability(atoms):
