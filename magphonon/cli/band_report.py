@@ -48,7 +48,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
     page = [_effect(bands) + ('' if buckles else f' {stability}')]
-    page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
+    page += _without_defects(scene)
     if verbose:
         page += _lattice(scene, atoms)
         page += _frequencies(atoms, bands)
@@ -57,19 +57,12 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
         page += _long_waves(scene, atoms, bands)
         page += _decays(lossy)
         page += _topology(atoms) if gyrates else _by_phonopy(scene, atoms, bands, phonon)
-    page += disagreement(scene, bands) + _left_out(scene, atoms, bands['complete'], lossy, verbose)
-    return [*page, stability] if verbose or buckles else page
-
-
-def _left_out(scene, atoms, bands, lossy, verbose):
-    """What the bands leave out: pillars that are no springs, farther neighbours, motion out of the plane."""
-    gyrates, lines = atoms.calc.turning > 0, []
+    page += disagreement(scene, bands)
     if scene.foundation:
-        lines += scene.foundation.doubts(bands.omega, not (gyrates or lossy or np.ptp(atoms.get_masses())))
-    if gyrates:
-        return lines
-    across = [verdict(atoms).finding('out_of_plane').words] if verbose and atoms.calc.layer else []
-    return lines + omission(scene, verbose) + across
+        page += scene.foundation.doubts(bands['complete'].omega, not (gyrates or lossy or np.ptp(atoms.get_masses())))
+    if not gyrates:
+        page += [*omission(scene, verbose), *_out_of_plane(atoms, verbose)]
+    return [*page, stability] if verbose or buckles else page
 
 
 def _stability(atoms):
@@ -110,6 +103,14 @@ def _effect(bands):
           f'{units.in_words("Hz", f0)} to below zero: the lattice buckles')
     kind = mode_names(bands['complete'])[here, branch]
     return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.'
+
+
+def _out_of_plane(atoms, verbose):
+    return [verdict(atoms).finding('out_of_plane').words] if verbose and atoms.calc.layer else []
+
+
+def _without_defects(scene):
+    return ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
 
 
 def _lattice(scene, atoms):
