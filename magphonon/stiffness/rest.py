@@ -88,7 +88,7 @@ class LinearSystem:
         NotAtRest
             If the forces do not balance: the message says by how much, on which particle, and what to do.
         ValueError
-            For another calculator, a constraint other than FixAtoms, FixCartesian, FixedLine and FixedPlane, or a trait that is refused.
+            For another calculator, constraints other than FixAtoms, FixCartesian, FixedLine and FixedPlane, or a refused trait.
         """
         refuse(atoms, running(*also))
         if isinstance(atoms, LinearSystem):
