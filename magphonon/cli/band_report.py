@@ -48,6 +48,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
     page = [_effect(bands) + ('' if buckles else f' {stability}')]
+    page += _without_defects(scene)
     if verbose:
         page += _lattice(scene, atoms)
         page += _frequencies(atoms, bands)
@@ -60,9 +61,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     if scene.foundation:
         page += scene.foundation.doubts(bands['complete'].omega, not (gyrates or lossy or np.ptp(atoms.get_masses())))
     if not gyrates:
-        page += omission(scene, verbose)
-    if verbose and not gyrates:
-        page += [verdict(atoms).finding('out_of_plane').words] if atoms.calc.layer else []
+        page += [*omission(scene, verbose), *_out_of_plane(atoms, verbose)]
     return [*page, stability] if verbose or buckles else page
 
 
@@ -106,6 +105,14 @@ def _effect(bands):
     return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.'
 
 
+def _out_of_plane(atoms, verbose):
+    return [verdict(atoms).finding('out_of_plane').words] if verbose and atoms.calc.layer else []
+
+
+def _without_defects(scene):
+    return ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
+
+
 def _lattice(scene, atoms):
     """The lattice whose bands are reported."""
     given = scene.lattice
@@ -115,8 +122,7 @@ def _lattice(scene, atoms):
     else:
         line = (f'{given.kind} lattice, L0 = {units.in_words("m", given.spacing_m)}, M = {given.mass_kg:g} kg, '
                 f'f(L0) = {units.in_words("N", repulsion(atoms.calc.law, given.spacing_m * units.m))}')
-    perfect = 'These are the bands of the perfect lattice; "magphonon modes" includes [defects].'
-    return [scene.title, line, *([perfect] if scene.defects else [])]
+    return [scene.title, line]
 
 
 def _frequencies(atoms, bands):

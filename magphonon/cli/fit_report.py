@@ -24,7 +24,7 @@ from ..waves.ridge_tables import SHIFT_bins
 FEW, MANY = 10, 4  # with fewer than FEW points, MANY parameters may be wrong by one misread ridge without any sign of it
 TOO_SMALL = 0.5  # root of chi2 per degree of freedom below which the uncertainties look too large
 SURE = 0.8  # probability of a drift above which it is reported
-EXPLAINS = 2.0  # factor by which a cause lowers chi2 per degree of freedom
+STANDS_OUT = 2.0  # ratio of the distance of the worst ridge from its branch to that of the others, from which it is named
 UNLIKE = 3.0  # the ratio of springs along x and y is reported if it misses the fitted one by these sigmas
 SIGMAS = 'as a guide, noise alone gives 2 sigma in one fit of 20, and 5 sigma in one of two million'
 """How to read a number of standard deviations."""
@@ -242,18 +242,18 @@ def _verdict(found):
 
 
 def _causes(found):
-    """Why points may scatter: the changes that were tried, with the remaining chi2, and the one that explains it."""
-    fit, also = found.better, f'{"what --prior says, " if found.priors else ""}mass and spacing of the scene'
-    if not found.causes:
-        return f'Look at {also}.'
-    told = '; '.join(f'{one.chi2:.4g}/{one.freedom} without the ridge "{name}"' for name, one in found.causes.items())
-    told = f'Fitted again, with one thing changed, chi2/freedom is {told}.'
-    explain = [name for name, one in found.causes.items() if one.chi2 / one.freedom < fit.chi2 / fit.freedom / EXPLAINS]
-    if not explain:
-        return f'{told} None of these explains it: look at {also}.'
-    return (f'{told} Look at the ridge "{explain[0]}" first: did it come from a different motion or source than the table says? '
-            f'Then look at {also}. Do not remove ridges until the fit looks good: the answer would be confident and wrong. '
-            '--without leaves one out and widens the intervals accordingly.')
+    """Why points may scatter: the ridge that lies farthest from its branch, if it stands out."""
+    points, also = found.points, f'{"what --prior says, " if found.priors else ""}mass and spacing of the scene'
+    squares = found.better.residuals[: len(points)] ** 2
+    off = np.sqrt(np.bincount(points.ridge, squares) / np.maximum(np.bincount(points.ridge), 1))
+    worst = off.argmax()
+    rest = np.median(np.delete(off, worst)) if len(off) > 1 else np.inf
+    if off[worst] < STANDS_OUT * rest:
+        return f'No ridge stands out: look at {also}.'
+    return (f'Look at the ridge "{points.names[worst]}" first, which misses by {off[worst]:.2g} uncertainties, and the others by '
+            f'{rest:.2g}: did it come from a different motion or source than the table says? Then look at {also}. Do not remove '
+            'ridges until the fit looks good: the answer would be confident and wrong. --without leaves one out and widens the '
+            'intervals accordingly.')
 
 
 def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
@@ -276,6 +276,8 @@ def frf_report(found: FrfFits, fixed: list[str], verbose: bool = True) -> str:
         (value, _), (known, sigma) = values[name], found.priors[name]
         lines.append(f'The data give {_with_unit(name)} = {value:.4g}, {sigmas:.1f} sigma from the {known:.4g} +- {sigma:.2g} '
                      'that was known: check the calibration, the mass and the units; until they agree, all values are doubtful.')
+    if feet := found.scene.foundation:
+        lines += feet.doubts(max(one.omega[-1] for one in found.functions), beams=False)
     apart = u.hertz(max(np.median(np.diff(one.omega)) for one in found.functions))
     wide = found.fitted(better.model).frf.damping_per_s / (2 * np.pi)
     if better.follows and apart > wide:

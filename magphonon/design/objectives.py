@@ -29,7 +29,6 @@ from ..stiffness.matrices import bloch_matrix
 from .scatter import Rest, Slope, form
 
 DECIBEL = 10 / np.log(10)
-HARD = 1e-10  # width, as a fraction of the highest frequency, within which the extremes of a hard edge are equal
 NEAR = 1e-6  # relative difference of squared frequencies below which a divided difference is a derivative
 STEP = 1e-3  # of squared frequencies, relative, over which that derivative is taken, to fourth order
 
@@ -222,7 +221,7 @@ class BandEdge(Objective):
     side : {'top', 'bottom'}
         Top of the branches below the gap, or bottom of those above it.
     sharp : float
-        Sharpness in ms. If it is infinite the edge is the true one, which is smooth in parameters that all particles share.
+        Sharpness in ms.
     """
 
     q: np.ndarray
@@ -235,7 +234,7 @@ class BandEdge(Objective):
         object.__setattr__(self, 'q', finite('q', q, (len(q), 3)))
         whole('below', self.below, 0)
         one_of('side', self.side, ('top', 'bottom'))
-        positive('sharp', min(self.sharp, 1e300), 'ms')
+        positive('sharp', self.sharp, 'ms')
 
     def value_and_slope(self, rest: Rest) -> tuple[float, Slope]:
         squares, x = self._waves(rest)
@@ -245,9 +244,9 @@ class BandEdge(Objective):
             raise ValueError(f'the cell has {rest.frame.free.shape[1]} branches, so a gap above {self.below} branches has '
                              'branches on one side only; choose another number of branches below the gap')
         omega = np.sign(squares) * np.sqrt(abs(squares))
-        soft, share = soft_minimum(-sign * omega.ravel(), max(1 / self.sharp, HARD * abs(omega).max()))
+        soft, share = soft_minimum(-sign * omega.ravel(), 1 / self.sharp)
         c = share.reshape(omega.shape) / (2 * np.maximum(abs(omega), np.finfo(float).tiny ** 0.5))
-        edge = -sign * (soft - np.log(omega.size) / self.sharp) if np.isfinite(self.sharp) else sign * (sign * omega).max()
+        edge = -sign * (soft - np.log(omega.size) / self.sharp)
         bonds, (n, dim) = rest.frame.bonds, rest.springs.shape
         each = [form(bonds, (w * v.conj()).reshape(n, dim, -1), v.reshape(n, dim, -1), -s, q)
                 for w, v, s, q in zip(c, x, squares, self.q, strict=True) if w.any()]

@@ -603,7 +603,6 @@ class _Ascent:
 
     def __init__(self, task, x):
         self.task, self.best, self.value, self.history = task, x, -np.inf, []
-        self.progress = tqdm(desc='designs', delay=2, disable=None, leave=False)
 
     def run(self, steps):
         """The best parameters found, and the best value at each evaluation."""
@@ -613,7 +612,6 @@ class _Ascent:
                      options={'maxiter': steps, 'maxfun': 2 * steps})
             if self.task.buckled == before or not np.isfinite(self.value) or len(self.history) > 2 * steps:
                 break  # else a trial that buckled has stopped it
-        self.progress.close()
         if not np.isfinite(self.value):
             raise Unstable(f'of {len(self.history) + self.task.buckled} designs that were tried within the bounds, none has a '
                            'stable equilibrium: the bounds exclude stable structures; widen them, or give stiffer springs')
@@ -621,7 +619,6 @@ class _Ascent:
 
     def down(self, x):
         """The function that is minimised, and its slope; where the structure buckles, it is very large and flat."""
-        self.progress.update()
         try:
             value, slope = self.task(x)
             if value > self.value and not self.task.holds(x):
@@ -634,7 +631,6 @@ class _Ascent:
             _refuse_flat(slope)
         if value > self.value:
             self.best, self.value = x.copy(), value
-            self.progress.set_postfix(value=f'{value:.4g}')
         self.history.append(self.value)
         return -value, -slope
 

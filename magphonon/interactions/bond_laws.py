@@ -239,5 +239,7 @@ def _named(name):
 
 
 def _numbers(name, value):
+    if isinstance(value, bool):  # a choice, as whether contacts are elastic
+        return value
     found = finite(name, value)
     return found if found.ndim else float(found)

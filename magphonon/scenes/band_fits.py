@@ -9,9 +9,8 @@ whatever number of shells or start the scene names.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -55,7 +54,6 @@ NEAREST, ALL = 'nearest neighbours alone', 'all neighbours'
 """Which neighbours act in each of the fits that are weighed against each other."""
 ANY_EXPONENT = 4.5, 3.0
 """Exponent of an inverse power before anything is measured, and its standard deviation."""
-SUSPECTS = 3  # number of ridges of which each is left out in turn, to see which one makes the points scatter
 EXPONENT = 'exponent'  # of a table of forces: a parameter of a fit that is not reported
 BENDS = tuple(f'bend {k + 1}' for k in range(len(RATES)))  # nor are those by which a law departs from an inverse power
 FROM, KNOTS = 0.5, 48  # of the table of such a law: its first distance in spacings, and their number
@@ -145,22 +143,6 @@ class BandFits:
         """
         alone = [name for name in self.names if name not in (*self.priors, 'force')]
         return bool(self.points.from_points.any() and alone)
-
-    @cached_property
-    def causes(self) -> dict[str, DispersionFit]:
-        """Possible causes of the scatter of the points, each with a fit of the better model in which the cause is removed; the
-        best fit comes first.
-
-        The ridges that the model misses most are left out one by one, and the fits have the names of these ridges.
-        """
-        better, points = self.better, self.points
-        part = next(part for part, fit in self.parts[better.model].items() if fit is better)
-        off = np.bincount(points.ridge, better.residuals[: len(points)] ** 2)  # those of priors come after
-        found = {}
-        for name in [points.names[k] for k in np.argsort(-off)[:SUSPECTS] if off[k]]:
-            with suppress(ValueError):  # too few points are left
-                found[name] = _fit(self.scene, self.lattices, part, points, self.names, self.priors, [name], better.model)
-        return dict(sorted(found.items(), key=lambda item: item[1].chi2))
 
     @property
     def stated(self) -> tuple[float, float] | None:

@@ -243,12 +243,13 @@ def _read_by_ase(path):
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # of formats and of what a file lacks
             frames: Any = ase.io.read(path, index=':', do_not_split_by_at_sign=True)
+        last = frames[-1]  # there may be none, as in data of LAMMPS in a style that ASE does not know
     except Exception as error:  # ASE's readers may raise anything
         raise ValueError(f'ASE reads no structure in {path} ({type(error).__name__}: {error}); give one in a format of '
                          'ASE, such as .xyz, .cif or POSCAR, or a table .csv of positions') from None
     if len(frames) > 1:
         warnings.warn(f'{path} is a film of {len(frames)} frames; the scene takes the last one', stacklevel=2)
-    return frames[-1]
+    return last
 
 
 class Substitution(Table):

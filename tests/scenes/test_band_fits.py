@@ -370,21 +370,15 @@ def test_ridges_that_are_left_out_widen_the_intervals(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_ridge_that_is_wrong_is_named_and_no_cause_that_does_not_help(tmp_path):
-    """One shell made the points, and one of five ridges is off by 2 %: leaving it out, and nothing else, makes chi2 small."""
+def test_the_ridge_that_is_wrong_is_named(tmp_path):
+    """One shell made the points, and one of five ridges is off by 2 %; noise of all ridges names none."""
     scene, points = scene_of(tmp_path, START), measured(np.random.default_rng(6), TRUTH, (0, 1, 0, 0, 0))
-    points = replace(points, names=('a', 'b', 'bad', 'd', 'e'), omega=points.omega * np.where(points.ridge == 2, 1.02, 1.0))
-    found = fit_bands(scene, points)
-    chi2 = {name: fit.chi2 / fit.freedom for name, fit in found.causes.items()}
-    assert next(iter(chi2)) == 'bad'
-    assert chi2['bad'] < 1.6
-    assert min(value for name, value in chi2.items() if name != 'bad') > 0.6 * found.better.chi2 / found.better.freedom > 1
-    told = band_report(found, len(points), [])
-    assert 'Look at the ridge "bad" first' in told
-    right = fit_bands(scene, points, without=['bad'])
-    assert 'Fitted again' not in band_report(right, len(points), [])
+    points = replace(points, names=('a', 'b', 'bad', 'd', 'e'))
+    wrong = replace(points, omega=points.omega * np.where(points.ridge == 2, 1.02, 1.0))
+    assert 'Look at the ridge "bad" first' in band_report(fit_bands(scene, wrong), len(points), [])
+    assert 'Look at the ridge' not in band_report(fit_bands(scene, wrong, without=['bad']), len(points), [])
     alike = fit_bands(scene, replace(points, omega=points.omega * (1 + 0.02 * np.random.default_rng(1).normal(size=len(points)))))
-    assert 'None of these explains it' in band_report(alike, len(points), [])  # noise of four times what is stated, in all ridges
+    assert 'No ridge stands out' in band_report(alike, len(points), [])  # noise of four times what is stated, in all ridges
 
 
 def scene_of_table(folder, force, a, uncertainty):

@@ -172,6 +172,10 @@ def test_what_a_file_of_ase_leaves_open_is_told(tmp_path):
     with pytest.warns(UserWarning, match=r'denser than any metal; check their units, .* \(g and mm in files that ASE reads\)'):
         Scene.model_validate(tables | {'lattice': {'kind': 'file', 'file': 'POSCAR', 'mass_kg': 7e-4}},
                              context={'folder': tmp_path})
+    (tmp_path / 'grains.data').write_text('LAMMPS\n\n1 atoms\n1 atom types\n\n0 10 xlo xhi\n0 10 ylo yhi\n0 10 zlo zhi\n\n'
+                                          'Atoms # sphere\n\n1 1 1.0 2.5 0 0 0\n')  # of which ASE reads no frame
+    with pytest.raises(ValueError, match=r'ASE reads no structure in .*grains\.data .*; give one in a format of ASE'):
+        Scene.model_validate(tables | {'lattice': {'kind': 'file', 'file': 'grains.data'}}, context={'folder': tmp_path})
 
 
 @pytest.mark.parametrize('column', ['held', 'mass_kg', 'stiffness_N_per_m'])
