@@ -70,7 +70,7 @@ def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
     dyn = DrivenVerlet(atoms, DT)
     dyn.run(2)
     assert dyn.engine == 'ase'
-    with pytest.raises(ValueError, match=r"engine='compiled' cannot .* FixCom.*use engine='ase'"):
+    with pytest.raises(ValueError, match=r"engine='compiled' cannot .*FixCom.*use engine='ase'"):
         DrivenVerlet(atoms, DT, engine='compiled')
     atoms = patch()
     atoms.set_momenta(np.outer(np.arange(49) == 24, (0, 0, 1)))
