@@ -191,7 +191,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     atoms : ase.Atoms
         With PairCalculator; displacements from rest and momenta are the initial state.  The atoms rest at the reference of the
         calculator if the forces balance there, including Constant drives, or else at their present positions, if these are
-        another equilibrium (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
+        another equilibrium (`magphonon.stiffness.rest`).  FixAtoms, FixCartesian, FixedLine and FixedPlane are respected.
     times : array_like, shape (times,)
         Increasing, in ms.
     drives : sequence of drives
