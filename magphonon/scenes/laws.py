@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, create_model, field_serializer, model_validator
 
 from .. import units as u
-from ..errors import one_of, positive, shown, whole
+from ..errors import one_of, shown, whole
 from ..interactions.law_cards import Kind, kinds_of_laws
 from ..interactions.magnet_pairs import magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, grade_remanence
@@ -159,15 +159,8 @@ class InversePowerLaw(ClosedForm):
         return InversePower(self.b * u.N * u.m**self.a, self.a)
 
 
-def _poisson_ratio(value):
-    ratio = positive('', value)
-    if ratio > 0.5:
-        raise ValueError(f' must be at most 0.5, not {value!r}')
-    return ratio
-
-
-Ratio = Annotated[float, BeforeValidator(_poisson_ratio)]
-QUANTITIES = {'positive': Positive, 'length': Length, 'force': Force, 'pressure': Pressure, 'ratio': Ratio}
+QUANTITIES = {'positive': Positive, 'length': Length, 'force': Force, 'pressure': Pressure,
+              'ratio': Annotated[Positive, within(0, 0.5, 'shares of the longitudinal strain')]}
 """Which values the parameters of a law may have, as its card says."""
 
 
