@@ -42,7 +42,6 @@ from ..traits import LIKE, takes
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
-STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -211,6 +210,12 @@ class Rest:
         return self.once(model, lambda: model_stiffness(self.R, self.interaction, model))
 
     @cached_property
+    def turns(self) -> NDArray[np.float64]:
+        """Derivatives of the stiffness of each bond by its vector, shape (bonds, dim, dim, dim), in N/mm^2."""
+        return np.stack([stiffness_change(self.R, np.broadcast_to(along, self.R.shape), self.interaction, self.model)
+                         for along in np.eye(self.frame.dim)], axis=-1)
+
+    @cached_property
     def stiffness(self) -> NDArray[np.float64]:
         """Hessian of the free directions in the model of the waves, N/mm."""
         return self.frame.hessian(self.K(self.model), self.springs)
@@ -262,7 +267,7 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
 
     Those by springs and feet have the shape (particles, dim).  If the positions were measured `at_rest`, they do not follow.
     """
-    frame, push = rest.frame, _by_vectors(rest, slope.bonds)
+    frame, push = rest.frame, (slope.bonds[..., None] * rest.turns).sum((1, 2))
     each = (slope.bonds * rest.K(rest.model)).sum((1, 2))
     on = frame.gather(push)
     w, foot, along = np.zeros_like(on), on, frame.along(on)
@@ -277,28 +282,6 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
     strengths = sums[0] + 1j * sums[1] if np.iscomplexobj(each) else sums[0]
     return {'mass': slope.masses, 'strength': strengths, 'spring': rest.springs * slope.springs + rest.spring_forces * w,
             'foot': foot}
-
-
-def _by_vectors(rest, G):
-    """Derivative by the vector of each bond, `G:dK/dR` with G = dJ/dK, shape (bonds, dim).
-
-    With `K = A n(x)n + B (I - n(x)n)`, A = phi'' and B = phi'/r, this is, for symmetric G,
-
-        n (A' n.G n + B' (tr G - n.G n)) + 2 (A - B)/r (G n - n n.G n)
-    """
-    R, law, dim = rest.R, rest.interaction.central(rest.R.shape[1]), rest.R.shape[1]
-    if law is None:
-        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), rest.interaction, rest.model) for axis in np.eye(dim)]
-        return np.einsum('bxy,bxyz->bz', G, np.stack(turns, axis=-1))
-    r = lengths_of(R)
-    n = R / r[:, None]
-    A, dA = law.d2phi(r), np.imag(law.d2phi(r + 1j * STEP * r)) / (STEP * r)
-    B = law.dphi(r) / r if rest.model == 'complete' else 0 * r
-    dB = (A - B) / r if rest.model == 'complete' else B
-    Gn = np.einsum('bxy,by->bx', G + G.swapaxes(1, 2), n) / 2
-    nGn = (n * Gn).sum(1)
-    along = dA * nGn + dB * (np.einsum('bxx->b', G) - nGn) - 2 * (A - B) / r * nGn
-    return along[:, None] * n + (2 * (A - B) / r)[:, None] * Gn
 
 
 class ModeScatter(NamedTuple):

@@ -27,9 +27,10 @@ from scipy.optimize import minimize
 
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.bond import model_stiffness, sizes, stiffness_change
+from ..stiffness.bond import sizes
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, Before
+from .scatter import Rest
 from .sensitivities import force_change
 from .transfer_fits import (
     MOST_SCATTER,
@@ -176,30 +177,19 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
 def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sites: Sites,
                 scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
-    calc, (n, dim) = built.system.calc, sites.tied.shape
-    R, C, ends = calc.bond_vectors, calc.bonds.incidence, np.stack([calc.bonds.i, calc.bonds.j])
-    pairs, which = np.unique(np.sort(np.where(built.system.mobile[ends], ends, n), axis=0), axis=1, return_inverse=True)
-    alike = sparse.csr_array((np.ones(len(R)), (np.ravel(which), np.arange(len(R)))))  # held ends share an index, as none moves
-    changes = [_by_site(model_stiffness(R, calc.interaction, calc.model), abs(C))]
-    changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
-    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # columns: strengths, moves along x, along y
-    order = np.arange(n * dim).reshape(dim, n).T.ravel()
-    springs = np.broadcast_to(calc.foundation, sites.tied.shape)[sites.tied]
+    rest, (n, dim) = Rest.of(built.system), sites.tied.shape
+    i, j, C = rest.frame.bonds.i, rest.frame.bonds.j, rest.frame.bonds.incidence
+    by_strength_and_turns = np.concatenate([rest.K(rest.model)[..., None], rest.turns], axis=-1)
     found = []
     for one in own:
         x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))
-        X, Y = (np.subtract(*np.insert(field, n, 0, axis=1)[:, pairs].swapaxes(0, 1)) for field in (x, y))
-        bent = (X[:, :, :, None] * Y[:, :, None, :]).reshape(len(X), -1) @ by_pairs
-        slopes = -bent[:, n:][:, order] @ sites.rest
-        slopes[:, : sites.ends[1]] -= np.hstack([bent[:, :n][:, sites.acting], (x * y)[:, sites.tied] * springs])
+        bent = np.einsum('fbx,fby,bxyz->zbf', x[:, j] - x[:, i], y[:, j] - y[:, i], by_strength_and_turns, optimize=True)
+        moved = np.stack([C.T @ along for along in bent[1:]], axis=1).reshape(n * dim, -1)
+        slopes = -moved.T @ sites.rest
+        direct = (abs(C).T @ bent[0])[sites.acting].T, (x * y * rest.springs)[:, sites.tied]
+        slopes[:, : sites.ends[1]] -= np.hstack(direct)
         found.append(slopes if isinstance(one.function.drive, Dof) else one.omega[:, None] ** 2 * slopes)
     return np.concatenate(found) * sites.size(scatter)
-
-
-def _by_site(blocks, ends):
-    """Change of each entry of the blocks of bonds by each site at their ends, a sparse matrix (bonds * dim * dim, sites)."""
-    spread = sparse.kron(ends, np.ones((blocks[0].size, 1)), format='csr')
-    return sparse.diags_array(blocks.ravel()) @ spread
 
 
 class Linear(NamedTuple):
