@@ -42,6 +42,7 @@ from ..traits import LIKE, takes
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 ROUND_OFF = 1e-13  # of forces that cancel
+STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
 CROSSING = 1e-9
 """Difference of two squared frequencies, as a fraction of the highest, below which their modes are arbitrary."""
 
@@ -211,9 +212,23 @@ class Rest:
 
     @cached_property
     def turns(self) -> NDArray[np.float64]:
-        """Derivatives of the stiffness of each bond by its vector, shape (bonds, dim, dim, dim), in N/mm^2."""
-        return np.stack([stiffness_change(self.R, np.broadcast_to(along, self.R.shape), self.interaction, self.model)
-                         for along in np.eye(self.frame.dim)], axis=-1)
+        """Derivatives of the stiffness of each bond by its vector, shape (bonds, dim, dim, dim), in N/mm^2.
+
+        With `K = A n(x)n + B P`, where A = phi'', B = phi'/r and P = 1 - n(x)n, this is
+
+            dK_xy/dR_z = (A' n_x n_y + B' P_xy) n_z + (A - B)/r (P_xz n_y + P_yz n_x)
+        """
+        R, law, axes = self.R, self.interaction.central(self.frame.dim), np.eye(self.frame.dim)
+        if law is None:
+            return np.stack([stiffness_change(R, axis + 0 * R, self.interaction, self.model) for axis in axes], axis=-1)
+        r = lengths_of(R)
+        n, A, dA = R / r[:, None], law.d2phi(r), np.imag(law.d2phi(r + 1j * STEP * r)) / (STEP * r)
+        B = law.dphi(r) / r * (self.model == 'complete')
+        dB = (A - B) / r * (self.model == 'complete')
+        nn = np.einsum('bx,by->bxy', n, n)
+        P = axes - nn
+        Pn = np.einsum('b,bxz,by->bxyz', (A - B) / r, P, n)
+        return np.einsum('bxy,bz->bxyz', (dA * nn.T + dB * P.T).T, n) + Pn + Pn.swapaxes(1, 2)
 
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
@@ -267,7 +282,7 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
 
     Those by springs and feet have the shape (particles, dim).  If the positions were measured `at_rest`, they do not follow.
     """
-    frame, push = rest.frame, (slope.bonds[..., None] * rest.turns).sum((1, 2))
+    frame, push = rest.frame, np.einsum('bxy,bxyz->bz', slope.bonds, rest.turns)
     each = (slope.bonds * rest.K(rest.model)).sum((1, 2))
     on = frame.gather(push)
     w, foot, along = np.zeros_like(on), on, frame.along(on)
