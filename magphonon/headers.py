@@ -109,9 +109,8 @@ class Asked:
                              f'{shown(",".join(head.name for head in heads))}){layout}')
         for head in heads:
             if head.quantity is None:
-                if not others and head.name:  # a column without a name numbers the rows
-                    near = did_you_mean(head.name, [name for quantity in self.columns for name in self.names(quantity)])
-                    raise ValueError(f'{path}: this kind of table has no column {shown(head.name)}{near or layout}')
+                if not others:
+                    self._refuse_unknown(path, head.name, layout)
                 continue
             if head.unit is None:
                 names = ', '.join(self.names(head.quantity)[:4])
@@ -121,6 +120,13 @@ class Asked:
                                  'keep one of them')
             told[head.quantity] = head
         return told
+
+    def _refuse_unknown(self, path, name, layout):
+        """Raise ValueError for a column that is not asked for; one without a name numbers the rows."""
+        if name:
+            near = did_you_mean(name, [known for quantity in self.columns for known in self.names(quantity)])
+            raise ValueError(f'{path}: this kind of table has no column {shown(name)}{near or layout}')
+
 
 
 def _unit_of(name, known, word, unit, units):

@@ -168,7 +168,7 @@ def small_cluster(seed=1, n=9, spacing=10.0):
 
 
 def allowed_motion(atoms, dim):
-    """Projectors on what FixAtoms, FixedLine and FixedPlane leave to each particle, shape (particles, dim, dim)."""
+    """Projectors on what FixAtoms, FixCartesian, FixedLine and FixedPlane leave to each particle, shape (particles, dim, dim)."""
     allowed = np.tile(np.eye(dim), (len(atoms), 1, 1))
     for constraint in atoms.constraints:
         d = getattr(constraint, 'dir', np.zeros(3))[:dim]

@@ -271,8 +271,8 @@ def with_(atoms, **changes):
 
 TWO = Atoms('H2', [[0, 0, 0], [1, 0, 0]], masses=[1, 1])
 SITUATIONS = {  # what is wrong, what is asked, and what the answer must show
-    'a rod between two particles': (lambda: mp.verdict(with_(patch(), constraint=FixBondLength(17, 18))), 'FixAtoms, FixedLine'),
-    'the centre of mass is held': (lambda: mp.propagate(with_(patch(), constraint=FixCom()), [1.0]), 'FixAtoms, FixedLine'),
+    'a rod between two particles': (lambda: mp.verdict(with_(patch(), constraint=FixBondLength(17, 18))), 'FixCartesian'),
+    'the centre of mass is held': (lambda: mp.propagate(with_(patch(), constraint=FixCom()), [1.0]), 'FixCartesian'),
     'all particles are held': (lambda: mp.modes(with_(patch(), constraint=FixAtoms(range(37)))), 'hold every particle'),
     'a strip that is held': (lambda: group_velocities(with_(strip(), constraint=FixAtoms(range(6))), [[0.1, 0, 0]]), 'hold'),
     'a strip with free edges': (lambda: group_velocities(with_(strip(), constraint=None), [[0.1, 0, 0]]), 'not at rest'),

@@ -36,7 +36,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: Model | None =
     """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
 
     Particles held by FixAtoms do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
-    that FixAtoms, FixedLine and FixedPlane leave free.
+    that FixAtoms, FixCartesian, FixedLine and FixedPlane leave free.
 
     Parameters
     ----------

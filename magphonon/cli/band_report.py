@@ -48,7 +48,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
     page = [_effect(bands) + ('' if buckles else f' {stability}')]
-    page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
+    page += _without_defects(scene)
     if verbose:
         page += _lattice(scene, atoms)
         page += _frequencies(atoms, bands)
@@ -61,9 +61,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     if scene.foundation:
         page += scene.foundation.doubts(bands['complete'].omega, not (gyrates or lossy or np.ptp(atoms.get_masses())))
     if not gyrates:
-        page += omission(scene, verbose)
-    if verbose and not gyrates:
-        page += [verdict(atoms).finding('out_of_plane').words] if atoms.calc.layer else []
+        page += [*omission(scene, verbose), *_out_of_plane(atoms, verbose)]
     return [*page, stability] if verbose or buckles else page
 
 
@@ -105,6 +103,14 @@ def _effect(bands):
           f'{units.in_words("Hz", f0)} to below zero: the lattice buckles')
     kind = mode_names(bands['complete'])[here, branch]
     return f'D* shifts branch {branch + 1}{f" ({kind})" * (kind not in ("", "mixed"))} at {name} from {to}.'
+
+
+def _out_of_plane(atoms, verbose):
+    return [verdict(atoms).finding('out_of_plane').words] if verbose and atoms.calc.layer else []
+
+
+def _without_defects(scene):
+    return ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
 
 
 def _lattice(scene, atoms):

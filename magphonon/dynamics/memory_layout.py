@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from ..lattices.bonds import Bonds, lengths_of
 
-GRID_COST = 3
-"""Largest number of bonds that every slot of a grid evaluates, as a multiple of those that it has: bonds that are looked up take
-that much longer."""
-SPREAD = 4  # largest ratio of slots to particles of a grid
+GRID_COST = 6
+"""Largest number of bonds that every slot of a grid evaluates, as a multiple of those that it has: a bond that is looked up is
+evaluated at both ends, and takes that much longer.  A honeycomb from which a third of the particles is missing has 3.5 times."""
+SPREAD = 6  # largest ratio of slots to particles of a grid, most of which lie in gaps that runs skip
 OFF_PLACE = 0.3
 """Largest difference, in shortest bonds, between a rest vector and a sum of base vectors times whole numbers, on a grid."""
 RUN = 512  # slots that are done at a time, so that forces of their bonds stay in the cache

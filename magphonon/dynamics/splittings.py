@@ -102,10 +102,6 @@ SPLITTINGS = {
                  3.1414, 6.0),
 }
 """The methods, by the order of their error."""
-LEEWAY = 1.5
-"""How many tolerances the error of time steps may come to along a run, counted with the frequency of the moment; more than one,
-as it is counted as if all motion were in the fastest wave.  In 200 drawn runs of up to half a spacing no true error exceeds the
-tolerance where this is kept (`tests/dynamics/test_rule_of_steps.py`)."""
 ROUND_OFF = 1e-13  # error by round-off in a radian of the fastest wave
 
 

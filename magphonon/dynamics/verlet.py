@@ -53,13 +53,15 @@ from .engine import (
     refuse_long_step,
     refuse_order,
 )
-from .splittings import LEEWAY, SPLITTINGS, StepsTooLong
+from .splittings import SPLITTINGS, StepsTooLong
 
 ENGINES = ('auto', 'ase', 'compiled')
 ENOUGH = 100_000  # number of particles of a thread from which on another one pays
 COMPILING_PAYS, BESIDE = 2e6, 1000
 """An evaluation of the forces takes ASE's loop 0.15 us for each particle and for BESIDE more.  COMPILING_PAYS of these take as
 long as loading compiled steps, 0.3 s; the seconds that these take to be compiled, once on a machine, are saved in ten runs."""
+SUMMED = 1e-9  # round-off of the errors of all steps
+HEADROOM = 0.3  # share of a tolerance that steps use up which are told along a run, as strains may still grow
 BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
 SHOWN = 8 * BLOCK  # largest number of steps after which blocks update the atoms, for users who iterate
 
@@ -101,8 +103,8 @@ class DrivenVerlet(VelocityVerlet):
         compute the bond forces with as few coefficients as this error allows, and compiled blocks use single precision if it is
         sufficient; this takes a half to a quarter of the time.  If no `order` is given, the error of the time steps is kept
         within the tolerance too, or StepsTooLong, a ValueError, says how long steps may be: at the beginning, or as soon as
-        strains make waves too fast for them. Close to buckling, modes slower than a hundredth of the fastest may miss the
-        tolerance by a factor of five.
+        strains make waves too fast for them. Two kinds of motion may miss the tolerance: chaotic motion, by half a spacing and
+        hardly damped; and close to buckling, by a factor of five, modes slower than a hundredth of the fastest.
     allow_unstable : bool
         Run even if the time step is over the limit of stability, or too long for the damping.
     logfile : path or file, optional
@@ -327,9 +329,9 @@ class DrivenVerlet(VelocityVerlet):
         only = np.ptp(self._damping) or np.any(getattr(self.atoms.calc, 'rate', 0.0))
         return bool(self.tolerance and self.asked_order is None and not only)
 
-    def _longest(self):
-        """The longest step in ms that meets the tolerance to the end of the run, of each order."""
-        return {order: SPLITTINGS[order].longest(self._omega * self.max_steps * self.dt, self.tolerance) / self._omega
+    def _longest(self, share=1.0):
+        """The longest step in ms that meets this share of the tolerance to the end of the run, of each order."""
+        return {order: SPLITTINGS[order].longest(self._omega * self.max_steps * self.dt, share * self.tolerance) / self._omega
                 for order in (SPLITTINGS if self._chooses else (2,))}
 
     def _order(self):
@@ -358,9 +360,9 @@ class DrivenVerlet(VelocityVerlet):
             faster = max(here / rest, 1.0)
         x, error = faster * self._omega * self.dt, self.splitting.error
         self._error += error(x, x * steps) - error(x, 0.0)
-        if not self._error + error(x, 0.0) <= LEEWAY * self.tolerance:
+        if not self._error + error(x, 0.0) <= (1 + SUMMED) * self.tolerance:
             self._omega *= faster
-            longest = next(self._longest()[order] for order, one in SPLITTINGS.items() if one is self.splitting)
+            longest = next(self._longest(HEADROOM)[order] for order, one in SPLITTINGS.items() if one is self.splitting)
             raise self._too_long(longest, f', as strains make waves {faster:.3g} times faster at {self.get_time():.6g} ms')
 
     def _one_step(self):

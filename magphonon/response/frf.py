@@ -119,7 +119,7 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with PairCalculator; its FixAtoms, FixedLine and FixedPlane are respected.
+        At rest, with PairCalculator; its FixAtoms, FixCartesian, FixedLine and FixedPlane are respected.
     force : array_like of complex, shape (particles, 3)
         Amplitudes in N per N of the drive.
     omega : array_like, shape (frequencies,)
@@ -223,7 +223,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        At rest, with PairCalculator; its FixAtoms, FixedLine and FixedPlane are respected.
+        At rest, with PairCalculator; its FixAtoms, FixCartesian, FixedLine and FixedPlane are respected.
     force : array_like of complex, shape (particles, 3), or None
         Amplitudes of e^{i omega t} in N per N of the drive; None if only walls move.
     omega : array_like, shape (frequencies,)

@@ -191,7 +191,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     atoms : ase.Atoms
         With PairCalculator; displacements from rest and momenta are the initial state.  The atoms rest at the reference of the
         calculator if the forces balance there, including Constant drives, or else at their present positions, if these are
-        another equilibrium (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
+        another equilibrium (`magphonon.stiffness.rest`).  FixAtoms, FixCartesian, FixedLine and FixedPlane are respected.
     times : array_like, shape (times,)
         Increasing, in ms.
     drives : sequence of drives
@@ -221,10 +221,10 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     rates, tolerance = site_damping(damping, len(atoms), atoms.calc), positive('tolerance', tolerance)
     drives = list(drives)
     check_drives(drives, atoms)
-    if atoms.calc.dim == 2:
-        refuse_motion_out_of_the_plane(atoms.calc, atoms)
     push = constant_push(drives, len(atoms))
     system = LinearSystem.nearest(atoms).moving()
+    if system.dim == 2:
+        refuse_motion_out_of_the_plane(atoms.calc, atoms)
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
     warn_of_times(system.calc, times[-1])

@@ -88,7 +88,7 @@ class LinearSystem:
         NotAtRest
             If the forces do not balance: the message says by how much, on which particle, and what to do.
         ValueError
-            For another calculator, a constraint other than FixAtoms, FixedLine and FixedPlane, or a trait that is refused.
+            For another calculator, constraints other than FixAtoms, FixCartesian, FixedLine and FixedPlane, or a refused trait.
         """
         refuse(atoms, running(*also))
         if isinstance(atoms, LinearSystem):
@@ -442,7 +442,7 @@ def _blocked(constraint, dim):
 
 
 def refuse_held(forces: NDArray[Any], atoms: Atoms, what: str) -> None:
-    """Refuse forces on particles, shape (particles, 3), that FixAtoms, FixedLine and FixedPlane block completely.
+    """Refuse forces on particles, shape (particles, 3), that constraints block completely.
 
     Only a force without any effect is a mistake: forces of which a part acts are accepted, such as a push that also hits a held
     rim. The message names the pushing object, `what`, and the particles.

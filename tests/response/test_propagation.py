@@ -216,7 +216,7 @@ def test_bad_structures_are_refused():
         propagate(atoms, [1.0])
     atoms = patch(5)
     atoms.set_constraint(FixCom())
-    with pytest.raises(ValueError, match='FixAtoms, FixedLine and FixedPlane'):
+    with pytest.raises(ValueError, match='FixCartesian, FixedLine and FixedPlane'):
         propagate(atoms, [1.0])
     atoms.set_constraint(FixAtoms(range(25)))
     with pytest.raises(ValueError, match='hold every particle'):
