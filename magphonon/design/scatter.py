@@ -32,10 +32,9 @@ from scipy import linalg, sparse
 from ..interactions.pair_laws import PairInteraction
 from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
-from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.defects import Scatter
 from ..stiffness.factors import inverse
-from ..stiffness.matrices import hessian
+from ..stiffness.matrices import Model, hessian, model_stiffness, stiffness_change
 from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
 

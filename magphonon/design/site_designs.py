@@ -29,9 +29,8 @@ from ..files import whole_file
 from ..interactions.law_cards import LawDerivative
 from ..interactions.pair_laws import PairLaw
 from ..stability.buckling import common_spring, softest_of
-from ..stiffness.bond import MODELS, Central, Model, interaction_along
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.matrices import hessian
+from ..stiffness.matrices import MODELS, Central, Model, hessian, interaction_along
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import takes

@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.bond import sizes
+from ..stiffness.matrices import sizes
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, Before
 from .scatter import Rest

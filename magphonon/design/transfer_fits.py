@@ -26,7 +26,7 @@ from ..errors import Unstable
 from ..response.frf import Dof, base_force, frequency_response, resolvents
 from ..response.normal_modes import refuse_unstable
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.bond import Model
+from ..stiffness.matrices import Model
 from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
 from .least_squares import MOST_FACTOR, Before, ParameterFit
