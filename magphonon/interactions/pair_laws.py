@@ -116,7 +116,7 @@ class PairInteraction(Protocol):
     """An interaction of two particles that depends on the vector R from one to the other, not on its length alone.
 
     It can be used wherever a `PairLaw` can: any object with these three methods is one. Every `PairLaw` is converted
-    automatically (`magphonon.stiffness.bond.Central`).  An interaction of your own, dipoles in the plane that all point along x::
+    automatically (`stiffness.matrices.Central`).  An interaction of your own, dipoles in the plane that all point along x::
 
         @dataclass(frozen=True)
         class AlongX:

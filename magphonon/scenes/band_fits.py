@@ -28,7 +28,7 @@ from ..interactions.fits import EXPONENT as CENTRE, RATES, FamilyLaw, LawFamily
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..lattices.bonds import bonds_within
-from ..stiffness.bond import MODELS, Model
+from ..stiffness.matrices import MODELS, Model
 from ..waves.ridge_tables import RidgePoints
 from .fields import unit_of
 from .laws import KINDS, TableLaw

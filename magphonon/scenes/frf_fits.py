@@ -20,7 +20,7 @@ from ..design.transfer_fits import ParametricLattice, TransferFit, fit_transfer,
 from ..errors import PhysicsError, not_negative, one_of
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.bond import MODELS, Model
+from ..stiffness.matrices import MODELS, Model
 from ..stiffness.rest import LinearSystem, freedom
 from . import band_fits
 from .plans import Pick
