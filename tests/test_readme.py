@@ -126,7 +126,7 @@ def test_time_steps_follow_the_exact_transient(capsys):
 def shell(tmp_path_factory):
     """The folder of the bands after README's lines for the shell, those that install and test left out."""
     blocks = re.findall(r'^```(\w*)\n(.*?)^```', TEXT, re.S | re.M)
-    lines = [line for language, block in blocks if not language for line in block.splitlines()]
+    lines = ['magphonon bands prototype', *(line for language, block in blocks if not language for line in block.splitlines())]
     folder = tmp_path_factory.mktemp('shell')
     shutil.copytree(README.parent / 'data', folder / 'data')
     environment = os.environ | {'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}', 'MPLBACKEND': 'Agg'}
