@@ -10,8 +10,7 @@ import numpy as np
 
 from magphonon import MagneticRepulsion, analytic_bands, read_scene
 from magphonon.scenes import ready_scene
-from magphonon.stiffness.bond import model_stiffness
-from magphonon.stiffness.matrices import bloch_matrix, mass_weighted, signed_root
+from magphonon.stiffness.matrices import bloch_matrix, mass_weighted, model_stiffness, signed_root
 
 from .accuracy import Candidate, Chart, cheapest, measure
 from .rows import Check

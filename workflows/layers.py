@@ -21,7 +21,7 @@ from magphonon.interactions.magnets import Ring
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.bands import label_path
 from magphonon.stiffness import AllNeighbours
-from magphonon.stiffness.bond import MODELS
+from magphonon.stiffness.matrices import MODELS
 
 from .closed_forms import plasma_layer
 from .rows import Check, Outcome, pairs, save_picture

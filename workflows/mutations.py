@@ -23,7 +23,7 @@ MUTATED = tuple(chapter.name for chapter in CHAPTERS if chapter.name not in ('be
 def weak_dstar():
     """Take 2 % of D* out of the stiffness of a bond, and out of the sums over all neighbours."""
     from magphonon.stiffness.all_neighbours import AllNeighbours
-    from magphonon.stiffness.bond import Central
+    from magphonon.stiffness.matrices import Central
 
     _patch_stiffness(Central, lambda D0, Dstar: (D0, WEAK_DSTAR * Dstar))
 
@@ -41,10 +41,10 @@ def weak_dstar():
 
 def weak_law():
     """Make every bond of every calculator weaker, whatever its law."""
-    from magphonon.stiffness import bond
+    from magphonon.stiffness import matrices
     from magphonon.stiffness.all_neighbours import AllNeighbours
 
-    right, made = bond.laws_along, AllNeighbours.__init__
+    right, made = matrices.laws_along, AllNeighbours.__init__
 
     def weaker(*arguments):
         each, which, strength = right(*arguments)
@@ -54,15 +54,15 @@ def weak_law():
         strengths = np.ones(len(reference)) if strengths is None else np.asarray(strengths, float)
         made(self, reference, law, strengths=np.sqrt(WEAK_LAW) * strengths, **sites)
 
-    bond.laws_along, AllNeighbours.__init__ = weaker, made_weaker
+    matrices.laws_along, AllNeighbours.__init__ = weaker, made_weaker
 
 
 def no_d0():
     """Let the wrong model be the right one, in stiffness, forces and sums."""
     from magphonon.interactions import UprightMagnets
     from magphonon.stiffness import all_neighbours
-    from magphonon.stiffness.bond import Central
     from magphonon.stiffness.calculator import PairCalculator
+    from magphonon.stiffness.matrices import Central
 
     for interaction in (Central, UprightMagnets):
         _patch_stiffness(interaction, lambda D0, Dstar: (D0 + Dstar, 0 * Dstar))

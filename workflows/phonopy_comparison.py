@@ -6,7 +6,7 @@ from magphonon import analytic_bands, finite_displacements, phonopy_bands, read_
 from magphonon.bands import extracted_dstar
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.scenes import ready_scene
-from magphonon.stiffness.bond import bond_stiffness
+from magphonon.stiffness.matrices import bond_stiffness
 
 from .rows import Check, Outcome, save_picture
 

@@ -15,7 +15,7 @@ from magphonon.dynamics import Constant, Recorder
 from magphonon.lattices.crystals import SYMBOL
 from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_of_set, letter_panels, panels
 from magphonon.scenes.scene import reference
-from magphonon.stiffness.bond import MODELS, model_stiffness
+from magphonon.stiffness.matrices import MODELS, model_stiffness
 
 from .rows import Check, Outcome, save_picture
 

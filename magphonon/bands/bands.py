@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import Dataset
 
-    from ..stiffness.bond import Model
+    from ..stiffness.matrices import Model
 
 UNITS = {
     'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),

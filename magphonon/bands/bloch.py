@@ -12,8 +12,7 @@ from scipy.linalg import eigh
 from tqdm import tqdm
 
 from ..errors import finite, whole
-from ..stiffness.bond import Model
-from ..stiffness.matrices import companion, eigenvalues_of_two, hermitian_eigenvalues, hessian, lossless_modes, signed_root
+from ..stiffness.matrices import Model, companion, eigenvalues_of_two, hermitian_eigenvalues, hessian, lossless_modes, signed_root
 from ..stiffness.plausibility import site_damping
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem

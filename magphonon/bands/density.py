@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import units
 from ..errors import whole
 from ..results import InHertz, Saved
-from ..stiffness.bond import Model
+from ..stiffness.matrices import Model
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem

@@ -29,7 +29,7 @@ from scipy import linalg
 
 from ..errors import finite
 from ..results import InHertz
-from ..stiffness.bond import Model
+from ..stiffness.matrices import Model
 from ..stiffness.plausibility import asked_frequencies, site_damping
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import each_spring

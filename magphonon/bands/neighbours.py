@@ -19,8 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from ..interactions.bond_laws import Laws, laws_of
 from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
-from ..stiffness.bond import interaction_along
-from ..stiffness.matrices import bloch_matrix, hermitian_eigenvalues, lossless_modes, mass_weighted, signed_root
+from ..stiffness.matrices import (
+    bloch_matrix,
+    hermitian_eigenvalues,
+    interaction_along,
+    lossless_modes,
+    mass_weighted,
+    signed_root,
+)
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes
 from .bloch import bloch_modes

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from ..errors import positive
-from ..stiffness.bond import Model
-from ..stiffness.matrices import first_order, mass_weighted
+from ..stiffness.matrices import Model, first_order, mass_weighted
 from ..stiffness.plausibility import asked_frequencies
 from ..stiffness.rest import LinearSystem
 from ..traits import LINEAR, takes

@@ -14,7 +14,7 @@ from scipy.spatial import Voronoi
 
 from ..errors import whole
 from ..results import InHertz, Saved
-from ..stiffness.bond import Model
+from ..stiffness.matrices import Model
 from ..traits import LINEAR, takes
 from .bands import group_velocities
 

@@ -48,7 +48,7 @@ def report(scene: Scene, atoms: Any, bands: dict[str, Bands], phonon: Phonopy | 
     gyrates = atoms.calc.turning > 0
     stability, buckles = _stability(atoms)
     page = [_effect(bands) + ('' if buckles else f' {stability}')]
-    page += _without_defects(scene)
+    page += ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
     if verbose:
         page += _lattice(scene, atoms)
         page += _frequencies(atoms, bands)
@@ -107,10 +107,6 @@ def _effect(bands):
 
 def _out_of_plane(atoms, verbose):
     return [verdict(atoms).finding('out_of_plane').words] if verbose and atoms.calc.layer else []
-
-
-def _without_defects(scene):
-    return ['These are the bands of the perfect lattice; "magphonon modes" includes [defects].'] if scene.defects else []
 
 
 def _lattice(scene, atoms):

@@ -281,7 +281,7 @@ def _fit_bands(options):
     from ..plotting.fits import plot_band_fits
     from ..scenes.band_fits import KEYS, fit_bands
     from ..scenes.scene import read_scene
-    from ..stiffness.bond import MODELS
+    from ..stiffness.matrices import MODELS
     from ..waves.ridge_tables import read_ridges
     from .fit_report import band_report
 
@@ -305,7 +305,7 @@ def _fit_frf(options):
     from ..scenes.frf_fits import GAIN, KEYS, fit_frf, suspect_units, with_dofs
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
-    from ..stiffness.bond import MODELS
+    from ..stiffness.matrices import MODELS
     from .fit_report import frf_report
 
     _refuse(options, {'bands': 'scene', 'without': 'without', 'spacing': 'spacing', 'contact': 'contact'},

@@ -34,8 +34,7 @@ from ..bands.bloch import branch_names
 from ..interactions.law_cards import LawDerivative
 from ..interactions.pair_laws import PairLaw
 from ..lattices.bonds import SHELL_WIDTH
-from ..stiffness.bond import Model
-from ..stiffness.matrices import hermitian_eigenvalues, mass_weighted, signed_root
+from ..stiffness.matrices import Model, hermitian_eigenvalues, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import Foundation, each_spring
 from ..traits import takes

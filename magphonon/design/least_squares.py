@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr  # scipy.stats has it too, and takes most of a second to import
 
-from ..stiffness.bond import Model
+from ..stiffness.matrices import Model
 
 NORMAL = 1.96
 """Half width of a 95 % interval in standard deviations of a normal distribution."""

@@ -361,7 +361,7 @@ class BurstEnergy(_Driven):
 
     def _energy(self, rest, push, counted):
         """The energy and its slope, for a force `push` along the free directions, half of whose masses are `counted`."""
-        bonds, (squares, X) = rest.frame.bonds, rest.spectrum
+        squares, X = rest.spectrum
 
         def motion():
             t = self.dt * (np.arange(int(self.window[1] / self.dt)) + 0.5)
@@ -378,12 +378,8 @@ class BurstEnergy(_Driven):
         own = P.diagonal()
         close = abs(apart) < NEAR * abs(squares).max()
         A = s * np.where(close, beta.T @ dg, (own[:, None] - P) / np.where(close, 1, apart))
-        B = X @ A @ X.T
-        B = (B + B.T) / 2
-        by_mass = -(rest.stiffness @ B).diagonal() - push * (X @ own) / 2
+        Y = X @ (A + A.T) / 2
         (n, dim), F = rest.springs.shape, rest.frame.free
-        full = (F @ (F @ B).T).reshape(n, dim, n, dim)
-        i, j, each = bonds.i, bonds.j, np.arange(n)
-        G = full[i, :, i] + full[j, :, j] - full[i, :, j] - full[j, :, i]
-        springs = np.einsum('ixx->ix', full[each, :, each])
-        return energy, Slope(G, springs, (F.power(2) @ by_mass).reshape(n, dim).sum(1) / rest.masses)
+        slope = form(rest.frame.bonds, *((F @ one).reshape(n, dim, -1) for one in (X, Y)), -squares)
+        of_source = (F.power(2) @ (push * (X @ own))).reshape(n, dim).sum(1) / (2 * rest.masses)
+        return energy, replace(slope, masses=slope.masses - of_source)

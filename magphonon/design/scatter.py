@@ -32,10 +32,9 @@ from scipy import linalg, sparse
 from ..interactions.pair_laws import PairInteraction
 from ..lattices.bonds import Bonds, lengths_of
 from ..response.normal_modes import Modes, modes
-from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.defects import Scatter
 from ..stiffness.factors import inverse
-from ..stiffness.matrices import hessian
+from ..stiffness.matrices import Model, hessian, model_stiffness, stiffness_change
 from ..stiffness.rest import LinearSystem
 from ..traits import LIKE, takes
 
@@ -211,6 +210,26 @@ class Rest:
         return self.once(model, lambda: model_stiffness(self.R, self.interaction, model))
 
     @cached_property
+    def turns(self) -> NDArray[np.float64]:
+        """Derivatives of the stiffness of each bond by its vector, shape (bonds, dim, dim, dim), in N/mm^2.
+
+        With `K = A n(x)n + B P`, where A = phi'', B = phi'/r and P = 1 - n(x)n, this is
+
+            dK_xy/dR_z = (A' n_x n_y + B' P_xy) n_z + (A - B)/r (P_xz n_y + P_yz n_x)
+        """
+        R, law, axes = self.R, self.interaction.central(self.frame.dim), np.eye(self.frame.dim)
+        if law is None:
+            return np.stack([stiffness_change(R, axis + 0 * R, self.interaction, self.model) for axis in axes], axis=-1)
+        r = lengths_of(R)
+        n, A, dA = R / r[:, None], law.d2phi(r), np.imag(law.d2phi(r + 1j * STEP * r)) / (STEP * r)
+        B = law.dphi(r) / r * (self.model == 'complete')
+        dB = (A - B) / r * (self.model == 'complete')
+        nn = np.einsum('bx,by->bxy', n, n)
+        P = axes - nn
+        Pn = np.einsum('b,bxz,by->bxyz', (A - B) / r, P, n)
+        return np.einsum('bxy,bz->bxyz', (dA * nn.T + dB * P.T).T, n) + Pn + Pn.swapaxes(1, 2)
+
+    @cached_property
     def stiffness(self) -> NDArray[np.float64]:
         """Hessian of the free directions in the model of the waves, N/mm."""
         return self.frame.hessian(self.K(self.model), self.springs)
@@ -262,7 +281,7 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
 
     Those by springs and feet have the shape (particles, dim).  If the positions were measured `at_rest`, they do not follow.
     """
-    frame, push = rest.frame, _by_vectors(rest, slope.bonds)
+    frame, push = rest.frame, np.einsum('bxy,bxyz->bz', slope.bonds, rest.turns)
     each = (slope.bonds * rest.K(rest.model)).sum((1, 2))
     on = frame.gather(push)
     w, foot, along = np.zeros_like(on), on, frame.along(on)
@@ -277,28 +296,6 @@ def site_slopes(rest: Rest, slope: Slope, at_rest: bool = False) -> dict[str, An
     strengths = sums[0] + 1j * sums[1] if np.iscomplexobj(each) else sums[0]
     return {'mass': slope.masses, 'strength': strengths, 'spring': rest.springs * slope.springs + rest.spring_forces * w,
             'foot': foot}
-
-
-def _by_vectors(rest, G):
-    """Derivative by the vector of each bond, `G:dK/dR` with G = dJ/dK, shape (bonds, dim).
-
-    With `K = A n(x)n + B (I - n(x)n)`, A = phi'' and B = phi'/r, this is, for symmetric G,
-
-        n (A' n.G n + B' (tr G - n.G n)) + 2 (A - B)/r (G n - n n.G n)
-    """
-    R, law, dim = rest.R, rest.interaction.central(rest.R.shape[1]), rest.R.shape[1]
-    if law is None:
-        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), rest.interaction, rest.model) for axis in np.eye(dim)]
-        return np.einsum('bxy,bxyz->bz', G, np.stack(turns, axis=-1))
-    r = lengths_of(R)
-    n = R / r[:, None]
-    A, dA = law.d2phi(r), np.imag(law.d2phi(r + 1j * STEP * r)) / (STEP * r)
-    B = law.dphi(r) / r if rest.model == 'complete' else 0 * r
-    dB = (A - B) / r if rest.model == 'complete' else B
-    Gn = np.einsum('bxy,by->bx', G + G.swapaxes(1, 2), n) / 2
-    nGn = (n * Gn).sum(1)
-    along = dA * nGn + dB * (np.einsum('bxx->b', G) - nGn) - 2 * (A - B) / r * nGn
-    return along[:, None] * n + (2 * (A - B) / r)[:, None] * Gn
 
 
 class ModeScatter(NamedTuple):

@@ -25,9 +25,8 @@ from scipy import sparse
 from ..bands.bloch import bloch_modes
 from ..interactions.law_cards import LawDerivative, exponent_change as exponent_change, screening_change as screening_change
 from ..interactions.pair_laws import PairLaw, continues, higher_derivatives
-from ..stiffness.bond import Model, model_stiffness, stiffness_change
 from ..stiffness.factors import inverse
-from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
+from ..stiffness.matrices import Model, bloch_matrix, hessian, mass_weighted, model_stiffness, stiffness_change
 from ..stiffness.rest import BALANCED, LinearSystem
 from ..stiffness.sites import Foundation
 from ..traits import LIKE, takes

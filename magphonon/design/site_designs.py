@@ -28,11 +28,9 @@ from ..errors import Unstable, finite, indices, not_negative, one_of, positive, 
 from ..files import whole_file
 from ..interactions.law_cards import LawDerivative
 from ..interactions.pair_laws import PairLaw
-from ..lattices.bonds import lengths_of
 from ..stability.buckling import common_spring, softest_of
-from ..stiffness.bond import Central, Model, interaction_along
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.matrices import hessian
+from ..stiffness.matrices import MODELS, Central, Model, hessian, interaction_along
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem
 from ..traits import takes
@@ -191,7 +189,7 @@ class Structure:
         self.law: PairLaw = law
         self.feet, self.strengths = calc.anchors[:, : calc.dim], np.broadcast_to(calc.strengths, len(atoms))
         self.spans = calc.bond_vectors - self.frame.stretch(calc.slack[:, : calc.dim])  # of the feet
-        self.kept = float(calc.bonds.lengths.min())
+        self.kept, self.load = float(calc.bonds.lengths.min()), calc.load[:, : calc.dim]
 
     def rest(self, parts: Parts | None = None, near: Rest | None = None, model: Model = 'complete') -> Rest:
         """The structure at rest with other parts; from another rest `near` this one, by chord steps with its factors.
@@ -208,46 +206,35 @@ class Structure:
             return self._rest(parts, near, model)
 
     def _rest(self, parts, near, model):
-        calc, frame, bonds = self.calc, self.frame, self.calc.bonds
-        n, dim = self.shape
-        strength = np.broadcast_to(parts.strength, n)
-        law: Any = steeper(force_change(self.law, parts.force * strength[bonds.i] * strength[bonds.j]), parts.exponent, self.kept)
-        vectors = calc.bond_vectors + (parts.spacing - 1) * self.spans
-        k = self.springs * np.broadcast_to(parts.spring, n)[:, None]
-        foot = np.broadcast_to(parts.foot, self.shape)
-        slack, load = calc.slack[:, :dim], calc.load[:, :dim]
-        bent = np.zeros(self.shape) if near is None else near.bent
-        chord = None if near is None else near.solve
+        frame, at = self.frame, self._with(parts, model)
+        rest, chord = (at(np.zeros(self.shape)), None) if near is None else (at(near.bent), near.solve)
         for steps in range(NEWTONS):
-            R = vectors + frame.stretch(foot + bent)
-            r = lengths_of(R)
-            force = frame.along(frame.gather((law.dphi(r) / r)[:, None] * R) + k * (slack + bent) - load)
-            solve = chord if chord and steps < CHORDS else self._newton(law, R, k)
+            force = frame.along(frame.gather(rest.pull) - rest.spring_forces - self.load)
+            solve = chord if chord and steps < CHORDS else _newton(rest)
             step = frame.spread(solve(force))
             size = abs(step).max() / self.kept
-            bent = bent - step * min(1, LONGEST / max(size, SETTLED))
+            rest = at(rest.bent - step * min(1, LONGEST / max(size, SETTLED)))
             if not size > (CLOSE if solve is chord else SETTLED):
                 break
         else:
             raise Unstable('no equilibrium is found near the first positions: the structure buckles or slides')
-        R = vectors + frame.stretch(foot + bent)
-        rest = Rest(frame, R, Central(law), k, -k * (slack + bent), self.masses * parts.mass, model, None, bent)
-        H = frame.hessian(rest.K('complete'), k)
+        H = frame.hessian(rest.K('complete'), rest.springs)
         rest.solve = _cholesky(H)
-        if not np.isfinite(bent).all() or rest.solve is None or not self._waves_hold(rest):
+        if not np.isfinite(rest.bent).all() or rest.solve is None or not self._waves_hold(rest):
             raise Unstable('the equilibrium is a saddle: the structure buckles')
         if model == 'complete':
             rest.stiffness = H
         return rest
 
-    def _newton(self, law, R, k):
-        """Solution with the static stiffness, or with D0 where that is not positive definite: away from rest."""
-        rest = Rest(self.frame, R, Central(law), k, k, self.masses)
-        for model in ('complete', 'conventional'):
-            solve = _cholesky(self.frame.hessian(rest.K(model), k))
-            if solve:
-                return solve
-        raise Unstable('no equilibrium is found: not even the springs hold the structure')
+    def _with(self, parts, model):
+        """The structure with other parts, as a function of how far its particles have moved from their feet."""
+        calc, frame, (n, dim) = self.calc, self.frame, self.shape
+        i, j, strength = calc.bonds.i, calc.bonds.j, np.broadcast_to(parts.strength, n)
+        law: Any = Central(steeper(force_change(self.law, parts.force * strength[i] * strength[j]), parts.exponent, self.kept))
+        unbent = calc.bond_vectors + (parts.spacing - 1) * self.spans + frame.stretch(np.broadcast_to(parts.foot, self.shape))
+        k, masses = self.springs * np.broadcast_to(parts.spring, n)[:, None], self.masses * parts.mass
+        return lambda bent: Rest(frame, unbent + frame.stretch(bent), law, k, -k * (calc.slack[:, :dim] + bent), masses, model,
+                                 None, bent)
 
     def _waves_hold(self, rest):
         """Whether the waves of a periodic cell with q = 0 or 1/2 along each vector are stable."""
@@ -280,6 +267,15 @@ def steeper(law: Any, exponent: float, length: float) -> LawDerivative:
         return (r / length) ** -exponent
 
     return LawDerivative(lambda r: less(r) * law.dphi(r), lambda r: less(r) * (law.d2phi(r) - exponent / r * law.dphi(r)))
+
+
+def _newton(rest):
+    """Solution with the static stiffness, or with D0 where that is not positive definite: away from rest."""
+    for model in MODELS:
+        solve = _cholesky(rest.frame.hessian(rest.K(model), rest.springs))
+        if solve:
+            return solve
+    raise Unstable('no equilibrium is found: not even the springs hold the structure')
 
 
 def _cholesky(H):

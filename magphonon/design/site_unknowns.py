@@ -27,18 +27,21 @@ from scipy.optimize import minimize
 
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.bond import model_stiffness, sizes, stiffness_change
+from ..stiffness.matrices import sizes
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, Before
+from .scatter import Rest
 from .sensitivities import force_change
 from .transfer_fits import (
     MOST_SCATTER,
     ParametricLattice,
     Solved,
     TransferFit,
+    measured_responses,
     response_slopes,
     solved,
     split,
+    stated,
     weights,
 )
 
@@ -176,30 +179,19 @@ def at_sites(built: ParametricLattice, sites: Sites, z: NDArray[np.float64], sca
 def site_slopes(built: ParametricLattice, basis: Any, own: Sequence[Solved], sites: Sites,
                 scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of all responses by the unknowns of the sites, shape (points, unknowns), from the fields of `solved`."""
-    calc, (n, dim) = built.system.calc, sites.tied.shape
-    R, C, ends = calc.bond_vectors, calc.bonds.incidence, np.stack([calc.bonds.i, calc.bonds.j])
-    pairs, which = np.unique(np.sort(np.where(built.system.mobile[ends], ends, n), axis=0), axis=1, return_inverse=True)
-    alike = sparse.csr_array((np.ones(len(R)), (np.ravel(which), np.arange(len(R)))))  # held ends share an index, as none moves
-    changes = [_by_site(model_stiffness(R, calc.interaction, calc.model), abs(C))]
-    changes += [_by_site(stiffness_change(R, np.eye(dim)[c] + 0 * R, calc.interaction, calc.model), C) for c in range(dim)]
-    by_pairs = sparse.kron(alike, sparse.eye_array(dim**2)) @ sparse.hstack(changes)  # columns: strengths, moves along x, along y
-    order = np.arange(n * dim).reshape(dim, n).T.ravel()
-    springs = np.broadcast_to(calc.foundation, sites.tied.shape)[sites.tied]
+    rest, (n, dim) = Rest.of(built.system), sites.tied.shape
+    i, j, C = rest.frame.bonds.i, rest.frame.bonds.j, rest.frame.bonds.incidence
+    by_strength_and_turns = np.concatenate([rest.K(rest.model)[..., None], rest.turns], axis=-1)
     found = []
     for one in own:
         x, y = ((basis @ field.T).T.reshape(-1, n, dim) for field in (one.x, one.y))
-        X, Y = (np.subtract(*np.insert(field, n, 0, axis=1)[:, pairs].swapaxes(0, 1)) for field in (x, y))
-        bent = (X[:, :, :, None] * Y[:, :, None, :]).reshape(len(X), -1) @ by_pairs
-        slopes = -bent[:, n:][:, order] @ sites.rest
-        slopes[:, : sites.ends[1]] -= np.hstack([bent[:, :n][:, sites.acting], (x * y)[:, sites.tied] * springs])
+        bent = np.einsum('fbx,fby,bxyz->zbf', x[:, j] - x[:, i], y[:, j] - y[:, i], by_strength_and_turns, optimize=True)
+        moved = np.stack([C.T @ along for along in bent[1:]], axis=1).reshape(n * dim, -1)
+        slopes = -moved.T @ sites.rest
+        direct = (abs(C).T @ bent[0])[sites.acting].T, (x * y * rest.springs)[:, sites.tied]
+        slopes[:, : sites.ends[1]] -= np.hstack(direct)
         found.append(slopes if isinstance(one.function.drive, Dof) else one.omega[:, None] ** 2 * slopes)
     return np.concatenate(found) * sites.size(scatter)
-
-
-def _by_site(blocks, ends):
-    """Change of each entry of the blocks of bonds by each site at their ends, a sparse matrix (bonds * dim * dim, sites)."""
-    spread = sparse.kron(ends, np.ones((blocks[0].size, 1)), format='csr')
-    return sparse.diags_array(blocks.ravel()) @ spread
 
 
 class Linear(NamedTuple):
@@ -282,8 +274,7 @@ class _Problem:
 
     def off(self, h, x, noise):
         """Residuals, divided by the noise, for responses h to which the gain is not yet applied."""
-        measured = np.concatenate([one.response for one in self.functions])
-        return split(weights(self.functions) * (measured - self.gain(x) * h)) / noise
+        return split(weights(self.functions) * (measured_responses(self.functions) - self.gain(x) * h)) / noise
 
     def linear(self, place: Place, scatter: NDArray[np.float64], noise: float) -> Linear:
         x, built, (basis, own) = place.x, place.built, place.fields
@@ -324,6 +315,23 @@ class _Problem:
                 break
         return place, self.linear(place, scatter, noise)
 
+    def of_most_evidence(self, place: Place, known: bool) -> tuple[Place, Linear, NDArray[np.float64], float] | None:
+        """The last point, its linearisation, the scatter of most evidence and the noise, which is `known` or follows from what
+        is left; None if no scatter has more evidence.
+        """
+        scatter, noise = FIRST, self.noise
+        for _ in range(ROUNDS):
+            place, at = self.descended(place, scatter, noise, MOST, FINE)
+            factors, determined, gained = scatter_factors(at, place.z, self.sites.kinds, np.log(FIRST / scatter))
+            if gained < 0:
+                return None
+            left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
+            if abs(np.log([*factors, left])).max() < SETTLED:
+                return place, at, scatter, noise
+            place = place._replace(z=place.z / factors[self.sites.kinds])  # the same sites
+            scatter, noise = scatter * factors, noise * left
+        return *self.descended(place, scatter, noise, MOST, FINE), scatter, noise
+
 
 def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], ParametricLattice],
                        functions: Sequence[TransferFunction],
@@ -341,31 +349,22 @@ def with_site_unknowns(fit: TransferFit, build: Callable[[dict[str, float]], Par
         The fit of the means of the sites of this patch; without information if the sites would have to scatter by more than
         MOST_SCATTER.
     """
-    known = all(one.sigma is not None for one in functions)
+    known = stated(functions)
     if known and fit.chance >= FITS:
         return fit
     built = build(fit.by_name)
     one = _Problem(build, fit.names, functions, Before.of(fit.names, priors), Sites.of(built.system), fit.noise)
     measured = one.off(0.0, np.log(fit.factors), 1.0)
     half = measured @ measured / 2 if known else np.inf  # more of what was measured must follow the lattice
-    scatter, noise = FIRST, fit.noise
-    place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), scatter)
+    place = one.place(np.log(fit.factors), np.zeros(one.sites.ends[2]), FIRST)
     wide = fit.misfit / START if known else START
     while wide > 1 + 0.2 * known:
-        place, _ = one.descended(place, scatter, noise * wide, FEW, ROUGH)
+        place, _ = one.descended(place, FIRST, one.noise * wide, FEW, ROUGH)
         wide /= LOWER
-    for _ in range(ROUNDS):
-        place, at = one.descended(place, scatter, noise, MOST, FINE)
-        factors, determined, gained = scatter_factors(at, place.z, one.sites.kinds, np.log(FIRST / scatter))
-        if gained < 0:
-            return fit.refused if fit.square > half else fit
-        left = 1.0 if known else float(np.sqrt(at.r @ at.r / (len(at.r) - len(place.x) - determined)))
-        if abs(np.log([*factors, left])).max() < SETTLED:
-            break
-        place = place._replace(z=place.z / factors[one.sites.kinds])  # the same sites
-        scatter, noise = scatter * factors, noise * left
-    else:
-        place, at = one.descended(place, scatter, noise, MOST, FINE)
+    found = one.of_most_evidence(place, known)
+    if found is None:
+        return fit.refused if fit.square > half else fit
+    place, at, scatter, noise = found
     x, z = place.x, place.z
     C = Eliminated(at.A)
     unlike = _unlike(at, C, one.sites.split / scatter[1], z, at.J.T @ C(at.J) + one.before.information)

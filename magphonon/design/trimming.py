@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import Unstable, finite, positive, whole
 from ..response.frf import Dof
 from ..response.transfer_functions import TransferFunction
-from ..stiffness.bond import Model
+from ..stiffness.matrices import Model
 from .objectives import Objective, soft_minimum
 from .scatter import Slope, form, site_slopes
 from .site_designs import COMMON, Errors, Parts, Structure

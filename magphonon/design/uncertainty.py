@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite
 from ..results import Saved
-from ..stiffness.bond import Model
+from ..stiffness.matrices import Model
 from ..traits import LIKE, takes
 from .sensitivities import StiffnessDerivative, frequency_sensitivities
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..errors import Diverged
 from ..lattices.bonds import Bonds, bonds_within, lengths_of, pairs_within
-from ..stiffness.bond import BROKEN_BOND, CONTACT
+from ..stiffness.matrices import BROKEN_BOND, CONTACT
 from ..stiffness.rest import freedom
 
 HARMLESS = 0.05

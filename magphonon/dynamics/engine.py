@@ -17,9 +17,8 @@ from scipy.linalg import expm
 
 from ..interactions.bond_laws import labels, taken
 from ..lattices.bonds import lengths_of, stretches
-from ..stiffness.bond import upper_part
 from ..stiffness.calculator import PairCalculator
-from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness
+from ..stiffness.matrices import GROWS, hermitian_eigenvalues, own_stiffness, upper_part
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane, refuse_motion_out_of_the_plane
 from ..traits import LINEAR, all_but, refuse, takes

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from ..design.dispersion_fits import DispersionFit
     from ..interactions.force_tables import Forces
-    from ..stiffness.bond import Model
+    from ..stiffness.matrices import Model
     from ..waves.ridge_tables import RidgePoints
 
 MODEL_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], '--', 's')}

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..dynamics.motion import Motion
-    from ..stiffness.bond import Model
+    from ..stiffness.matrices import Model
     from ..waves.wave_analysis import Wave
     from ..waves.wave_source import BurstRecord, BurstSetup
 

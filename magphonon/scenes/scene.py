@@ -36,8 +36,8 @@ from ..lattices.bonds import bonds_within
 from ..lattices.patches import surrounded
 from ..response.frf import Dof
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
-from ..stiffness.bond import Model
 from ..stiffness.calculator import PairCalculator
+from ..stiffness.matrices import Model
 from ..stiffness.relaxation import MEND, Relaxation, enough_foundation, relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom

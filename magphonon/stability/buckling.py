@@ -20,10 +20,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from ..errors import whole
 from ..lattices.bonds import Bonds
-from ..stiffness.bond import Model, model_stiffness
 from ..stiffness.factors import inverse
 from ..stiffness.lowest import DENSE, lowest_mode
-from ..stiffness.matrices import bloch_matrix, growth, hessian
+from ..stiffness.matrices import Model, bloch_matrix, growth, hessian, model_stiffness
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
 from ..stiffness.sites import Foundation

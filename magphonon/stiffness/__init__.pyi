@@ -1,5 +1,4 @@
 from .all_neighbours import AllNeighbours as AllNeighbours
-from .bond import bond_stiffness as bond_stiffness
 from .calculator import MagneticRepulsion as MagneticRepulsion, PairCalculator as PairCalculator
 from .defects import (
     Scatter as Scatter,
@@ -9,6 +8,7 @@ from .defects import (
     with_vacancies as with_vacancies,
 )
 from .elastic import cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
+from .matrices import bond_stiffness as bond_stiffness
 from .nets import net as net, self_stress as self_stress
 from .other_tools import for_ase_tools as for_ase_tools
 from .packings import Following as Following, packing as packing

@@ -19,9 +19,8 @@ from ..errors import one_of
 from ..interactions.bond_laws import laid
 from ..interactions.pair_laws import Composed, GaussianMixture, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import Bonds, bonds_within, distances_within, image_of
-from .bond import MODELS, Central, Model, bond_stiffness
 from .ewald import EwaldSums
-from .matrices import bloch_matrix, bloch_series
+from .matrices import MODELS, Central, Model, bloch_matrix, bloch_series, bond_stiffness
 from .plausibility import warn_of_units
 from .repulsion import Repulsion
 from .sites import Foundation, Sites, displacement_components, from_reference, range_of, refuse_motion_out_of_the_plane

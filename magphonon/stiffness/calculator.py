@@ -23,8 +23,18 @@ from scipy import sparse
 from ..errors import Unstable, indices, one_of
 from ..interactions.bond_laws import Laws, checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, lengths_of, repeat_bonds
-from .bond import BROKEN_BOND, MODELS, Model, displaced, interaction_along, model_stiffness
-from .matrices import bloch_gradient, bloch_matrix, bloch_series, hessian
+from .matrices import (
+    BROKEN_BOND,
+    MODELS,
+    Model,
+    bloch_gradient,
+    bloch_matrix,
+    bloch_series,
+    displaced,
+    hessian,
+    interaction_along,
+    model_stiffness,
+)
 from .plausibility import refuse_infinite, warn_of_units
 from .repulsion import Repulsion, masses_of
 from .sites import (

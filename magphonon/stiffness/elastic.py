@@ -34,10 +34,9 @@ from ..errors import finite, one_of
 from ..results import Saved
 from ..traits import takes
 from .all_neighbours import AllNeighbours
-from .bond import MODELS, Model
 from .calculator import PairCalculator, bond_virial, measure, same_cell
 from .factors import inverse
-from .matrices import hessian, signed_root
+from .matrices import MODELS, Model, hessian, signed_root
 from .repulsion import masses_of, repulsion_of
 from .rest import LinearSystem
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, not_negative, shown
-from .bond import sizes
+from .matrices import sizes
 
 if TYPE_CHECKING:
 

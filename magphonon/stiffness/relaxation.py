@@ -22,10 +22,9 @@ from ..interactions.members import Spring
 from ..lattices.bonds import Bonds, pairs_within
 from ..traits import LINEAR, takes
 from ..units import hertz
-from .bond import BROKEN_BOND, model_stiffness, sizes
 from .factors import inverse
 from .lowest import lowest_mode
-from .matrices import hessian, signed_root
+from .matrices import BROKEN_BOND, hessian, model_stiffness, signed_root, sizes
 from .repulsion import repulsion_of
 from .rest import LinearSystem, freedom
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ..interactions.bond_laws import Laws
     from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
-    from .bond import Model
     from .calculator import PairCalculator
+    from .matrices import Model
 
 
 class Repulsion(Calculator):

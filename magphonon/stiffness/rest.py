@@ -23,9 +23,8 @@ from scipy import sparse
 from ..errors import NotAtRest, indices
 from ..lattices.bonds import lengths_of
 from ..traits import refuse, running
-from .bond import Model, sizes
 from .calculator import PairCalculator, same_cell
-from .matrices import growth, mass_weighted
+from .matrices import Model, growth, mass_weighted, sizes
 from .repulsion import Repulsion, masses_of, repulsion_of
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off

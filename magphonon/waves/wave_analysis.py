@@ -26,7 +26,7 @@ from ..bands.bloch import bloch_modes
 from ..dynamics.motion import Motion
 from ..errors import finite, one_of
 from ..results import InHertz
-from ..stiffness.bond import MODELS, Model
+from ..stiffness.matrices import MODELS, Model
 from ..traits import LINEAR, takes
 from .rows import Row, row_of
 from .scans import Scan

@@ -12,7 +12,7 @@ from magphonon.bands import bloch_modes
 from magphonon.design import Shells, StiffnessDerivative, fit_dispersion
 from magphonon.design.dispersion_fits import Bands, residuals_of
 from magphonon.plotting import plot_band_fits
-from magphonon.stiffness.bond import MODELS
+from magphonon.stiffness.matrices import MODELS
 from magphonon.waves.ridge_tables import RidgePoints
 
 

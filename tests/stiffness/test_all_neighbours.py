@@ -17,9 +17,8 @@ from magphonon.lattices.bonds import bonds_within
 from magphonon.scenes.scene import reference
 from magphonon.stability.buckling import critical_foundation
 from magphonon.stiffness import AllNeighbours
-from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.ewald import lattice_sum
-from magphonon.stiffness.matrices import bloch_matrix, bloch_series
+from magphonon.stiffness.matrices import bloch_matrix, bloch_series, model_stiffness
 
 DIPOLES = InversePower(b=3.0, a=4.0)  # phi = r^-3
 COULOMB = InversePower(b=1.0, a=2.0)

@@ -18,7 +18,7 @@ from magphonon.design import mode_scatter
 from magphonon.dynamics import refusal
 from magphonon.interactions import PairInteraction, UprightMagnets, Yukawa
 from magphonon.stiffness import Scatter, cauchy_stress
-from magphonon.stiffness.bond import Central, interaction_of, stiffness_change
+from magphonon.stiffness.matrices import Central, interaction_of, stiffness_change
 
 C = 2000.0  # mu0 m^2/(4 pi), mJ mm^3
 UPRIGHT = InversePower(3 * C, 4.0)  # the same dipoles, upright, in their plane

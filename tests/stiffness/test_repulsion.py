@@ -7,7 +7,7 @@ from oracles import lattice
 
 from magphonon import InversePower, MagneticRepulsion
 from magphonon.stiffness import AllNeighbours
-from magphonon.stiffness.bond import MODELS
+from magphonon.stiffness.matrices import MODELS
 from magphonon.stiffness.repulsion import Repulsion, repulsion_of
 
 STEEP = InversePower(b=1e12, a=12.0)  # neighbours beyond the first three shells add 1e-4 of the stiffness or less

@@ -8,7 +8,7 @@ import pytest
 
 from magphonon.interactions import UprightMagnets
 from magphonon.stiffness import PairCalculator, all_neighbours
-from magphonon.stiffness.bond import Central
+from magphonon.stiffness.matrices import Central
 from workflows import other_fields
 from workflows.mutations import MUTATED, as_markdown, no_d0, table, weak_dstar
 
